@@ -1,0 +1,72 @@
+//! A small surrogate with made-up weights, for documentation, tests and benches.
+
+use crate::{Activation, Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate, Variability};
+
+/// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
+pub fn surrogate() -> Surrogate {
+    with_network(&[16], Activation::Tanh)
+}
+
+/// The same variables with hidden layers of the given sizes.
+///
+/// # Panics
+/// If a size is zero.
+pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
+    let input = |name: &str, role, unit: &str, min, max| Input {
+        name: name.into(),
+        role,
+        unit: unit.into(),
+        description: format!("example input {name}"),
+        min,
+        max,
+        start: if role == Role::Time { min } else { 0.5 * (min + max) },
+    };
+    let output = |name: &str, unit: &str| Output {
+        name: name.into(),
+        unit: unit.into(),
+        description: format!("example output {name}"),
+        min: -2.0,
+        max: 2.0,
+    };
+    let metadata = Metadata {
+        name: "example".into(),
+        description: "A network with made-up weights".into(),
+        inputs: vec![
+            input("length", Role::Parameter(Variability::Tunable), "m", 0.1, 0.2),
+            input("speed", Role::Parameter(Variability::Fixed), "rad/s", 0.0, 5.0),
+            input("time", Role::Time, "s", 0.0, 2.0),
+        ],
+        outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
+        activation,
+        time_step: 0.01,
+        provenance: Provenance { tool: "example".into(), content_digest: "0".repeat(64), ..Provenance::default() },
+    };
+    let scaling = Scaling {
+        input_mean: vec![0.15, 2.5, 1.0],
+        input_scale: vec![0.03, 1.5, 0.6],
+        output_mean: vec![0.1, -0.2],
+        output_scale: vec![0.8, 6.0],
+    };
+    let mut uniform = uniform_sequence();
+    let sizes: Vec<usize> = [&[3], hidden, &[2]].concat();
+    let layers = sizes
+        .windows(2)
+        .map(|pair| {
+            let (inputs, outputs) = (pair[0], pair[1]);
+            let scale = 1.0 / (inputs as f32).sqrt();
+            let weight = (0..inputs * outputs).map(|_| scale * uniform()).collect();
+            let bias = (0..outputs).map(|_| scale * uniform()).collect();
+            Layer { inputs, outputs, weight, bias }
+        })
+        .collect();
+    Surrogate::new(metadata, scaling, layers).expect("the example is valid")
+}
+
+/// Numbers spread over (-1, 1): the fractional parts of multiples of the golden ratio.
+fn uniform_sequence() -> impl FnMut() -> f32 {
+    let mut state = 0.5f64;
+    move || {
+        state = (state + 0.618_033_988_749_894_9).fract();
+        (2.0 * state - 1.0) as f32
+    }
+}

@@ -1,0 +1,270 @@
+//! The model file.
+//!
+//! A safetensors container: numpy (`safetensors.numpy.load_file`) and PyTorch (`safetensors.torch.load_file`) open it
+//! in one line. The very same file is an FMU's `resources/model.safetensors`.
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `input_mean`, `input_scale` | F64 | `[inputs]` | `z = (x - mean) / scale` |
+//! | `layers.K.weight` | F32 | `[outputs of layer K, inputs of layer K]` | K counts from 0; PyTorch's `Linear` convention |
+//! | `layers.K.bias` | F32 | `[outputs of layer K]` | |
+//! | `output_mean`, `output_scale` | F64 | `[outputs]` | `y = mean + scale * z` |
+//!
+//! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside `"format": 1`. A single
+//! entry keeps the bytes independent of hash-map order. No other tensor may be present.
+
+use crate::{Layer, Metadata, Scaling, Surrogate};
+use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
+use serde::{Deserialize, Serialize};
+use std::{collections::HashMap, fmt::Debug};
+
+/// Version of the layout described in this module.
+pub const FORMAT: u32 = 1;
+
+const METADATA_KEY: &str = "metafmu";
+
+/// Every way in which a model file can be wrong.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FormatError {
+    /// The container is cut short or is not safetensors at all.
+    #[error("not a safetensors container, or cut short: {0}")]
+    Container(SafeTensorError),
+    /// A safetensors file of another program.
+    #[error("the container's metadata has no entry `{METADATA_KEY}`: not a metafmu surrogate")]
+    NoMetadata,
+    /// The description is no valid JSON, or a field is missing, unknown or of the wrong type.
+    #[error("metadata entry `{METADATA_KEY}`: {0}")]
+    Metadata(serde_json::Error),
+    /// Written by a newer or older program.
+    #[error("model file format {found}, expected {FORMAT}")]
+    Version {
+        /// Format in the file.
+        found: u32,
+    },
+    /// A tensor that must be there is not.
+    #[error("tensor `{name}` is missing")]
+    MissingTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// A tensor that means nothing here.
+    #[error("tensor `{name}` is not part of the format")]
+    UnknownTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// Wrong element type.
+    #[error("tensor `{name}` is of type {found}, expected {expected}")]
+    Type {
+        /// The tensor's name.
+        name: String,
+        /// Type in the file.
+        found: String,
+        /// Type the format asks for.
+        expected: String,
+    },
+    /// Wrong shape.
+    #[error("tensor `{name}` has shape {found:?}, expected {expected:?}")]
+    Shape {
+        /// The tensor's name.
+        name: String,
+        /// Shape in the file.
+        found: Vec<usize>,
+        /// Shape that fits the variables and the neighbouring layers.
+        expected: Vec<usize>,
+    },
+    /// A NaN or an infinity.
+    #[error("tensor `{name}`, element {index}: {value} is not finite")]
+    NotFinite {
+        /// The tensor's name.
+        name: String,
+        /// Position in row-major order.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// A scale that is zero or negative.
+    #[error("tensor `{name}`, element {index}: {value} is not positive")]
+    NotPositive {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// No inputs or no outputs.
+    #[error("the list of {what} is empty")]
+    NoVariables {
+        /// `inputs` or `outputs`.
+        what: &'static str,
+    },
+    /// Two variables of one name.
+    #[error("variable `{name}` stands twice")]
+    DuplicateVariable {
+        /// The name.
+        name: String,
+    },
+    /// A range that is empty or not finite.
+    #[error("variable `{name}`: range from {min} to {max} is empty or not finite")]
+    EmptyRange {
+        /// The variable.
+        name: String,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// A start value outside the range.
+    #[error("variable `{name}`: start {start} is not between {min} and {max}")]
+    StartOutsideRange {
+        /// The variable.
+        name: String,
+        /// The start value.
+        start: f64,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// More than one time column.
+    #[error("{count} inputs are the time, expected at most one")]
+    SeveralTimes {
+        /// How many.
+        count: usize,
+    },
+    /// A content digest that is no SHA-256.
+    #[error("content digest `{found}` is not 64 hexadecimal digits")]
+    Digest {
+        /// What stands there.
+        found: String,
+    },
+    /// A time step that is zero, negative or not finite.
+    #[error("time step {found} is not positive")]
+    TimeStep {
+        /// What stands there.
+        found: f64,
+    },
+}
+
+#[derive(Serialize)]
+struct HeaderOut<'a> {
+    format: u32,
+    #[serde(flatten)]
+    metadata: &'a Metadata,
+}
+
+#[derive(Deserialize)]
+struct HeaderVersion {
+    format: u32,
+}
+
+impl Surrogate {
+    /// The model file's bytes; the same surrogate always gives the same bytes.
+    ///
+    /// # Errors
+    /// [`FormatError::Container`] or [`FormatError::Metadata`] if the libraries below refuse to serialize.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, FormatError> {
+        let header = HeaderOut { format: FORMAT, metadata: self.metadata() };
+        let text = serde_json::to_string(&header).map_err(FormatError::Metadata)?;
+        let mut tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = Vec::new();
+        let scaling = self.scaling();
+        for (name, column) in [
+            ("input_mean", &scaling.input_mean),
+            ("input_scale", &scaling.input_scale),
+            ("output_mean", &scaling.output_mean),
+            ("output_scale", &scaling.output_scale),
+        ] {
+            let bytes = column.iter().flat_map(|value| value.to_le_bytes()).collect();
+            tensors.push((name.into(), Dtype::F64, vec![column.len()], bytes));
+        }
+        for (index, layer) in self.layers().iter().enumerate() {
+            let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect();
+            let shape = vec![layer.outputs, layer.inputs];
+            tensors.push((format!("layers.{index}.weight"), Dtype::F32, shape, bytes(&layer.weight)));
+            tensors.push((format!("layers.{index}.bias"), Dtype::F32, vec![layer.outputs], bytes(&layer.bias)));
+        }
+        let views: Vec<(&str, TensorView)> = tensors
+            .iter()
+            .map(|(name, dtype, shape, bytes)| Ok((name.as_str(), TensorView::new(*dtype, shape.clone(), bytes)?)))
+            .collect::<Result<_, SafeTensorError>>()
+            .map_err(FormatError::Container)?;
+        let metadata = [(METADATA_KEY.to_owned(), text)].into_iter().collect();
+        safetensors::serialize(views, Some(metadata)).map_err(FormatError::Container)
+    }
+
+    /// Reads and validates a model file.
+    ///
+    /// # Errors
+    /// A [`FormatError`] that says what is wrong where.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(FormatError::Container)?;
+        let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
+        let metadata = parse_metadata(text.ok_or(FormatError::NoMetadata)?)?;
+        let mut tensors: HashMap<String, TensorView> =
+            SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
+
+        let mut column = |name: &str| -> Result<Vec<f64>, FormatError> {
+            let view = take(&mut tensors, name, Dtype::F64, 1)?;
+            Ok(elements(view.data(), f64::from_le_bytes))
+        };
+        let scaling = Scaling {
+            input_mean: column("input_mean")?,
+            input_scale: column("input_scale")?,
+            output_mean: column("output_mean")?,
+            output_scale: column("output_scale")?,
+        };
+        let mut layers = Vec::new();
+        while layers.is_empty() || tensors.contains_key(&format!("layers.{}.weight", layers.len())) {
+            let weight = take(&mut tensors, &format!("layers.{}.weight", layers.len()), Dtype::F32, 2)?;
+            let bias = take(&mut tensors, &format!("layers.{}.bias", layers.len()), Dtype::F32, 1)?;
+            layers.push(Layer {
+                outputs: weight.shape()[0],
+                inputs: weight.shape()[1],
+                weight: elements(weight.data(), f32::from_le_bytes),
+                bias: elements(bias.data(), f32::from_le_bytes),
+            });
+        }
+        if let Some(name) = tensors.into_keys().min() {
+            return Err(FormatError::UnknownTensor { name });
+        }
+        Self::new(metadata, scaling, layers)
+    }
+}
+
+/// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.
+fn parse_metadata(text: &str) -> Result<Metadata, FormatError> {
+    let HeaderVersion { format } = serde_json::from_str(text).map_err(FormatError::Metadata)?;
+    if format != FORMAT {
+        return Err(FormatError::Version { found: format });
+    }
+    let mut value: serde_json::Value = serde_json::from_str(text).map_err(FormatError::Metadata)?;
+    if let Some(object) = value.as_object_mut() {
+        object.remove("format");
+    }
+    serde_json::from_value(value).map_err(FormatError::Metadata)
+}
+
+fn take<'a>(
+    tensors: &mut HashMap<String, TensorView<'a>>,
+    name: &str,
+    expected: Dtype,
+    dimensions: usize,
+) -> Result<TensorView<'a>, FormatError> {
+    let view = tensors.remove(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
+    if view.dtype() != expected {
+        let (found, expected) = (format!("{:?}", view.dtype()), format!("{expected:?}"));
+        return Err(FormatError::Type { name: name.into(), found, expected });
+    }
+    if view.shape().len() != dimensions {
+        let mut expected = view.shape().to_vec();
+        expected.resize(dimensions, 1);
+        return Err(FormatError::Shape { name: name.into(), found: view.shape().to_vec(), expected });
+    }
+    Ok(view)
+}
+
+fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
+    bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
+}

@@ -1,0 +1,31 @@
+//! What the metafmu tool and every FMU it writes share.
+//!
+//! - [`Surrogate`]: the variables, scaling and network of a surrogate, as they stand in the model file.
+//! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
+//! - [`Evaluator`]: the surrogate prepared for evaluation in double precision.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let surrogate = metafmu_runtime::example::surrogate();
+//! # let bytes = surrogate.to_bytes()?;
+//! let surrogate = metafmu_runtime::Surrogate::from_bytes(&bytes)?;
+//! let evaluator = metafmu_runtime::Evaluator::new(&surrogate);
+//! let mut scratch = evaluator.scratch();
+//! let mut outputs = vec![0.0; surrogate.outputs().len()];
+//! let inputs: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
+//! evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+//! # Ok(())
+//! # }
+//! ```
+
+mod activation;
+mod evaluator;
+pub mod example;
+pub mod format;
+mod simd;
+mod surrogate;
+
+pub use activation::Activation;
+pub use evaluator::{Evaluator, Scratch};
+pub use format::FormatError;
+pub use surrogate::{Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate, Variability};

@@ -1,0 +1,5 @@
+//! metafmu turns a multibody model into a small, fast, trustworthy FMU.
+
+pub mod error;
+
+pub use error::{Error, Result};

@@ -1,0 +1,3 @@
+//! The `metafmu` command.
+
+fn main() {}
