@@ -1,5 +1,6 @@
 //! The one error type: every message says where, what was found and what was expected.
 
+use crate::study::Problem;
 use std::path::{Path, PathBuf};
 
 /// Everything that can go wrong in the tool.
@@ -15,6 +16,12 @@ pub enum Error {
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
+    },
+    /// A study file is wrong.
+    #[error("{}", problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Study {
+        /// Every problem found.
+        problems: Vec<Problem>,
     },
     /// A model file is wrong.
     #[error("{}: {source}", path.display())]

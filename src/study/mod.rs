@@ -1,5 +1,368 @@
 //! The study file: what is sampled, how, and what is made of it.
+//!
+//! TOML, read by [`Study::load`]. Every mistake is reported with file, line and key, and all of them at once.
+//!
+//! ```toml
+//! name = "single-pendulum"              # names the outputs and the FMU
+//! seed = 1
+//!
+//! [source]
+//! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them
+//! constants = { m = 0.3 }               # quantities that are no parameters; the system has defaults
+//!
+//! [time]                                # rows of a run: 0, step, 2 step, ..., stop, in seconds
+//! stop = 2.0
+//! step = 0.01
+//!
+//! [parameters]                          # inputs of the surrogate, beside the time
+//! L = { min = 0.1, max = 0.2, unit = "m" }
+//! thetad0 = { min = 0.0, max = 5.0, variability = "fixed" }
+//!
+//! [outputs]
+//! theta = { unit = "rad" }
+//!
+//! [sampling]
+//! method = "mesh"                       # or "random" with `runs`
+//! levels = 11                           # of each parameter; a parameter may have `levels` of its own
+//! test_runs = 200
+//! ```
+//!
+//! `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`].
 
 mod options;
+mod origin;
 
-pub use options::{NetworkOptions, Optimizer, Schedule, TrainingOptions};
+pub use options::{
+    ExportOptions, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions, Schedule,
+    SourceOptions, TimeOptions, TrainingOptions,
+};
+pub use origin::Problem;
+
+use crate::{Error, Result};
+use indexmap::IndexMap;
+use origin::Origin;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::path::Path;
+
+/// A study file's content, validated.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Study {
+    /// Names the outputs and the FMU: letters, digits, `-` and `_`.
+    pub name: String,
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+    /// Everything random follows from it.
+    #[serde(default = "default_seed")]
+    pub seed: u64,
+    /// What is sampled.
+    pub source: SourceOptions,
+    /// The time of a run.
+    pub time: TimeOptions,
+    /// Parameters by name: the surrogate's inputs beside the time.
+    pub parameters: IndexMap<String, ParameterOptions>,
+    /// Outputs by name.
+    pub outputs: IndexMap<String, OutputOptions>,
+    /// How the parameters are sampled.
+    pub sampling: SamplingOptions,
+    /// The feed-forward network.
+    #[serde(default)]
+    pub network: NetworkOptions,
+    /// How the network is trained.
+    #[serde(default)]
+    pub training: TrainingOptions,
+    /// What the FMU says about itself.
+    #[serde(default)]
+    pub export: ExportOptions,
+    #[serde(skip)]
+    origin: Origin,
+}
+
+fn default_seed() -> u64 {
+    1
+}
+
+impl Study {
+    /// Reads and validates a study file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be read, [`Error::Study`] with every problem found.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+        Self::parse(&text, path)
+    }
+
+    /// Validates a study file's text; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every problem found.
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let origin = Origin::new(path, text);
+        let mut study: Self = origin.deserialize()?;
+        let problems = study.problems();
+        study.origin = origin;
+        study.refuse(problems)?;
+        Ok(study)
+    }
+
+    /// SHA-256 of the study's content, in hexadecimal digits; comments and layout do not count.
+    pub fn digest(&self) -> String {
+        digest(self)
+    }
+
+    /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
+    pub fn sampling_digest(&self) -> String {
+        digest(&(self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling))
+    }
+
+    /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
+    ///
+    /// # Errors
+    /// [`Error::Study`].
+    pub fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
+        self.origin.refuse(problems)
+    }
+
+    fn problems(&self) -> Vec<(String, String)> {
+        let mut problems = Problems::default();
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !self.name.starts_with(|c: char| c.is_ascii_alphabetic()) || !self.name.chars().all(plain) {
+            let expected = "expected a letter, then letters, digits, `-` and `_`";
+            problems.add("name", format!("`{}` is no name: {expected}", self.name));
+        }
+        self.time_problems(&mut problems);
+        self.variable_problems(&mut problems);
+        self.sampling_problems(&mut problems);
+        self.network_problems(&mut problems);
+        self.training_problems(&mut problems);
+        problems.0
+    }
+
+    fn time_problems(&self, problems: &mut Problems) {
+        let TimeOptions { stop, step } = self.time;
+        problems.expect_positive("time.stop", stop);
+        problems.expect_positive("time.step", step);
+        if problems.0.is_empty() && ((stop / step).round() * step - stop).abs() > 1e-9 * stop || step > stop {
+            problems.add("time.step", format!("{step} s does not divide the stop time of {stop} s"));
+        }
+        if stop / step > 1e7 {
+            problems.add("time.step", format!("{} rows a run, expected at most 10 million", stop / step));
+        }
+    }
+
+    fn variable_problems(&self, problems: &mut Problems) {
+        if self.parameters.is_empty() {
+            problems.add("parameters", "no parameter, expected at least one".into());
+        }
+        if self.outputs.is_empty() {
+            problems.add("outputs", "no output, expected at least one".into());
+        }
+        for name in self.parameters.keys() {
+            problems.expect_variable_name(&format!("parameters.{name}"), name);
+        }
+        for name in self.outputs.keys() {
+            let key = format!("outputs.{name}");
+            problems.expect_variable_name(&key, name);
+            if self.parameters.contains_key(name) {
+                problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
+            }
+        }
+        for (name, parameter) in &self.parameters {
+            let ParameterOptions { min, max, .. } = *parameter;
+            if !min.is_finite() || !max.is_finite() {
+                problems.add(&format!("parameters.{name}"), format!("range from {min} to {max} is not finite"));
+            } else if min >= max {
+                let message = format!("range is empty: min {min} is not below max {max}");
+                problems.add(&format!("parameters.{name}"), message);
+            }
+        }
+    }
+
+    fn sampling_problems(&self, problems: &mut Problems) {
+        let SamplingOptions { method, levels, runs, test_runs } = &self.sampling;
+        let mesh = *method == Method::Mesh;
+        if let (false, Some(_)) = (mesh, levels) {
+            problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
+        }
+        if let (true, Some(_)) = (mesh, runs) {
+            problems.add("sampling.runs", "belongs to the method \"random\"; a mesh has `levels`".into());
+        }
+        if !mesh && runs.is_none_or(|runs| runs < 2) {
+            problems.add("sampling.runs", "the method \"random\" needs at least 2 runs".into());
+        }
+        for (name, parameter) in &self.parameters {
+            let key = format!("parameters.{name}.levels");
+            match (mesh, parameter.levels.or(*levels)) {
+                (false, _) if parameter.levels.is_some() => problems.add(&key, "belongs to the method \"mesh\"".into()),
+                (true, None) => problems.add("sampling", format!("the mesh has no `levels` for `{name}`")),
+                (true, Some(levels)) if levels < 2 => {
+                    problems.add(&key, format!("{levels} levels, expected at least 2: both ends of the range"));
+                }
+                _ => {}
+            }
+        }
+        if *test_runs == 0 {
+            problems.add("sampling.test_runs", "expected at least 1".into());
+        }
+        let rows = self.train_runs() as f64 * (self.time.stop / self.time.step + 1.0);
+        if rows > 1e9 {
+            problems.add("sampling", format!("{rows:.3e} training rows, expected at most a billion"));
+        }
+    }
+
+    /// Number of training runs, those held out for validation included.
+    pub fn train_runs(&self) -> u64 {
+        match self.sampling.method {
+            Method::Mesh => {
+                let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
+                self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
+            }
+            Method::Random => self.sampling.runs.unwrap_or(0) as u64,
+        }
+    }
+
+    fn network_problems(&self, problems: &mut Problems) {
+        for (layer, nodes) in self.network.hidden.iter().enumerate() {
+            if !(1..=16384).contains(nodes) {
+                problems.add(
+                    "network.hidden",
+                    format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1),
+                );
+            }
+        }
+    }
+
+    fn training_problems(&self, problems: &mut Problems) {
+        let TrainingOptions { learning_rate, batch, epochs, validation, .. } = self.training;
+        problems.expect_positive("training.learning_rate", learning_rate);
+        if batch == 0 {
+            problems.add("training.batch", "0 rows, expected at least 1".into());
+        }
+        if epochs == 0 {
+            problems.add("training.epochs", "0 epochs, expected at least 1".into());
+        }
+        if !(validation > 0.0 && validation < 1.0) {
+            problems.add("training.validation", format!("{validation}, expected a share between 0 and 1"));
+        }
+    }
+}
+
+/// Dotted keys and what is wrong with them.
+#[derive(Default)]
+struct Problems(Vec<(String, String)>);
+
+impl Problems {
+    fn add(&mut self, key: &str, message: String) {
+        self.0.push((key.to_owned(), message));
+    }
+
+    fn expect_positive(&mut self, key: &str, value: f64) {
+        if !(value.is_finite() && value > 0.0) {
+            self.add(key, format!("{value}, expected a positive number"));
+        }
+    }
+
+    /// Names are kept to what every host and every language takes: some hosts refuse dots and brackets.
+    fn expect_variable_name(&mut self, key: &str, name: &str) {
+        let first = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+        if !first || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+            let expected = "expected a letter or `_`, then letters, digits and `_`";
+            self.add(key, format!("`{name}` is no FMI variable name that every host takes: {expected}"));
+        }
+        if name == "time" {
+            self.add(key, "`time` is the name of the independent variable".into());
+        }
+    }
+}
+
+fn digest(content: &impl Serialize) -> String {
+    // a study is plain data with string keys: serialization cannot fail, and if it did, no digest could match
+    let text = serde_json::to_string(content).unwrap_or_default();
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = include_str!("../../examples/single-pendulum.toml");
+
+    fn problems(text: &str) -> Vec<String> {
+        match Study::parse(text, Path::new("study.toml")) {
+            Ok(_) => Vec::new(),
+            Err(error) => error.to_string().lines().map(str::to_owned).collect(),
+        }
+    }
+
+    /// The one message for the good study with one piece of its text replaced.
+    fn message(from: &str, to: &str) -> String {
+        assert!(GOOD.contains(from), "{from} is not in the example");
+        let messages = problems(&GOOD.replacen(from, to, 1));
+        assert_eq!(messages.len(), 1, "{messages:#?}");
+        messages[0].clone()
+    }
+
+    #[test]
+    fn the_example_is_the_papers_case() {
+        let study = Study::parse(GOOD, Path::new("single-pendulum.toml")).unwrap();
+        assert_eq!(study.parameters.keys().collect::<Vec<_>>(), ["L", "c", "thetad0"]);
+        assert_eq!(study.outputs.keys().collect::<Vec<_>>(), ["theta", "thetad", "thetadd"]);
+        assert_eq!(study.train_runs(), 1331);
+        assert_eq!(study.network.hidden, [128, 128]);
+    }
+
+    #[test]
+    fn comments_and_layout_do_not_change_the_digest() {
+        let parse = |text: &str| Study::parse(text, Path::new("s.toml")).unwrap();
+        let study = parse(GOOD);
+        assert_eq!(study.digest(), parse(&format!("# a comment\n{GOOD}")).digest());
+        let other = parse(&GOOD.replacen("epochs = ", "epochs = 1", 1));
+        assert_ne!(study.digest(), other.digest());
+        assert_eq!(study.sampling_digest(), other.sampling_digest());
+    }
+
+    #[test]
+    fn every_mistake_is_located_by_line_and_key() {
+        let line = |needle: &str| GOOD.lines().position(|line| line.starts_with(needle)).unwrap() + 1;
+        for (from, to, needle, key, says) in [
+            ("[network]", "[network]\nnods = 3", "[network]", "network.nods", "unknown field"),
+            ("stop = 2.0", "stop = \"2\"", "stop", "time.stop", "expected"),
+            ("stop = 2.0", "stop = -2.0", "stop", "time.stop", "expected a positive number"),
+            ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
+            ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
+            ("min = 0.1,", "min = nan,", "L = ", "parameters.L", "not finite"),
+            ("\nc = ", "\n\"c[1]\" = ", "c = ", "parameters.c[1]", "no FMI variable name"),
+            ("\nc = ", "\ntime = ", "c = ", "parameters.time", "independent variable"),
+            ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
+            ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
+            ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
+            ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
+            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the method"),
+            ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
+        ] {
+            let messages = problems(&GOOD.replacen(from, to, 1));
+            let found = messages.first().cloned().unwrap_or_default();
+            assert!(found.contains(key), "{to}: no `{key}` in {found}");
+            assert!(found.contains(says), "{to}: no `{says}` in {found}");
+            let expected = line(needle) + usize::from(to.contains('\n') && from != "\nc = ");
+            // a mistake in a value that only the defaults of `levels` explain is placed at the parameter
+            if key != "parameters.L.levels" {
+                assert!(found.starts_with(&format!("study.toml:{expected}:")), "{to}: not line {expected}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn malformed_toml_and_duplicate_keys_are_located() {
+        assert!(message("[time]", "[time").starts_with("study.toml:"));
+        assert!(message("\nc = ", "\nL = ").contains("duplicate key"));
+    }
+
+    #[test]
+    fn every_problem_is_listed_not_only_the_first() {
+        let text = GOOD.replacen("stop = 2.0", "stop = 0.0", 1).replacen("min = 0.1,", "min = 0.3,", 1);
+        assert!(problems(&text).len() >= 2);
+    }
+}

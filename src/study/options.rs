@@ -1,7 +1,107 @@
-//! What a study says about the network and its training.
+//! The sections of a study file as plain data.
 
-use metafmu_runtime::Activation;
+use indexmap::IndexMap;
+use metafmu_runtime::{Activation, Variability};
 use serde::{Deserialize, Serialize};
+
+/// `[source]`: what is sampled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceOptions {
+    /// Name of a built-in system.
+    pub system: String,
+    /// Values of the system's quantities that are no parameters; it has a default for each.
+    #[serde(default)]
+    pub constants: IndexMap<String, f64>,
+}
+
+/// `[time]`: the rows of a run, `0, step, ..., stop`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimeOptions {
+    /// End of every run, in seconds.
+    pub stop: f64,
+    /// Time between two rows, in seconds; divides `stop`.
+    pub step: f64,
+}
+
+impl TimeOptions {
+    /// The times of a run's rows, in seconds: `count + 1` values computed as `stop * i / count`, so that none drifts.
+    pub fn grid(&self) -> Vec<f64> {
+        let count = (self.stop / self.step).round();
+        (0..=count as u64).map(|i| self.stop * i as f64 / count).collect()
+    }
+}
+
+/// An entry of `[parameters]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterOptions {
+    /// Lower end of the range.
+    pub min: f64,
+    /// Upper end of the range.
+    pub max: f64,
+    /// Unit; must be the source's own.
+    pub unit: Option<String>,
+    /// One sentence for people; the source has one.
+    pub description: Option<String>,
+    /// Levels of this parameter in a mesh, instead of `sampling.levels`.
+    pub levels: Option<usize>,
+    /// When the FMU's host may change it.
+    #[serde(default)]
+    pub variability: Variability,
+}
+
+/// An entry of `[outputs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputOptions {
+    /// Unit; must be the source's own.
+    pub unit: Option<String>,
+    /// One sentence for people; the source has one.
+    pub description: Option<String>,
+}
+
+/// `[sampling]`: where in the parameters' ranges runs are placed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingOptions {
+    /// How the training runs are placed.
+    pub method: Method,
+    /// Levels of each parameter in a mesh, both ends of its range included.
+    pub levels: Option<usize>,
+    /// Number of random training runs.
+    pub runs: Option<usize>,
+    /// Number of test runs: random, from the same ranges, never part of training.
+    #[serde(default = "default_test_runs")]
+    pub test_runs: usize,
+}
+
+fn default_test_runs() -> usize {
+    200
+}
+
+/// How the training runs are placed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Full factorial: every combination of evenly spaced levels.
+    Mesh,
+    /// Independent and uniform over the ranges.
+    Random,
+}
+
+/// `[export]`: what the FMU says about itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExportOptions {
+    /// Author of the model.
+    pub author: Option<String>,
+    /// Copyright of the model.
+    pub copyright: Option<String>,
+    /// Licence of the model.
+    pub license: Option<String>,
+}
 
 /// `[network]`: the feed-forward network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
