@@ -23,6 +23,29 @@ pub enum Error {
         /// Every problem found.
         problems: Vec<Problem>,
     },
+    /// A simulation failed.
+    #[error("{system} with {values}: {message}")]
+    Run {
+        /// The source.
+        system: &'static str,
+        /// The parameter values.
+        values: String,
+        /// What happened.
+        message: String,
+    },
+    /// Stopped by the user.
+    #[error("stopped")]
+    Interrupted,
+    /// A table is wrong.
+    #[error("{}:{line}: {message}", path.display())]
+    Table {
+        /// The table's file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// What was found and what was expected.
+        message: String,
+    },
     /// A model file is wrong.
     #[error("{}: {source}", path.display())]
     Model {

@@ -1,6 +1,13 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
 
+pub mod dataset;
 pub mod error;
+pub mod evaluation;
+pub mod files;
+pub mod sampling;
+pub mod scaling;
+pub mod source;
 pub mod study;
+pub mod variable;
 
 pub use error::{Error, Result};

@@ -72,7 +72,11 @@ impl Origin {
         let last = self.text.get(span.clone()).filter(|_| unknown).map(str::trim);
         let key = match last {
             Some(last) if !key.split('.').next_back().is_some_and(|end| end == last) => {
-                if key.is_empty() { last.to_owned() } else { format!("{key}.{last}") }
+                if key.is_empty() {
+                    last.to_owned()
+                } else {
+                    format!("{key}.{last}")
+                }
             }
             _ => key.to_owned(),
         };

@@ -1,0 +1,98 @@
+//! How good a surrogate is on runs it has not seen.
+
+use crate::dataset::{Dataset, Run};
+use metafmu_runtime::{Evaluator, Surrogate};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Accuracy of one output over all rows of all test runs, in the output's unit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OutputMetrics {
+    /// Coefficient of determination, `1 - sum (y - prediction)^2 / sum (y - mean y)^2`; none for a constant output.
+    pub r2: Option<f64>,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Largest absolute error.
+    pub max_abs_error: f64,
+    /// Test run in which the largest error stands.
+    pub worst_run: usize,
+    /// Time of the largest error, in seconds.
+    pub worst_time: f64,
+}
+
+/// Predictions of the surrogate for a run: shape `[times, outputs]`.
+pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    let mut scratch = evaluator.scratch();
+    let width = surrogate.outputs().len();
+    let mut predictions = vec![0.0; run.times.len() * width];
+    let mut inputs = [run.parameters.as_slice(), &[0.0]].concat();
+    for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
+        inputs[run.parameters.len()] = time;
+        evaluator.evaluate(&inputs, outputs, &mut scratch);
+    }
+    predictions
+}
+
+/// Accuracy of every output over the test runs, in the order of the surrogate's outputs.
+pub fn evaluate(surrogate: &Surrogate, test: &Dataset) -> Vec<OutputMetrics> {
+    let evaluator = Evaluator::new(surrogate);
+    let predictions: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect();
+    (0..test.outputs.len()).map(|column| output_metrics(test, &predictions, column)).collect()
+}
+
+fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize) -> OutputMetrics {
+    let width = test.outputs.len();
+    let rows = test.row_count() as f64;
+    let labels = |run: &Run| run.outputs.iter().skip(column).step_by(width).copied().collect::<Vec<_>>();
+    let mean = test.runs.iter().flat_map(labels).sum::<f64>() / rows;
+    let (mut residual, mut total) = (0.0, 0.0);
+    let mut worst = (0.0, 0, 0.0);
+    for (index, (run, predictions)) in test.runs.iter().zip(predictions).enumerate() {
+        let predicted = predictions.iter().skip(column).step_by(width);
+        for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(run.times.iter()) {
+            let error = (label - prediction).abs();
+            residual += error * error;
+            total += (label - mean).powi(2);
+            if error > worst.0 {
+                worst = (error, index, time);
+            }
+        }
+    }
+    let (max_abs_error, worst_run, worst_time) = worst;
+    let r2 = (total > 0.0).then(|| 1.0 - residual / total);
+    OutputMetrics { r2, mse: residual / rows, max_abs_error, worst_run, worst_time }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variable::Variable;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn errors_put_into_the_labels_are_found_again() {
+        let surrogate = example::surrogate();
+        let evaluator = Evaluator::new(&surrogate);
+        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
+            .map(|parameters| {
+                let times: std::sync::Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
+                let mut run = Run { parameters: parameters.to_vec(), times, outputs: Vec::new() };
+                run.outputs = predict(&surrogate, &evaluator, &run);
+                run
+            })
+            .into();
+        runs[1].outputs[2 * 7] += 0.25; // output 0 of run 1 at t = 0.7
+        let (parameters, outputs) =
+            (vec![variable("length"), variable("speed")], vec![variable("angle"), variable("velocity")]);
+        let metrics = evaluate(&surrogate, &Dataset { parameters, outputs, runs: runs.clone() });
+        assert!((metrics[0].mse - 0.0625 / 42.0).abs() < 1e-15);
+        assert!((metrics[0].max_abs_error - 0.25).abs() < 1e-15);
+        assert_eq!((metrics[0].worst_run, metrics[0].worst_time), (1, 0.7000000000000001));
+        let labels: Vec<f64> = runs.iter().flat_map(|run| run.outputs.iter().step_by(2)).copied().collect();
+        let mean = labels.iter().sum::<f64>() / 42.0;
+        let total: f64 = labels.iter().map(|label| (label - mean).powi(2)).sum();
+        assert!((metrics[0].r2.unwrap() - (1.0 - 0.0625 / total)).abs() < 1e-14);
+        assert_eq!((metrics[1].r2, metrics[1].mse), (Some(1.0), 0.0));
+    }
+}

@@ -1,0 +1,126 @@
+//! Where in the parameters' ranges runs are placed.
+
+use crate::study::{Method, ParameterOptions, Study};
+use rand::{Rng, SeedableRng, rngs::ChaCha8Rng};
+
+/// Parameter values of every run, training and test.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// One row of parameter values a training run.
+    pub train: Vec<Vec<f64>>,
+    /// One row of parameter values a test run, none of them a training run's.
+    pub test: Vec<Vec<f64>>,
+}
+
+/// What a stream of random numbers is for; streams of one seed are independent of each other.
+#[derive(Clone, Copy, Debug)]
+pub enum Stream {
+    /// Placing training runs.
+    Train = 1,
+    /// Placing test runs.
+    Test = 2,
+    /// Choosing the runs held out for validation.
+    Validation = 3,
+}
+
+/// The random numbers of a seed for one purpose: the same on every platform.
+pub fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    generator.set_stream(stream as u64);
+    generator
+}
+
+impl Plan {
+    /// The study's plan; the same study always has the same one.
+    pub fn new(study: &Study) -> Self {
+        let parameters: Vec<&ParameterOptions> = study.parameters.values().collect();
+        let train = match study.sampling.method {
+            Method::Mesh => mesh(&parameters, study.sampling.levels),
+            Method::Random => {
+                let runs = study.sampling.runs.unwrap_or(0);
+                uniform(&parameters, random(study.seed, Stream::Train)).take(runs).collect()
+            }
+        };
+        let unseen = |point: &Vec<f64>| !train.contains(point);
+        let test = uniform(&parameters, random(study.seed, Stream::Test)).filter(unseen).take(study.sampling.test_runs);
+        Self { test: test.collect(), train }
+    }
+}
+
+/// Every combination of evenly spaced levels; the last parameter changes fastest.
+fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>> {
+    parameters.iter().fold(vec![Vec::new()], |points, parameter| {
+        // a validated study has levels for every parameter
+        let steps = parameter.levels.or(levels).unwrap_or(2).max(2) - 1;
+        let level = |i: usize| parameter.min + (parameter.max - parameter.min) * i as f64 / steps as f64;
+        let extend = |point: Vec<f64>| (0..=steps).map(move |i| [point.as_slice(), &[level(i)]].concat());
+        points.into_iter().flat_map(extend).collect()
+    })
+}
+
+/// Independent points, uniform over the ranges.
+fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+    let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
+    std::iter::repeat_with(move || {
+        ranges.iter().map(|(min, max)| min + (max - min) * unit_interval(&mut generator)).collect()
+    })
+}
+
+/// Uniform over `[0, 1)` with all 53 bits a double can hold there.
+fn unit_interval(generator: &mut ChaCha8Rng) -> f64 {
+    (generator.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn study(edit: impl Fn(String) -> String) -> Study {
+        let text = edit(include_str!("../examples/single-pendulum.toml").to_owned());
+        Study::parse(&text, Path::new("s.toml")).unwrap()
+    }
+
+    #[test]
+    fn the_mesh_has_every_combination_once_and_both_ends() {
+        let plan = Plan::new(&study(|text| text));
+        assert_eq!(plan.train.len(), 11 * 11 * 11);
+        assert_eq!(plan.train[0], [0.1, 0.0, 0.0]);
+        assert_eq!(plan.train[1], [0.1, 0.0, 0.5]);
+        assert_eq!(plan.train[1330], [0.2, 0.15, 5.0]);
+        let mut sorted = plan.train.clone();
+        sorted.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        sorted.dedup();
+        assert_eq!(sorted.len(), 1331);
+    }
+
+    #[test]
+    fn a_parameter_may_have_levels_of_its_own() {
+        let plan = Plan::new(&study(|text| text.replacen("max = 0.2,", "max = 0.2, levels = 3,", 1)));
+        assert_eq!(plan.train.len(), 3 * 11 * 11);
+    }
+
+    #[test]
+    fn random_points_lie_in_the_ranges_and_repeat_for_a_seed_only() {
+        let random = |text: String| {
+            text.replace("method = \"mesh\"", "method = \"random\"").replace("levels = 11", "runs = 500")
+        };
+        let plan = Plan::new(&study(random));
+        assert_eq!((plan.train.len(), plan.test.len()), (500, 200));
+        for point in plan.train.iter().chain(&plan.test) {
+            assert!(
+                (0.1..0.2).contains(&point[0]) && (0.0..0.15).contains(&point[1]) && (0.0..5.0).contains(&point[2])
+            );
+        }
+        assert_eq!(plan, Plan::new(&study(random)));
+        assert_ne!(plan, Plan::new(&study(|text| random(text).replace("seed = 1", "seed = 2"))));
+        let mean = plan.train.iter().map(|point| point[2]).sum::<f64>() / 500.0;
+        assert!((mean - 2.5).abs() < 0.25, "the mean of 500 points is within 4 standard deviations: {mean}");
+    }
+
+    #[test]
+    fn no_test_run_is_a_training_run() {
+        let plan = Plan::new(&study(|text| text));
+        assert!(plan.test.iter().all(|point| !plan.train.contains(point)));
+    }
+}

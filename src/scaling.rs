@@ -1,0 +1,110 @@
+//! Standardisation: columns of mean 0 and standard deviation 1, which is what a network learns best from.
+
+use crate::dataset::{Dataset, Run};
+use metafmu_runtime::Scaling;
+
+/// Means and standard deviations of the input columns (parameters, then time) and output columns over all rows of the runs.
+/// A constant column gets scale 1.
+pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone) -> Scaling {
+    let (parameters, outputs) = (dataset.parameters.len(), dataset.outputs.len());
+    let mut input = Moments::new(parameters + 1);
+    let mut output = Moments::new(outputs);
+    for run in runs.clone() {
+        for (time, row) in run.rows() {
+            input.count(run.parameters.iter().copied().chain([time]));
+            output.count(row.iter().copied());
+        }
+    }
+    input.center();
+    output.center();
+    for run in runs {
+        for (time, row) in run.rows() {
+            input.spread(run.parameters.iter().copied().chain([time]));
+            output.spread(row.iter().copied());
+        }
+    }
+    let ((input_mean, input_scale), (output_mean, output_scale)) = (input.finish(), output.finish());
+    Scaling { input_mean, input_scale, output_mean, output_scale }
+}
+
+/// Standardised rows of the runs, in single precision: inputs of shape `[rows, parameters + 1]`, outputs of shape
+/// `[rows, outputs]`.
+pub fn standardise<'a>(runs: impl Iterator<Item = &'a Run>, scaling: &Scaling) -> (Vec<f32>, Vec<f32>) {
+    let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+    for run in runs {
+        for (time, row) in run.rows() {
+            let values = run.parameters.iter().copied().chain([time]);
+            let columns = scaling.input_mean.iter().zip(&scaling.input_scale);
+            inputs.extend(values.zip(columns).map(|(x, (mean, scale))| ((x - mean) / scale) as f32));
+            let columns = scaling.output_mean.iter().zip(&scaling.output_scale);
+            outputs.extend(row.iter().zip(columns).map(|(y, (mean, scale))| ((y - mean) / scale) as f32));
+        }
+    }
+    (inputs, outputs)
+}
+
+/// Two-pass mean and standard deviation per column: exact enough for columns whose mean is large beside their spread.
+struct Moments {
+    rows: f64,
+    mean: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Moments {
+    fn new(columns: usize) -> Self {
+        Self { rows: 0.0, mean: vec![0.0; columns], squares: vec![0.0; columns] }
+    }
+
+    fn count(&mut self, row: impl Iterator<Item = f64>) {
+        self.rows += 1.0;
+        self.mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+    }
+
+    fn center(&mut self) {
+        let rows = self.rows.max(1.0);
+        self.mean.iter_mut().for_each(|sum| *sum /= rows);
+    }
+
+    fn spread(&mut self, row: impl Iterator<Item = f64>) {
+        let columns = self.squares.iter_mut().zip(&self.mean);
+        columns.zip(row).for_each(|((squares, mean), value)| *squares += (value - mean).powi(2));
+    }
+
+    fn finish(self) -> (Vec<f64>, Vec<f64>) {
+        let scale = |(squares, mean): (&f64, &f64)| {
+            let deviation = (squares / self.rows.max(1.0)).sqrt();
+            // the spread of a constant column is only the rounding of its mean
+            if deviation > 1e-12 * mean.abs() { deviation } else { 1.0 }
+        };
+        let scales = self.squares.iter().zip(&self.mean).map(scale).collect();
+        (self.mean, scales)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variable::Variable;
+    use std::sync::Arc;
+
+    #[test]
+    fn standardised_columns_have_mean_zero_and_deviation_one() {
+        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let run = |p: f64| Run {
+            parameters: vec![p],
+            times: Arc::new([0.0, 0.5, 1.0, 1.5]),
+            outputs: vec![1e6 + p, 3.0, 1e6 - p, 3.0, 1e6, 3.0, 1e6 + 2.0 * p, 3.0],
+        };
+        let outputs = vec![variable("u"), variable("constant")];
+        let dataset = Dataset { parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
+        let scaling = fit(&dataset, dataset.runs.iter());
+        assert_eq!(scaling.output_scale[1], 1.0);
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling);
+        for (column, width, values) in [(0, 2, &inputs), (1, 2, &inputs), (0, 2, &outputs)] {
+            let column: Vec<f64> = values.iter().skip(column).step_by(width).map(|&value| value.into()).collect();
+            let mean = column.iter().sum::<f64>() / 8.0;
+            let variance = column.iter().map(|value| value * value).sum::<f64>() / 8.0;
+            assert!(mean.abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{mean} {variance}");
+        }
+    }
+}

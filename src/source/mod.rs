@@ -1,0 +1,240 @@
+//! Sources of training data: something that turns parameter values into a run.
+
+mod integrate;
+pub mod systems;
+
+use crate::{
+    Error, Result,
+    dataset::{Dataset, Run},
+    study::Study,
+    variable::Variable,
+};
+use rayon::prelude::*;
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
+use systems::{SYSTEMS, System};
+
+/// What a study samples: a built-in system with its parameters and outputs resolved.
+#[derive(Clone, Debug)]
+pub struct Source {
+    system: &'static System,
+    /// Value of each of the system's quantities; those of parameters are overwritten for each run.
+    quantities: Vec<f64>,
+    /// Position of each parameter among the quantities.
+    parameter_positions: Vec<usize>,
+    /// Position of each output among the system's outputs.
+    output_positions: Vec<usize>,
+    parameters: Vec<Variable>,
+    outputs: Vec<Variable>,
+    times: Arc<[f64]>,
+}
+
+impl Source {
+    /// Finds the study's system and in it the study's parameters, constants and outputs.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every name the system does not know and every unit that is not the system's.
+    pub fn new(study: &Study) -> Result<Self> {
+        let name = &study.source.system;
+        let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
+            let known = list(SYSTEMS.iter().map(|system| system.name));
+            let message = format!("no system `{name}`, expected one of {known}");
+            return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
+        };
+        let mut source = Self {
+            system,
+            quantities: system.quantities.iter().map(|quantity| quantity.default).collect(),
+            parameter_positions: Vec::new(),
+            output_positions: Vec::new(),
+            parameters: Vec::new(),
+            outputs: Vec::new(),
+            times: study.time.grid().into(),
+        };
+        let mut problems = source.resolve_inputs(study);
+        problems.extend(source.resolve_outputs(study));
+        study.refuse(problems)?;
+        Ok(source)
+    }
+
+    fn resolve_inputs(&mut self, study: &Study) -> Vec<(String, String)> {
+        let mut problems = Vec::new();
+        let quantities = self.system.quantities;
+        let unknown = |name: &str| {
+            let known = list(quantities.iter().map(|quantity| quantity.name));
+            format!("{} has no quantity `{name}`, expected one of {known}", self.system.name)
+        };
+        for (name, &value) in &study.source.constants {
+            let key = format!("source.constants.{name}");
+            match quantities.iter().position(|quantity| quantity.name == name) {
+                None => problems.push((key, unknown(name))),
+                Some(_) if study.parameters.contains_key(name) => {
+                    problems.push((key, "is a parameter: a quantity is either constant or varied".into()));
+                }
+                Some(_) if !value.is_finite() => problems.push((key, format!("{value} is not finite"))),
+                Some(position) => self.quantities[position] = value,
+            }
+        }
+        for (name, parameter) in &study.parameters {
+            let key = format!("parameters.{name}");
+            match quantities.iter().position(|quantity| quantity.name == name) {
+                None => problems.push((key, unknown(name))),
+                Some(position) => {
+                    let quantity = &quantities[position];
+                    problems.extend(wrong_unit(&key, parameter.unit.as_deref(), quantity.unit));
+                    self.parameter_positions.push(position);
+                    let description = parameter.description.as_deref().unwrap_or(quantity.description);
+                    self.parameters.push(variable(name, quantity.unit, description));
+                }
+            }
+        }
+        problems
+    }
+
+    fn resolve_outputs(&mut self, study: &Study) -> Vec<(String, String)> {
+        let mut problems = Vec::new();
+        let known = self.system.outputs;
+        for (name, output) in &study.outputs {
+            let key = format!("outputs.{name}");
+            match known.iter().position(|known| known.name == name) {
+                None => {
+                    let known = list(known.iter().map(|output| output.name));
+                    let message = format!("{} has no output `{name}`, expected one of {known}", self.system.name);
+                    problems.push((key, message));
+                }
+                Some(position) => {
+                    problems.extend(wrong_unit(&key, output.unit.as_deref(), known[position].unit));
+                    self.output_positions.push(position);
+                    let description = output.description.as_deref().unwrap_or(known[position].description);
+                    self.outputs.push(variable(name, known[position].unit, description));
+                }
+            }
+        }
+        problems
+    }
+
+    /// The parameters, in the study's order.
+    pub fn parameters(&self) -> &[Variable] {
+        &self.parameters
+    }
+
+    /// The outputs, in the study's order.
+    pub fn outputs(&self) -> &[Variable] {
+        &self.outputs
+    }
+
+    /// The times of a run's rows, in seconds.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Simulates one run.
+    ///
+    /// # Errors
+    /// [`Error::Run`] with the parameter values if the simulation fails.
+    pub fn run(&self, parameters: &[f64]) -> Result<Run> {
+        let mut quantities = self.quantities.clone();
+        for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
+            quantities[position] = value;
+        }
+        let rows = (self.system.simulate)(&quantities, &self.times).map_err(|message| Error::Run {
+            system: self.system.name,
+            values: list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name))),
+            message,
+        })?;
+        let outputs = rows
+            .chunks(self.system.outputs.len())
+            .flat_map(|row| self.output_positions.iter().map(|&position| row[position]))
+            .collect();
+        Ok(Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs })
+    }
+}
+
+impl Source {
+    /// Simulates a run for each point, over all cores, in the order of the points. `done` is called after each run;
+    /// when `stop` turns true, the rest is left out.
+    ///
+    /// # Errors
+    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`].
+    pub fn run_all(&self, points: &[Vec<f64>], stop: &AtomicBool, done: impl Fn() + Sync) -> Result<Dataset> {
+        let run = |point: &Vec<f64>| {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let run = self.run(point);
+            done();
+            run
+        };
+        let runs: Vec<Result<Run>> = points.par_iter().map(run).collect();
+        let runs = runs.into_iter().collect::<Result<_>>()?;
+        Ok(Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
+    }
+}
+
+/// Values are taken in the source's own unit; a study that says another one would be wrong without notice.
+fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<(String, String)> {
+    let found = found.filter(|&found| found != expected)?;
+    let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
+    Some((format!("{key}.unit"), format!("`{found}`, expected {expected}: values are in the system's unit")))
+}
+
+fn variable(name: &str, unit: &str, description: &str) -> Variable {
+    Variable { name: name.into(), unit: unit.into(), description: description.into() }
+}
+
+fn list<T: AsRef<str>>(names: impl Iterator<Item = T>) -> String {
+    names.map(|name| name.as_ref().to_owned()).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn study(from: &str, to: &str) -> Study {
+        let text = SYSTEMS[0].study;
+        assert!(text.contains(from));
+        Study::parse(&text.replacen(from, to, 1), Path::new("s.toml")).unwrap()
+    }
+
+    #[test]
+    fn every_system_has_a_study_that_it_accepts() {
+        for system in SYSTEMS {
+            let study = Study::parse(system.study, Path::new("s.toml")).unwrap();
+            assert_eq!(study.name, system.name);
+            assert_eq!(study.source.system, system.name);
+            let source = Source::new(&study).unwrap();
+            let middle: Vec<f64> = study.parameters.values().map(|p| 0.5 * (p.min + p.max)).collect();
+            let run = source.run(&middle).unwrap();
+            assert_eq!(run.outputs.len(), source.times().len() * source.outputs().len());
+        }
+    }
+
+    #[test]
+    fn outputs_come_in_the_studys_order_and_constants_count() {
+        let all = Source::new(&study("seed", "seed")).unwrap().run(&[0.1, 0.05, 2.0]).unwrap();
+        let text = SYSTEMS[0].study.replace("m = 0.3", "m = 0.6");
+        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with("theta = ")).collect();
+        let study = Study::parse(&lines.join("\n"), Path::new("s.toml")).unwrap();
+        let two = Source::new(&study).unwrap().run(&[0.1, 0.1, 2.0]).unwrap();
+        // twice the mass and twice the damping: the same motion
+        for (two, all) in two.outputs.chunks(2).zip(all.outputs.chunks(3)) {
+            assert!((two[0] - all[1]).abs() < 1e-9 && (two[1] - all[2]).abs() < 1e-7);
+        }
+    }
+
+    #[test]
+    fn unknown_names_and_foreign_units_are_refused() {
+        for (from, to, says) in [
+            ("system = \"single", "system = \"triple", "no system `triple-pendulum`"),
+            ("\nc = {", "\nd = {", "no quantity `d`, expected one of L, c, thetad0"),
+            ("\nthetad = {", "\nomega = {", "no output `omega`"),
+            ("unit = \"m\"", "unit = \"mm\"", "`mm`, expected `m`"),
+            ("m = 0.3", "L = 0.3", "is a parameter"),
+        ] {
+            let message = Source::new(&study(from, to)).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
+}

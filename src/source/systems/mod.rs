@@ -1,0 +1,48 @@
+//! Built-in systems: those of Choi et al., *Data-driven simulation for general purpose multibody dynamics using deep
+//! neural networks*, Multibody System Dynamics (2021).
+
+mod single_pendulum;
+
+/// A system with known equations.
+#[derive(Debug)]
+pub struct System {
+    /// Name in a study: `source.system`.
+    pub name: &'static str,
+    /// One sentence for people.
+    pub description: &'static str,
+    /// Every quantity that may be a parameter or a constant.
+    pub quantities: &'static [Quantity],
+    /// Every output, in the order in which `simulate` writes them.
+    pub outputs: &'static [SystemOutput],
+    /// The commented study that `metafmu new` writes.
+    pub study: &'static str,
+    /// Simulates one run: values of `quantities` and evenly spaced times in; rows of all outputs out, one after the other.
+    pub simulate: fn(&[f64], &[f64]) -> Result<Vec<f64>, String>,
+}
+
+/// A quantity of a [`System`] that may be a parameter or a constant.
+#[derive(Debug)]
+pub struct Quantity {
+    /// Name.
+    pub name: &'static str,
+    /// Unit; the value is in this unit.
+    pub unit: &'static str,
+    /// One sentence for people.
+    pub description: &'static str,
+    /// Value where the study says nothing.
+    pub default: f64,
+}
+
+/// An output of a [`System`].
+#[derive(Debug)]
+pub struct SystemOutput {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// One sentence for people.
+    pub description: &'static str,
+}
+
+/// Every built-in system.
+pub static SYSTEMS: &[&System] = &[&single_pendulum::SYSTEM];
