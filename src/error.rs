@@ -46,6 +46,22 @@ pub enum Error {
         /// What was found and what was expected.
         message: String,
     },
+    /// A JSON file is wrong.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// How it is wrong.
+        source: serde_json::Error,
+    },
+    /// The result of an earlier stage is missing or belongs to another study.
+    #[error("{}: {message}", path.display())]
+    Stale {
+        /// The file.
+        path: PathBuf,
+        /// What to do about it.
+        message: String,
+    },
     /// A model file is wrong.
     #[error("{}: {source}", path.display())]
     Model {

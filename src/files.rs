@@ -30,6 +30,17 @@ pub fn write_whole(
     Ok(())
 }
 
+/// Writes a value as indented JSON, whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
+    write_whole(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, value)?;
+        file.write_all(b"\n")
+    })
+}
+
 /// Makes a folder with its parents and checks that files can be written into it.
 ///
 /// # Errors

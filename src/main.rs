@@ -1,3 +1,31 @@
-//! The `metafmu` command.
+//! The `metafmu` command: parse, dispatch, print the error, exit code.
 
-fn main() {}
+mod cli;
+mod commands;
+
+use clap::Parser;
+use cli::Command;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let result = match cli::Cli::parse().command {
+        Command::New(args) => commands::new::run(&args),
+        Command::Build(args) => commands::build::run(&args),
+        Command::Sample(args) => commands::sample::run(&args),
+        Command::Train(args) => commands::train::run(&args),
+        Command::Evaluate(args) => commands::evaluate::run(&args),
+        Command::Export(args) => commands::export::run(&args),
+        Command::Validate(args) => commands::validate::run(&args),
+        Command::Simulate(args) => commands::simulate::run(&args),
+    };
+    match result {
+        Ok(commands::Outcome::Fine) => ExitCode::SUCCESS,
+        Ok(commands::Outcome::ProblemsFound) => ExitCode::from(1),
+        Err(error) => {
+            for line in error.to_string().lines() {
+                eprintln!("error: {line}");
+            }
+            ExitCode::from(if matches!(error, metafmu::Error::Interrupted) { 130 } else { 2 })
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! Where in the parameters' ranges runs are placed.
 
 use crate::study::{Method, ParameterOptions, Study};
-use rand::{Rng, SeedableRng, rngs::ChaCha8Rng};
+use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 
 /// Parameter values of every run, training and test.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,6 +64,13 @@ fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl 
     std::iter::repeat_with(move || {
         ranges.iter().map(|(min, max)| min + (max - min) * unit_interval(&mut generator)).collect()
     })
+}
+
+/// The numbers below `count` in random order.
+pub fn permutation(count: usize, mut generator: ChaCha8Rng) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    order.shuffle(&mut generator);
+    order
 }
 
 /// Uniform over `[0, 1)` with all 53 bits a double can hold there.

@@ -1,0 +1,130 @@
+//! The command line: definitions only.
+
+use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
+use metafmu::source::systems::SYSTEMS;
+use std::path::PathBuf;
+
+/// Turns a multibody model into a small, fast, trustworthy FMU.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    arg_required_else_help = true,
+    after_help = "Examples:
+  metafmu new my-pendulum --system single-pendulum   write a commented study file
+  metafmu build my-pendulum.toml                     sample, train, evaluate, export, validate
+  metafmu simulate out/my-pendulum/my-pendulum.fmu --start L=0.12 --plot pendulum.svg
+
+Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Write a commented study file
+    #[command(after_help = "Example:\n  metafmu new my-pendulum --system single-pendulum")]
+    New(NewArgs),
+    /// Do everything: sample, train, evaluate, export, validate
+    #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
+
+Writes into DIR: NAME.fmu, NAME.safetensors, metrics.json, train.csv, test.csv, samples.json, history.csv.
+Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
+    Build(StudyArgs),
+    /// Simulate the training and test runs and write train.csv and test.csv
+    #[command(after_help = "Example:\n  metafmu sample examples/single-pendulum.toml")]
+    Sample(StudyArgs),
+    /// Train the network on train.csv and write NAME.safetensors and history.csv
+    #[command(after_help = "Example:\n  metafmu train examples/single-pendulum.toml")]
+    Train(StudyArgs),
+    /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
+    #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
+    Evaluate(StudyArgs),
+    /// Package NAME.safetensors as NAME.fmu
+    #[command(after_help = "Example:\n  metafmu export examples/single-pendulum.toml")]
+    Export(StudyArgs),
+    /// Check an FMU and list every problem
+    #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
+
+Exit code 1 if there are problems.")]
+    Validate(ValidateArgs),
+    /// Run an FMU and write its outputs as CSV
+    #[command(after_help = "Example:
+  metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg")]
+    Simulate(SimulateArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// Name of the study; the file is NAME.toml
+    pub name: String,
+    /// Built-in system to sample
+    #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]
+    pub system: String,
+}
+
+#[derive(Debug, Args)]
+pub struct StudyArgs {
+    /// Study file
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Folder of the results [default: out/NAME, NAME being the study's name]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print results as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ValidateArgs {
+    /// FMU to check
+    #[arg(value_name = "FMU")]
+    pub fmu: PathBuf,
+    /// Print findings as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// FMU to run: FMI 2.0 co-simulation
+    #[arg(value_name = "FMU")]
+    pub fmu: PathBuf,
+    /// Start value of a parameter or input; may be given several times
+    #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
+    pub start: Vec<(String, f64)>,
+    /// First communication point in seconds [default: the FMU's, else 0]
+    #[arg(long, value_name = "SECONDS")]
+    pub start_time: Option<f64>,
+    /// Last communication point in seconds [default: the FMU's, else 1]
+    #[arg(long, value_name = "SECONDS")]
+    pub stop_time: Option<f64>,
+    /// Communication step size in seconds [default: the FMU's, else a hundredth of the run]
+    #[arg(long, value_name = "SECONDS")]
+    pub step_size: Option<f64>,
+    /// CSV file to write [default: stdout, unless there is a plot]
+    #[arg(long, value_name = "FILE.csv")]
+    pub output: Option<PathBuf>,
+    /// Plot of every output over time
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+}
+
+fn name_and_value(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE")?;
+    let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
+    Ok((name.trim().to_owned(), number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,85 @@
+//! `metafmu evaluate`: compares the surrogate with the unseen test runs.
+
+use super::{Outcome, job::Job, job::SamplesRecord, print, print_json, train::TrainingRecord};
+use crate::cli::StudyArgs;
+use indexmap::IndexMap;
+use metafmu::{
+    Result,
+    dataset::Dataset,
+    evaluation::{self, OutputMetrics},
+    files,
+};
+use metafmu_runtime::Surrogate;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What `metrics.json` holds.
+#[derive(Debug, Serialize)]
+pub struct Metrics {
+    name: String,
+    outputs: IndexMap<String, OutputMetrics>,
+    test_runs: usize,
+    test_rows: usize,
+    train_runs: usize,
+    sample_seconds: f64,
+    #[serde(flatten)]
+    training: TrainingRecord,
+    seed: u64,
+    study_digest: String,
+    tool: String,
+}
+
+pub fn run(args: &StudyArgs) -> Result<Outcome> {
+    let job = Job::new(args)?;
+    let (surrogate, training) = (job.load_model()?, job.load_training_record()?);
+    let (test, samples) = (job.load_test_table()?, job.load_samples_record()?);
+    job.prepare_folder()?;
+    let metrics = stage(&job, &surrogate, &test, &samples, &training)?;
+    if job.json {
+        print_json(&metrics)?;
+    } else {
+        print(&format!("{}\n{}\n", table(&job, &metrics), job.metrics().display()))?;
+    }
+    Ok(Outcome::Fine)
+}
+
+/// Evaluates the surrogate on the test runs and writes `metrics.json`.
+pub fn stage(
+    job: &Job,
+    surrogate: &Surrogate,
+    test: &Dataset,
+    samples: &SamplesRecord,
+    training: &TrainingRecord,
+) -> Result<Metrics> {
+    let provenance = &surrogate.metadata().provenance;
+    let names = surrogate.outputs().iter().map(|output| output.name.clone());
+    let metrics = Metrics {
+        name: job.study.name.clone(),
+        outputs: names.zip(evaluation::evaluate(surrogate, test)).collect(),
+        test_runs: test.runs.len(),
+        test_rows: test.row_count(),
+        train_runs: samples.train_runs,
+        sample_seconds: samples.sample_seconds,
+        training: training.clone(),
+        seed: provenance.seed,
+        study_digest: provenance.study_digest.clone(),
+        tool: provenance.tool.clone(),
+    };
+    files::write_json(&job.metrics(), &metrics)?;
+    Ok(metrics)
+}
+
+/// The results as a table for people: errors in the outputs' units.
+pub fn table(job: &Job, metrics: &Metrics) -> String {
+    let mut text = format!("{} on {} unseen runs, {} rows\n\n", metrics.name, metrics.test_runs, metrics.test_rows);
+    let header = ("output", "unit", "R²", "MSE", "largest error");
+    let _ = writeln!(text, "{:<12} {:<8} {:>10} {:>12}  {}", header.0, header.1, header.2, header.3, header.4);
+    for ((name, metrics), variable) in metrics.outputs.iter().zip(job.source.outputs()) {
+        let OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time } = metrics;
+        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.7}"));
+        let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
+        let worst = format!("{max_abs_error:.3e} (test run {worst_run}, t = {worst_time:.3} s)");
+        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>10} {mse:>12.3e}  {worst}");
+    }
+    text
+}

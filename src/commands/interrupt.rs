@@ -1,0 +1,22 @@
+//! Ctrl-C: once asks the running stage to stop, twice ends the program.
+
+use std::sync::{
+    OnceLock,
+    atomic::{AtomicBool, Ordering},
+};
+
+/// Turns true at the first Ctrl-C.
+pub fn flag() -> &'static AtomicBool {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    static HANDLER: OnceLock<()> = OnceLock::new();
+    HANDLER.get_or_init(|| {
+        let handler = || {
+            if STOP.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        };
+        // without a handler Ctrl-C ends the program at once, which is safe too: files are written whole
+        let _ = ctrlc::set_handler(handler);
+    });
+    &STOP
+}

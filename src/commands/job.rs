@@ -1,0 +1,131 @@
+//! What the verbs on a study share: the study, its source, and where results go.
+
+use super::train::TrainingRecord;
+use crate::cli::StudyArgs;
+use metafmu::{Error, Result, dataset::Dataset, files, source::Source, study::Study, surrogate};
+use metafmu_runtime::Surrogate;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// A study with its source resolved and its folder of results.
+pub struct Job {
+    pub study: Study,
+    pub source: Source,
+    folder: PathBuf,
+    pub json: bool,
+}
+
+/// Of which study the tables are, and what making them took: `samples.json`.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SamplesRecord {
+    /// [`Study::sampling_digest`] of the study they were sampled from.
+    pub sampling_digest: String,
+    pub train_runs: usize,
+    pub train_rows: usize,
+    pub test_runs: usize,
+    pub test_rows: usize,
+    pub sample_seconds: f64,
+}
+
+impl Job {
+    /// Reads the study and finds its folder; writes nothing.
+    pub fn new(args: &StudyArgs) -> Result<Self> {
+        let study = Study::load(&args.study)?;
+        let source = Source::new(&study)?;
+        let folder = args.out.clone().unwrap_or_else(|| Path::new("out").join(&study.name));
+        Ok(Self { study, source, folder, json: args.json })
+    }
+
+    /// Makes the folder of results, so that one that cannot be written is found before the work and not after it.
+    pub fn prepare_folder(&self) -> Result<()> {
+        files::writable_folder(&self.folder)
+    }
+
+    pub fn train_table(&self) -> PathBuf {
+        self.folder.join("train.csv")
+    }
+
+    pub fn test_table(&self) -> PathBuf {
+        self.folder.join("test.csv")
+    }
+
+    pub fn samples_record(&self) -> PathBuf {
+        self.folder.join("samples.json")
+    }
+
+    pub fn model(&self) -> PathBuf {
+        self.folder.join(format!("{}.safetensors", self.study.name))
+    }
+
+    pub fn history(&self) -> PathBuf {
+        self.folder.join("history.csv")
+    }
+
+    pub fn training_record(&self) -> PathBuf {
+        self.folder.join("training.json")
+    }
+
+    pub fn metrics(&self) -> PathBuf {
+        self.folder.join("metrics.json")
+    }
+
+    pub fn fmu(&self) -> PathBuf {
+        self.folder.join(format!("{}.fmu", self.study.name))
+    }
+
+    /// Reads the record of the sampled tables and checks that they are this study's.
+    pub fn load_samples_record(&self) -> Result<SamplesRecord> {
+        let path = self.samples_record();
+        let record: SamplesRecord = self.load_json(&path, "metafmu sample")?;
+        if record.sampling_digest != self.study.sampling_digest() {
+            let message = "the tables beside it were sampled from another study: run `metafmu sample` again".into();
+            return Err(Error::Stale { path, message });
+        }
+        Ok(record)
+    }
+
+    /// Reads how the training went.
+    pub fn load_training_record(&self) -> Result<TrainingRecord> {
+        self.load_json(&self.training_record(), "metafmu train")
+    }
+
+    fn load_json<T: DeserializeOwned>(&self, path: &Path, verb: &str) -> Result<T> {
+        let text = std::fs::read_to_string(path).map_err(|source| match source.kind() {
+            ErrorKind::NotFound => self.missing(path, verb),
+            _ => Error::io(path, "read")(source),
+        })?;
+        serde_json::from_str(&text).map_err(|source| Error::Json { path: path.to_owned(), source })
+    }
+
+    pub fn load_train_table(&self) -> Result<Dataset> {
+        self.load_table(&self.train_table())
+    }
+
+    pub fn load_test_table(&self) -> Result<Dataset> {
+        self.load_table(&self.test_table())
+    }
+
+    fn load_table(&self, path: &Path) -> Result<Dataset> {
+        self.load_samples_record()?;
+        Dataset::read_csv(path, self.source.parameters(), self.source.outputs())
+    }
+
+    /// Reads the trained surrogate and checks that it is this study's.
+    pub fn load_model(&self) -> Result<Surrogate> {
+        let path = self.model();
+        if !path.exists() {
+            return Err(self.missing(&path, "metafmu train"));
+        }
+        let surrogate = surrogate::load(&path)?;
+        if surrogate.metadata().provenance.study_digest != self.study.digest() {
+            let message = "was trained from another study: run `metafmu train` again".into();
+            return Err(Error::Stale { path, message });
+        }
+        Ok(surrogate)
+    }
+
+    fn missing(&self, path: &Path, verb: &str) -> Error {
+        Error::Stale { path: path.to_owned(), message: format!("not there yet: run `{verb}` first") }
+    }
+}

@@ -1,0 +1,42 @@
+//! One file a verb. The only code that prints.
+
+pub mod build;
+pub mod evaluate;
+pub mod export;
+mod interrupt;
+mod job;
+pub mod new;
+mod progress;
+pub mod sample;
+pub mod simulate;
+pub mod train;
+pub mod validate;
+
+use metafmu::{Error, Result};
+use std::{
+    io::{ErrorKind, Write},
+    path::Path,
+};
+
+/// How a command that did its work ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Nothing to complain about.
+    Fine,
+    /// The command worked and found problems.
+    ProblemsFound,
+}
+
+/// Prints to stdout; a reader that has seen enough (`| head`) is no error.
+fn print(text: &str) -> Result<()> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Prints a value as indented JSON.
+fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).map_err(std::io::Error::from);
+    print(&(text.map_err(Error::io(Path::new("stdout"), "write"))? + "\n"))
+}

@@ -1,0 +1,58 @@
+//! Progress on stderr: a bar on a terminal, a few lines elsewhere.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use std::{
+    io::IsTerminal,
+    time::{Duration, Instant},
+};
+
+/// Progress of one stage.
+pub struct Progress {
+    bar: ProgressBar,
+    on_terminal: bool,
+    shown: Option<Instant>,
+}
+
+impl Progress {
+    /// Counts simulated runs.
+    pub fn runs(count: usize) -> Self {
+        Self::new(count as u64, "sampling {bar:30} {pos}/{len} runs, {per_sec}, {eta} left")
+    }
+
+    /// Counts optimizer steps; the message is the loss.
+    pub fn steps(count: usize) -> Self {
+        Self::new(count as u64, "training {bar:30} {percent}%, {msg}, {eta} left")
+    }
+
+    fn new(length: u64, template: &str) -> Self {
+        let bar = ProgressBar::new(length);
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar, on_terminal: std::io::stderr().is_terminal(), shown: None }
+    }
+
+    pub fn advance(&self, by: u64) {
+        self.bar.inc(by);
+    }
+
+    /// Moves the bar to a position; the message is made only as often as a person can read.
+    pub fn set(&mut self, position: u64, message: impl FnOnce() -> String) {
+        if self.on_terminal && self.shown.is_none_or(|shown| shown.elapsed() > Duration::from_millis(100)) {
+            self.shown = Some(Instant::now());
+            self.bar.set_message(message());
+            self.bar.set_position(position);
+        }
+    }
+
+    /// A line that stays; only where there is no bar.
+    pub fn note(&self, line: &str) {
+        if !self.on_terminal {
+            eprintln!("{line}");
+        }
+    }
+
+    /// Ends the bar and leaves a line.
+    pub fn finish(&self, line: &str) {
+        self.bar.finish_and_clear();
+        eprintln!("{line}");
+    }
+}

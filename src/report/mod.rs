@@ -1,0 +1,5 @@
+//! Pictures for people.
+
+mod plot;
+
+pub use plot::{Curve, time_series_svg};

@@ -1,0 +1,272 @@
+//! The command as a user meets it: results, error messages, exit codes.
+
+use std::{
+    fs,
+    io::{Read, Write},
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+use tempfile::TempDir;
+
+/// A folder with a study that is sampled and trained in a moment.
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self { folder: tempfile::tempdir().unwrap() };
+        fs::write(bench.path("study.toml"), small_study()).unwrap();
+        bench
+    }
+
+    /// The same after `metafmu build`.
+    fn built() -> Self {
+        let bench = Self::new();
+        let output = bench.run(&["build", "study.toml"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_metafmu"));
+        command.args(arguments).current_dir(self.folder.path()).output().unwrap()
+    }
+
+    /// Runs a command that must fail with exit code 2 and every piece of `says` in its error, and change no file.
+    fn fails(&self, arguments: &[&str], says: &[&str]) {
+        let before = snapshot(self.folder.path());
+        let output = self.run(arguments);
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        assert!(message.starts_with("error: "), "{arguments:?}: {message}");
+        assert!(!message.contains("panicked"), "{arguments:?}: {message}");
+        for piece in says {
+            assert!(message.contains(piece), "{arguments:?} should say `{piece}`: {message}");
+        }
+        assert!(output.stdout.is_empty(), "{arguments:?}: a failure prints no result");
+        assert_eq!(snapshot(self.folder.path()), before, "{arguments:?}: files changed");
+    }
+}
+
+/// The single pendulum with a coarse mesh and a tiny network.
+fn small_study() -> String {
+    include_str!("../examples/single-pendulum.toml")
+        .replace("levels = 11", "levels = 3")
+        .replace("test_runs = 200", "test_runs = 5")
+        .replace("step = 0.01", "step = 0.05")
+        .replace("hidden = [128, 128]", "hidden = [8]")
+        .replace("epochs = 40", "epochs = 3")
+        .replace("batch = 1024", "batch = 64")
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Every file below a folder with its bytes.
+fn snapshot(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let bytes = fs::read(&path).unwrap();
+                files.push((path, bytes));
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+const FMU: &str = "out/single-pendulum/single-pendulum.fmu";
+const MODEL: &str = "out/single-pendulum/single-pendulum.safetensors";
+
+#[test]
+fn build_writes_every_result_and_prints_the_table() {
+    let bench = Bench::built();
+    for name in ["single-pendulum.fmu", "single-pendulum.safetensors", "metrics.json", "train.csv", "history.csv"] {
+        assert!(bench.path("out/single-pendulum").join(name).exists(), "{name}");
+    }
+    let output = bench.run(&["evaluate", "study.toml"]);
+    for piece in ["theta ", "rad/s2", "R²", "largest error", "metrics.json"] {
+        assert!(stdout(&output).contains(piece), "{}", stdout(&output));
+    }
+    let metrics: serde_json::Value =
+        serde_json::from_slice(&fs::read(bench.path("out/single-pendulum/metrics.json")).unwrap()).unwrap();
+    assert!(metrics["outputs"]["theta"]["r2"].is_number() && metrics["outputs"]["thetadd"]["max_abs_error"].is_number());
+    assert_eq!(metrics["test_runs"], 5);
+    assert_eq!(metrics["train_rows"], 26 * 41, "one of 27 runs is held out");
+    assert!(metrics["train_seconds"].is_number());
+}
+
+#[test]
+fn the_stages_one_by_one_give_the_same_files_as_build() {
+    let (whole, stages) = (Bench::built(), Bench::new());
+    for verb in ["sample", "train", "evaluate", "export"] {
+        let output = stages.run(&[verb, "study.toml"]);
+        assert!(output.status.success(), "{verb}: {}", stderr(&output));
+    }
+    for name in ["train.csv", "test.csv", "single-pendulum.safetensors", "single-pendulum.fmu"] {
+        let name = Path::new("out/single-pendulum").join(name);
+        let bytes = |bench: &Bench| fs::read(bench.folder.path().join(&name)).unwrap();
+        assert!(bytes(&whole) == bytes(&stages), "{} differs", name.display());
+    }
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_byte() {
+    let (one, two) = (Bench::new(), Bench::new());
+    for (bench, threads) in [(&one, "1"), (&two, "2")] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_metafmu"));
+        command.args(["build", "study.toml"]).env("RAYON_NUM_THREADS", threads).current_dir(bench.folder.path());
+        assert!(command.output().unwrap().status.success());
+    }
+    assert!(fs::read(one.path(FMU)).unwrap() == fs::read(two.path(FMU)).unwrap());
+}
+
+#[test]
+fn new_writes_the_example_and_overwrites_nothing() {
+    let bench = Bench::new();
+    let output = bench.run(&["new", "single-pendulum", "--system", "single-pendulum"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let written = fs::read_to_string(bench.path("single-pendulum.toml")).unwrap();
+    assert_eq!(written, include_str!("../examples/single-pendulum.toml"));
+    bench.fails(&["new", "single-pendulum", "--system", "single-pendulum"], &["single-pendulum.toml", "exists"]);
+    bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["`a/b` is no name"]);
+    let output = bench.run(&["new", "mine", "--system", "single-pendulum"]);
+    assert!(output.status.success());
+    assert!(fs::read_to_string(bench.path("mine.toml")).unwrap().contains("name = \"mine\""));
+}
+
+#[test]
+fn a_bad_study_is_refused_with_file_line_and_key() {
+    let bench = Bench::built();
+    let good = small_study();
+    let broken = |from: &str, to: &str| {
+        assert!(good.contains(from), "{from}");
+        fs::write(bench.path("bad.toml"), good.replacen(from, to, 1)).unwrap();
+    };
+    bench.fails(&["build", "absent.toml"], &["absent.toml", "No such file"]);
+    broken("[time]", "[time");
+    bench.fails(&["build", "bad.toml"], &["bad.toml:"]);
+    broken("[network]", "[network]\nnodes = 3");
+    bench.fails(&["build", "bad.toml"], &["bad.toml:", "network.nodes", "unknown field", "hidden"]);
+    broken("min = 0.1,", "min = 0.3,");
+    bench.fails(&["build", "bad.toml"], &["bad.toml:", "parameters.L", "min 0.3 is not below max 0.2"]);
+    broken("theta = {", "c = {");
+    bench.fails(&["build", "bad.toml"], &["bad.toml:", "outputs.c", "`c` is a parameter already"]);
+    broken("\nthetad = {", "\ntheta = {");
+    bench.fails(&["build", "bad.toml"], &["bad.toml:", "duplicate key"]);
+    fs::write(bench.path("bad.toml"), b"name = \"\xff\"").unwrap();
+    bench.fails(&["build", "bad.toml"], &["bad.toml", "UTF-8"]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_found_before_the_work() {
+    let bench = Bench::new();
+    fs::write(bench.path("file"), "not a folder").unwrap();
+    bench.fails(&["build", "study.toml", "--out", "file/out"], &["file/out", "cannot"]);
+}
+
+#[test]
+fn stages_out_of_order_or_of_another_study_say_what_to_run() {
+    let bench = Bench::new();
+    bench.fails(&["train", "study.toml"], &["samples.json", "run `metafmu sample`"]);
+    bench.fails(&["export", "study.toml"], &["single-pendulum.safetensors", "run `metafmu train`"]);
+    let bench = Bench::built();
+    fs::write(bench.path("study.toml"), small_study().replace("max = 0.2,", "max = 0.25,")).unwrap();
+    bench.fails(&["train", "study.toml"], &["sampled from another study"]);
+    bench.fails(&["evaluate", "study.toml"], &["trained from another study"]);
+}
+
+#[test]
+fn a_damaged_model_file_is_named() {
+    let bench = Bench::built();
+    let bytes = fs::read(bench.path(MODEL)).unwrap();
+    fs::write(bench.path(MODEL), &bytes[..bytes.len() - 10]).unwrap();
+    for verb in ["export", "evaluate"] {
+        bench.fails(&[verb, "study.toml"], &["single-pendulum.safetensors", "cut short"]);
+    }
+    fs::write(bench.path(MODEL), &bytes[..5]).unwrap();
+    bench.fails(&["export", "study.toml"], &["single-pendulum.safetensors", "cut short"]);
+}
+
+#[test]
+fn what_is_no_fmu_cannot_be_simulated() {
+    let bench = Bench::built();
+    bench.fails(&["simulate", "absent.fmu"], &["absent.fmu", "No such file"]);
+    fs::write(bench.path("text.fmu"), "not a zip").unwrap();
+    bench.fails(&["simulate", "text.fmu"], &["text.fmu"]);
+    rewrite(&bench.path(FMU), &bench.path("empty.fmu"), |_, _| None);
+    bench.fails(&["simulate", "empty.fmu"], &["empty.fmu", "modelDescription.xml"]);
+    rewrite(&bench.path(FMU), &bench.path("bare.fmu"), |name, bytes| (!name.starts_with("binaries/")).then_some(bytes));
+    bench.fails(&["simulate", "bare.fmu"], &["bare.fmu", "binaries/"]);
+    rewrite(&bench.path(FMU), &bench.path("cut.fmu"), |name, mut bytes| {
+        if name.ends_with(".safetensors") {
+            bytes.truncate(bytes.len() - 10);
+        }
+        Some(bytes)
+    });
+    bench.fails(&["simulate", "cut.fmu"], &["model.safetensors", "cut short"]);
+    bench.fails(&["simulate", FMU, "--start", "mass=1"], &["mass"]);
+    bench.fails(&["simulate", FMU, "--step-size", "-1"], &["step"]);
+}
+
+/// Copies an FMU entry by entry; `edit` drops entries or changes their bytes.
+fn rewrite(from: &Path, to: &Path, edit: impl Fn(&str, Vec<u8>) -> Option<Vec<u8>>) {
+    let mut archive = zip::ZipArchive::new(fs::File::open(from).unwrap()).unwrap();
+    let mut writer = zip::ZipWriter::new(fs::File::create(to).unwrap());
+    for index in 0..archive.len() {
+        let mut entry = archive.by_index(index).unwrap();
+        let (name, mut bytes) = (entry.name().to_owned(), Vec::new());
+        entry.read_to_end(&mut bytes).unwrap();
+        if let Some(bytes) = edit(&name, bytes) {
+            writer.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+            writer.write_all(&bytes).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn simulate_writes_csv_and_a_plot() {
+    let bench = Bench::built();
+    let output = bench.run(&["simulate", FMU, "--start", "L=0.12", "--stop-time", "1", "--step-size", "0.3"]);
+    let table = stdout(&output);
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(lines[0], "time,theta,thetad,thetadd");
+    let times: Vec<f64> = lines[1..].iter().map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+    assert_eq!(times.len(), 5, "{times:?}");
+    assert_eq!((times[0], times[4]), (0.0, 1.0), "the last step is shorter");
+    let output = bench.run(&["simulate", FMU, "--output", "run.csv", "--plot", "run.svg"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(fs::read_to_string(bench.path("run.csv")).unwrap().lines().count(), 42);
+    assert!(fs::read_to_string(bench.path("run.svg")).unwrap().contains("theta [rad]"));
+}
+
+#[test]
+fn validate_finds_nothing_in_a_good_fmu_and_says_what_is_wrong_with_a_bad_one() {
+    let bench = Bench::built();
+    let output = bench.run(&["validate", FMU]);
+    assert_eq!(output.status.code(), Some(0), "{}{}", stdout(&output), stderr(&output));
+    rewrite(&bench.path(FMU), &bench.path("bad.fmu"), |name, bytes| {
+        let edit = |bytes| String::from_utf8(bytes).unwrap().replace("start=\"0.15", "start=\"0.95").into_bytes();
+        Some(if name == "modelDescription.xml" { edit(bytes) } else { bytes })
+    });
+    let output = bench.run(&["validate", "bad.fmu"]);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stdout(&output).contains("start"), "{}", stdout(&output));
+}

@@ -1,0 +1,60 @@
+"""The single pendulum, built once by the released command, for every test here."""
+
+import json
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+ROOT = Path(__file__).resolve().parents[2]
+METAFMU = ROOT / "target" / "release" / "metafmu"
+
+# (L, c, thetad0): the named test cases of Choi et al. 2021, section 4.1
+CASES = [
+    (0.1911, 0.055, 3.78),
+    (0.123, 0.055, 2.53),
+    (0.1583, 0.055, 0.52),
+    (0.1758, 0.109, 0.52),
+    (0.1911, 0.109, 4.52),
+]
+
+
+@dataclass
+class Build:
+    folder: Path
+    fmu: Path
+    metrics: dict
+
+
+def metafmu(*arguments, check=True):
+    """Runs the command and returns what it printed."""
+    assert METAFMU.exists(), "run `cargo build --release` first"
+    command = [str(METAFMU), *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert not check or result.returncode == 0, result.stderr
+    return result
+
+
+@pytest.fixture(scope="session")
+def pendulum(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("single-pendulum")
+    metafmu("build", "examples/single-pendulum.toml", "--out", folder)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    return Build(folder, folder / "single-pendulum.fmu", metrics)
+
+
+def reference(length, damping, thetad0, times, mass=0.3, gravity=9.81):
+    """theta, thetad, thetadd of the damped pendulum by scipy, independent of metafmu's integrator."""
+
+    def derivative(_, state):
+        theta, thetad = state
+        return [thetad, -gravity / length * np.sin(theta) - damping / (mass * length) * thetad]
+
+    solution = solve_ivp(
+        derivative, (times[0], times[-1]), [np.pi / 2, thetad0], "DOP853", times, rtol=1e-12, atol=1e-12
+    )
+    theta, thetad = solution.y
+    return np.stack([theta, thetad, derivative(0, solution.y)[1]])
