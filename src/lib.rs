@@ -4,10 +4,13 @@ pub mod dataset;
 pub mod error;
 pub mod evaluation;
 pub mod files;
+pub mod network;
+pub mod report;
 pub mod sampling;
 pub mod scaling;
 pub mod source;
 pub mod study;
+pub mod training;
 pub mod variable;
 
 pub use error::{Error, Result};
