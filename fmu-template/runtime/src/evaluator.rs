@@ -1,7 +1,7 @@
 //! The surrogate prepared for evaluation.
 
 use crate::{
-    Activation, Scaling, Surrogate, activation,
+    Activation, Layer, Scaling, Surrogate, activation,
     simd::{Lanes, PORTABLE_FMA, Simd, fma},
 };
 
@@ -11,7 +11,8 @@ use crate::{
 pub struct Evaluator {
     scaling: Scaling,
     activation: Activation,
-    layers: Vec<Dense>,
+    hidden: Vec<Dense>,
+    last: Rows,
     simd: Simd,
 }
 
@@ -32,16 +33,32 @@ struct Dense {
     bias: Vec<Lanes>,
 }
 
+/// `W x + b` row by row, with the columns of `W` padded to whole lanes: for the last layer, which has few rows.
+///
+/// `weights[row * lanes + lane]`
+#[derive(Clone, Debug)]
+struct Rows {
+    inputs: usize,
+    lanes: usize,
+    weights: Vec<Lanes>,
+    bias: Vec<f64>,
+}
+
 /// Accumulators kept in registers at a time; enough to hide the latency of a fused multiply-add.
 const BLOCK: usize = 4;
 
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
+    ///
+    /// # Panics
+    /// Never: a surrogate has at least one layer.
     pub fn new(surrogate: &Surrogate) -> Self {
+        let (last, hidden) = surrogate.layers().split_last().expect("a surrogate has at least one layer");
         Self {
             scaling: surrogate.scaling().clone(),
             activation: surrogate.metadata().activation,
-            layers: surrogate.layers().iter().map(Dense::new).collect(),
+            hidden: hidden.iter().map(Dense::new).collect(),
+            last: Rows::new(last),
             simd: Simd::detect(),
         }
     }
@@ -49,7 +66,7 @@ impl Evaluator {
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
         let inputs = self.scaling.input_mean.len().div_ceil(Lanes::WIDTH);
-        let widest = self.layers.iter().map(|layer| layer.bias.len()).chain([inputs]).max().unwrap_or(0);
+        let widest = self.hidden.iter().map(|layer| layer.bias.len()).fold(inputs, usize::max);
         Scratch { current: vec![Lanes::ZERO; widest], next: vec![Lanes::ZERO; widest] }
     }
 
@@ -91,22 +108,20 @@ impl Evaluator {
         for (((z, x), mean), scale) in standardised {
             *z = (x - mean) / scale;
         }
-        let (last, hidden) = self.layers.split_last().expect("a surrogate has at least one layer");
-        for layer in hidden {
+        for layer in &self.hidden {
             layer.apply::<FMA>(current, next);
             activate::<FMA>(self.activation, &mut next[..layer.bias.len()]);
             std::mem::swap(current, next);
         }
-        last.apply::<FMA>(current, next);
-        let values = flat(next).iter().zip(output_mean).zip(output_scale);
-        for (y, ((z, mean), scale)) in outputs.iter_mut().zip(values) {
-            *y = fma::<FMA>(*z, *scale, *mean);
+        self.last.apply::<FMA>(current, outputs);
+        for ((y, mean), scale) in outputs.iter_mut().zip(output_mean).zip(output_scale) {
+            *y = fma::<FMA>(*y, *scale, *mean);
         }
     }
 }
 
 impl Dense {
-    fn new(layer: &crate::Layer) -> Self {
+    fn new(layer: &Layer) -> Self {
         let rows_per_block = BLOCK * Lanes::WIDTH;
         let blocks = layer.outputs.div_ceil(rows_per_block);
         let mut weights = vec![Lanes::ZERO; blocks * layer.inputs * BLOCK];
@@ -144,6 +159,47 @@ impl Dense {
     }
 }
 
+impl Rows {
+    fn new(layer: &Layer) -> Self {
+        let lanes = layer.inputs.div_ceil(Lanes::WIDTH);
+        let mut weights = vec![Lanes::ZERO; lanes * layer.outputs];
+        let rows = flat_mut(&mut weights).chunks_exact_mut(lanes * Lanes::WIDTH);
+        for (padded, row) in rows.zip(layer.weight.chunks_exact(layer.inputs)) {
+            padded.iter_mut().zip(row).for_each(|(double, &single)| *double = single.into());
+        }
+        let bias = layer.bias.iter().map(|&bias| bias.into()).collect();
+        Self { inputs: layer.inputs, lanes, weights, bias }
+    }
+
+    #[inline(always)]
+    fn apply<const FMA: bool>(&self, input: &mut [Lanes], output: &mut [f64]) {
+        let input = &mut input[..self.lanes];
+        // what an earlier evaluation left behind the last column may be NaN, which no weight of zero takes away
+        flat_mut(input)[self.inputs..].fill(0.0);
+        let rows = self.weights.chunks_exact(self.lanes);
+        for ((y, bias), row) in output.iter_mut().zip(&self.bias).zip(rows) {
+            *y = bias + dot::<FMA>(input, row);
+        }
+    }
+}
+
+#[inline(always)]
+fn dot<const FMA: bool>(a: &[Lanes], b: &[Lanes]) -> f64 {
+    let mut sums = [Lanes::ZERO; BLOCK];
+    for (a, b) in a.chunks(BLOCK).zip(b.chunks(BLOCK)) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
+                *sum = fma::<FMA>(*a, *b, *sum);
+            }
+        }
+    }
+    let [first, others @ ..] = &mut sums;
+    for other in others {
+        first.0.iter_mut().zip(&other.0).for_each(|(sum, other)| *sum += other);
+    }
+    first.0.iter().sum()
+}
+
 #[inline(always)]
 fn activate<const FMA: bool>(activation: Activation, values: &mut [Lanes]) {
     match activation {
@@ -155,10 +211,9 @@ fn activate<const FMA: bool>(activation: Activation, values: &mut [Lanes]) {
 
 #[inline(always)]
 fn map(values: &mut [Lanes], function: impl Fn(f64) -> f64) {
-    for lanes in values {
-        for value in &mut lanes.0 {
-            *value = function(*value);
-        }
+    // over the doubles one after the other: over lanes, the compiler would vectorise across them, with gathers
+    for value in flat_mut(values) {
+        *value = function(*value);
     }
 }
 
@@ -220,6 +275,21 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn an_evaluation_at_nan_leaves_nothing_behind() {
+        for hidden in [vec![], vec![7], vec![7, 33]] {
+            let evaluator = Evaluator::new(&example::with_network(&hidden, Activation::Relu));
+            let (mut scratch, mut outputs, mut expected) = (evaluator.scratch(), [0.0; 2], [0.0; 2]);
+            evaluator.evaluate(&[0.15, 0.3, 1.0], &mut expected, &mut scratch);
+            for _ in 0..2 {
+                evaluator.evaluate(&[f64::NAN; 3], &mut outputs, &mut scratch);
+                assert!(outputs[0].is_nan());
+            }
+            evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs, &mut scratch);
+            assert_eq!(outputs, expected, "{hidden:?}");
         }
     }
 

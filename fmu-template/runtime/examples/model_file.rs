@@ -1,0 +1,16 @@
+//! Writes the example surrogate as a model file, for trying out and timing an FMU's library without training anything.
+//!
+//! `cargo run -p metafmu-runtime --example model_file -- FILE [SIZE OF HIDDEN LAYER]...`
+
+use metafmu_runtime::{Activation, example};
+use std::{env, error::Error, fs};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = env::args().skip(1);
+    let file = arguments.next().ok_or("expected the name of a file to write")?;
+    let hidden = arguments.map(|size| size.parse()).collect::<Result<Vec<usize>, _>>()?;
+    let surrogate = example::with_network(&hidden, Activation::Tanh);
+    fs::write(&file, surrogate.to_bytes()?)?;
+    println!("{}", surrogate.instantiation_token());
+    Ok(())
+}

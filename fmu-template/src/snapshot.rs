@@ -1,0 +1,141 @@
+//! Everything a simulation needs to go on from a point, in memory and as bytes.
+//!
+//! | bytes | |
+//! |---|---|
+//! | 8 | magic `metafmu` and the version of this layout |
+//! | 8 | fingerprint of the surrogate |
+//! | 1 | state |
+//! | 1 | whether the experiment is set up |
+//! | 8 | time |
+//! | 8 | stop time |
+//! | 8 each | values of the input columns |
+//! | 8 | checksum of all before |
+//!
+//! Numbers are little-endian.
+
+use crate::{answer::Refusal, instance::State};
+
+/// The mutable part of an instance, but for values that can be computed from it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Snapshot {
+    /// [`fingerprint`] of the instantiation token: states of another surrogate are refused.
+    pub surrogate: u64,
+    pub state: State,
+    /// Whether the start time is known.
+    pub experiment: bool,
+    pub time: f64,
+    /// Infinite if none is defined.
+    pub stop_time: f64,
+    /// One value per input column of the network, the time among them.
+    pub inputs: Vec<f64>,
+}
+
+const MAGIC: [u8; 8] = *b"metafmu\x01";
+
+/// All but the inputs.
+const FIXED_SIZE: usize = 8 + 8 + 1 + 1 + 8 + 8 + 8;
+
+impl Snapshot {
+    /// Number of bytes [`Snapshot::to_bytes`] gives.
+    pub(crate) fn size(&self) -> usize {
+        FIXED_SIZE + 8 * self.inputs.len()
+    }
+
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.size());
+        bytes.extend(MAGIC);
+        bytes.extend(self.surrogate.to_le_bytes());
+        bytes.push(self.state as u8);
+        bytes.push(self.experiment.into());
+        for number in [self.time, self.stop_time].iter().chain(&self.inputs) {
+            bytes.extend(number.to_le_bytes());
+        }
+        bytes.extend(fingerprint(&bytes).to_le_bytes());
+        bytes
+    }
+
+    /// Reads what [`Snapshot::to_bytes`] wrote for the surrogate that `like` is of.
+    ///
+    /// # Errors
+    /// [`Refusal::StateSize`], [`Refusal::DamagedState`] or [`Refusal::ForeignState`].
+    pub(crate) fn from_bytes(bytes: &[u8], like: &Self) -> Result<Self, Refusal> {
+        let damaged = |reason| Refusal::DamagedState { reason };
+        if bytes.get(..MAGIC.len()) != Some(&MAGIC) {
+            return Err(damaged("it does not begin with the magic number and version"));
+        }
+        // the fingerprint before the size, so that a state of another surrogate is called that
+        let mut numbers = bytes[MAGIC.len()..].iter().copied();
+        let surrogate = u64::from_le_bytes(take(&mut numbers)?);
+        if surrogate != like.surrogate {
+            return Err(Refusal::ForeignState);
+        }
+        if bytes.len() != like.size() {
+            return Err(Refusal::StateSize { found: bytes.len(), expected: like.size() });
+        }
+        let [state, experiment] = take(&mut numbers)?;
+        let mut number = || take(&mut numbers).map(f64::from_le_bytes);
+        let (time, stop_time) = (number()?, number()?);
+        let inputs = (0..like.inputs.len()).map(|_| number()).collect::<Result<Vec<_>, _>>()?;
+        if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
+            return Err(damaged("the checksum does not match"));
+        }
+        let state = State::from_number(state).ok_or_else(|| damaged("it names no state"))?;
+        Ok(Self { surrogate, state, experiment: experiment != 0, time, stop_time, inputs })
+    }
+}
+
+fn take<const N: usize>(bytes: &mut impl Iterator<Item = u8>) -> Result<[u8; N], Refusal> {
+    let mut taken = [0; N];
+    for byte in &mut taken {
+        *byte = bytes.next().ok_or(Refusal::DamagedState { reason: "it is cut short" })?;
+    }
+    Ok(taken)
+}
+
+/// FNV-1a, 64 bits: any change of a single byte changes it.
+pub(crate) fn fingerprint(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn snapshot() -> Snapshot {
+        Snapshot {
+            surrogate: fingerprint(b"token"),
+            state: State::StepComplete,
+            experiment: true,
+            time: 0.1 + 0.2,
+            stop_time: f64::INFINITY,
+            inputs: vec![1e-300, -0.0, 0.1 + 0.2],
+        }
+    }
+
+    #[test]
+    fn bytes_give_the_snapshot_back_to_the_last_bit() {
+        let bytes = snapshot().to_bytes();
+        assert_eq!(bytes.len(), snapshot().size());
+        let again = Snapshot::from_bytes(&bytes, &snapshot()).unwrap();
+        assert_eq!(again, snapshot());
+        assert!(again.inputs[1].is_sign_negative());
+    }
+
+    #[test]
+    fn no_byte_can_be_changed_and_no_part_cut_off_unnoticed() {
+        let bytes = snapshot().to_bytes();
+        for position in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= 0x10;
+            assert!(Snapshot::from_bytes(&damaged, &snapshot()).is_err(), "byte {position}");
+            assert!(Snapshot::from_bytes(&bytes[..position], &snapshot()).is_err(), "{position} bytes");
+        }
+        assert!(Snapshot::from_bytes(&[&bytes[..], &[0]].concat(), &snapshot()).is_err(), "one byte too many");
+    }
+
+    #[test]
+    fn the_state_of_another_surrogate_is_called_foreign() {
+        let other = Snapshot { surrogate: fingerprint(b"other"), inputs: vec![0.0], ..snapshot() };
+        assert_eq!(Snapshot::from_bytes(&snapshot().to_bytes(), &other), Err(Refusal::ForeignState));
+    }
+}
