@@ -62,6 +62,14 @@ pub enum Error {
         /// What to do about it.
         message: String,
     },
+    /// A plot could not be made.
+    #[error("{}: {message}", path.display())]
+    Plot {
+        /// The plot's file.
+        path: PathBuf,
+        /// Why.
+        message: String,
+    },
     /// A model file is wrong.
     #[error("{}: {source}", path.display())]
     Model {

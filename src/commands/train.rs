@@ -88,8 +88,11 @@ fn split(runs: &[Run], share: f64, seed: u64) -> (Vec<&Run>, Vec<&Run>) {
     let count = ((share * runs.len() as f64).round() as usize).clamp(1, runs.len().saturating_sub(1).max(1));
     let mut held_out = vec![false; runs.len()];
     order.iter().take(count).for_each(|&run| held_out[run] = true);
-    let choose = |wanted: bool| runs.iter().zip(&held_out).filter(|&(_, &held)| held == wanted).map(|(run, _)| run);
-    (choose(false).collect(), choose(true).collect())
+    let choose = |wanted: bool| {
+        let pairs = runs.iter().zip(&held_out);
+        pairs.filter(|&(_, &held)| held == wanted).map(|(run, _)| run).collect()
+    };
+    (choose(false), choose(true))
 }
 
 fn write_history(job: &Job, history: &[EpochRecord]) -> Result<()> {

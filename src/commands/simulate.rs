@@ -1,0 +1,62 @@
+//! `metafmu simulate`: runs an FMU and writes its outputs.
+
+use super::{Outcome, print};
+use crate::cli::SimulateArgs;
+use metafmu::{
+    Error, Result, files,
+    fmu::host::{Fmu, SimulationOptions, Table, simulate},
+    report::{Curve, time_series_svg},
+};
+use std::{fmt::Write as _, io::Write as _, path::Path};
+
+pub fn run(args: &SimulateArgs) -> Result<Outcome> {
+    let fmu = Fmu::open(&args.fmu)?;
+    let options = SimulationOptions {
+        start: args.start_time,
+        stop: args.stop_time,
+        step: args.step_size,
+        start_values: args.start.clone(),
+        record: Vec::new(),
+    };
+    let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;
+    match (&args.output, &args.plot) {
+        (Some(path), _) => files::write_whole(path, |file| file.write_all(csv(&table).as_bytes()))?,
+        (None, None) => print(&csv(&table))?,
+        (None, Some(_)) => {}
+    }
+    if let Some(path) = &args.plot {
+        plot(path, &fmu.description().model_name, &table)?;
+    }
+    Ok(Outcome::Fine)
+}
+
+/// `time` and the recorded variables; numbers are the shortest decimals that read back as the same doubles.
+fn csv(table: &Table) -> String {
+    let names: Vec<String> = table.columns.iter().map(|column| quoted(&column.name)).collect();
+    let mut text = format!("time,{}\n", names.join(","));
+    for (time, row) in table.times.iter().zip(&table.rows) {
+        let _ = write!(text, "{time:?}");
+        for value in row {
+            let _ = write!(text, ",{value:?}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Names of other tools' variables may contain commas, as in `a[1,2]`.
+fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
+}
+
+fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
+    let curve = |(index, column): (usize, &metafmu::fmu::host::Column)| Curve {
+        name: column.name.clone(),
+        unit: column.unit.clone().unwrap_or_default(),
+        values: table.rows.iter().map(|row| row[index]).collect(),
+    };
+    let curves: Vec<Curve> = table.columns.iter().enumerate().map(curve).collect();
+    let svg = time_series_svg(title, &table.times, &curves)
+        .map_err(|message| Error::Plot { path: path.to_owned(), message })?;
+    files::write_whole(path, |file| file.write_all(svg.as_bytes()))
+}
