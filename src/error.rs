@@ -24,6 +24,12 @@ pub enum Error {
         /// How it is wrong.
         source: metafmu_runtime::FormatError,
     },
+    /// The network cannot be built.
+    #[error(transparent)]
+    Network(#[from] crate::network::NetworkError),
+    /// The network cannot be trained.
+    #[error(transparent)]
+    Training(#[from] crate::training::TrainingError),
 }
 
 /// Result with the tool's error.

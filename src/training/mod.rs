@@ -1,0 +1,161 @@
+//! Training: turns rows into a network.
+//!
+//! The loss is the mean over rows and outputs of the squared error of the standardised outputs. Each epoch goes once
+//! through all training rows in a new random order, in batches of (nearly) equal size with one optimizer step each, and
+//! ends with the loss on the held-out validation rows; the network with the smallest validation loss is the result.
+//!
+//! The same rows, options, seed and processor give the same bits for any number of threads.
+
+mod adam;
+mod gradient;
+mod rows;
+mod schedule;
+mod trainer;
+
+pub use rows::Rows;
+pub use trainer::{Trainer, train};
+
+use crate::network::Network;
+use std::ops::ControlFlow;
+
+/// Follows a training, and may end it.
+pub trait Observer: Send {
+    /// Called after every optimizer step, thus often and from within the loop: to be quick about it. The training ends
+    /// with [`StopReason::Interrupted`] if it breaks.
+    fn step(&mut self, progress: &Progress) -> ControlFlow<()>;
+
+    /// Called at the end of every epoch.
+    fn epoch(&mut self, record: &EpochRecord);
+}
+
+/// Follows nothing and never ends the training.
+impl Observer for () {
+    fn step(&mut self, _: &Progress) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn epoch(&mut self, _: &EpochRecord) {}
+}
+
+/// Where a training stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Epoch under way, counted from 1.
+    pub epoch: usize,
+    /// Epochs asked for.
+    pub epochs: usize,
+    /// Steps done in this epoch.
+    pub step: usize,
+    /// Steps of an epoch.
+    pub steps: usize,
+    /// Training loss, the mean over the steps done in this epoch.
+    pub loss: f64,
+}
+
+/// One epoch: a row of the history.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EpochRecord {
+    /// Counted from 1.
+    pub epoch: usize,
+    /// Mean over the epoch's rows, each with the parameters of its step.
+    pub train_loss: f64,
+    /// Mean over the validation rows with the parameters at the end of the epoch.
+    pub validation_loss: f64,
+    /// Learning rate of the epoch's last step.
+    pub learning_rate: f64,
+    /// Wall time since the training began, in seconds.
+    pub seconds: f64,
+    /// Whether no earlier epoch had a validation loss as small.
+    pub best: bool,
+}
+
+/// Why a training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// All epochs are done.
+    Finished,
+    /// Too many epochs without a better validation loss.
+    Patience,
+    /// The observer asked for it.
+    Interrupted,
+    /// A loss was infinite or not a number.
+    Diverged,
+}
+
+/// What a training gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// The network with the smallest validation loss. If there was no validation yet: the current network after an
+    /// interruption, the given one after a divergence.
+    pub network: Network,
+    /// The epochs that were completed.
+    pub history: Vec<EpochRecord>,
+    /// The epoch that `network` is from; 0 if there was no validation yet.
+    pub best_epoch: usize,
+    /// Why the training ended.
+    pub reason: StopReason,
+}
+
+/// Why a network cannot be trained.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrainingError {
+    /// Rows that are no rows.
+    #[error("{inputs} input and {outputs} output values are not the same number of rows of {n_inputs} and {n_outputs}")]
+    Shape {
+        /// Input columns.
+        n_inputs: usize,
+        /// Output columns.
+        n_outputs: usize,
+        /// Input values.
+        inputs: usize,
+        /// Output values.
+        outputs: usize,
+    },
+    /// A NaN or an infinity in the rows.
+    #[error("row {row}, {what} column {column}: {value} is not finite")]
+    NotFinite {
+        /// `input` or `output`.
+        what: &'static str,
+        /// Counted from 0.
+        row: usize,
+        /// Counted from 0.
+        column: usize,
+        /// What stands there.
+        value: f32,
+    },
+    /// Nothing to train on, or nothing to validate with.
+    #[error("there are no {set} rows")]
+    NoRows {
+        /// `training` or `validation`.
+        set: &'static str,
+    },
+    /// More rows than can be numbered.
+    #[error("{rows} training rows are too many, expected fewer than 2^32")]
+    TooManyRows {
+        /// How many.
+        rows: usize,
+    },
+    /// Rows that do not fit the network.
+    #[error("the {set} rows have {found} {what} columns, the network has {expected}")]
+    Columns {
+        /// `training` or `validation`.
+        set: &'static str,
+        /// `input` or `output`.
+        what: &'static str,
+        /// In the rows.
+        found: usize,
+        /// In the network.
+        expected: usize,
+    },
+    /// An option that makes no sense.
+    #[error("training option `{name}` is {found}, expected {expected}")]
+    Option {
+        /// The option's key in the study file.
+        name: &'static str,
+        /// What was given.
+        found: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+}

@@ -1,0 +1,98 @@
+//! The rows a network is trained on.
+
+use super::TrainingError;
+
+/// Standardised inputs and outputs, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rows {
+    n_inputs: usize,
+    n_outputs: usize,
+    inputs: Vec<f32>,
+    outputs: Vec<f32>,
+}
+
+impl Rows {
+    /// `inputs` is `[rows, n_inputs]` and `outputs` `[rows, n_outputs]`, both row by row.
+    ///
+    /// # Errors
+    /// - [`TrainingError::Shape`] if a number of columns is zero, a row is cut short, or there are more rows of one
+    ///   than of the other;
+    /// - [`TrainingError::NotFinite`] at the first value that is NaN or infinite.
+    pub fn new(n_inputs: usize, n_outputs: usize, inputs: Vec<f32>, outputs: Vec<f32>) -> Result<Self, TrainingError> {
+        let rows = inputs.len().checked_div(n_inputs).unwrap_or(0);
+        if n_inputs == 0 || n_outputs == 0 || inputs.len() != rows * n_inputs || outputs.len() != rows * n_outputs {
+            let (inputs, outputs) = (inputs.len(), outputs.len());
+            return Err(TrainingError::Shape { n_inputs, n_outputs, inputs, outputs });
+        }
+        for (what, columns, values) in [("input", n_inputs, &inputs), ("output", n_outputs, &outputs)] {
+            if let Some(index) = values.iter().position(|value| !value.is_finite()) {
+                let (row, column) = (index / columns, index % columns);
+                return Err(TrainingError::NotFinite { what, row, column, value: values[index] });
+            }
+        }
+        Ok(Self { n_inputs, n_outputs, inputs, outputs })
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.inputs.len() / self.n_inputs
+    }
+
+    /// Whether there are no rows.
+    pub fn is_empty(&self) -> bool {
+        self.inputs.is_empty()
+    }
+
+    /// Number of input columns.
+    pub fn n_inputs(&self) -> usize {
+        self.n_inputs
+    }
+
+    /// Number of output columns.
+    pub fn n_outputs(&self) -> usize {
+        self.n_outputs
+    }
+
+    /// `[rows, n_inputs]`
+    pub fn inputs(&self) -> &[f32] {
+        &self.inputs
+    }
+
+    /// `[rows, n_outputs]`
+    pub fn outputs(&self) -> &[f32] {
+        &self.outputs
+    }
+
+    /// Copies the rows with the given numbers, one after the other.
+    pub(super) fn gather(&self, numbers: &[u32], inputs: &mut [f32], outputs: &mut [f32]) {
+        let targets = inputs.chunks_exact_mut(self.n_inputs).zip(outputs.chunks_exact_mut(self.n_outputs));
+        for (&number, (input, output)) in numbers.iter().zip(targets) {
+            let row = number as usize;
+            input.copy_from_slice(&self.inputs[row * self.n_inputs..][..self.n_inputs]);
+            output.copy_from_slice(&self.outputs[row * self.n_outputs..][..self.n_outputs]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_do_not_fit_their_columns_are_refused() {
+        assert_eq!(Rows::new(2, 1, vec![0.0; 6], vec![0.0; 3]).unwrap().len(), 3);
+        assert!(Rows::new(2, 1, Vec::new(), Vec::new()).unwrap().is_empty());
+        for (n_inputs, n_outputs, inputs, outputs) in [(2, 1, 5, 2), (2, 1, 6, 2), (0, 1, 0, 3), (2, 0, 6, 0)] {
+            let error = Rows::new(n_inputs, n_outputs, vec![0.0; inputs], vec![0.0; outputs]).unwrap_err();
+            assert_eq!(error, TrainingError::Shape { n_inputs, n_outputs, inputs, outputs });
+        }
+    }
+
+    #[test]
+    fn values_that_are_not_finite_are_located() {
+        let error = Rows::new(2, 1, vec![0.0, 1.0, 2.0, f32::INFINITY], vec![0.0; 2]).unwrap_err();
+        assert_eq!(error.to_string(), "row 1, input column 1: inf is not finite");
+        let error = Rows::new(1, 2, vec![0.0; 2], vec![0.0, 1.0, f32::NAN, 3.0]).unwrap_err();
+        assert_eq!(error.to_string(), "row 1, output column 0: NaN is not finite");
+    }
+}
