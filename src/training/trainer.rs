@@ -19,7 +19,7 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// For batches of at most `batch` rows, on the current rayon pool.
+    /// For batches of at most `batch` rows, to be stepped in the current rayon pool.
     pub fn new(network: Network, optimizer: Optimizer, batch: usize) -> Self {
         let optimizer = match optimizer {
             Optimizer::Adam => Adam::new(network.parameters().len()),
@@ -34,10 +34,11 @@ impl Trainer {
     }
 
     /// One optimizer step on the rows with the given numbers. Returns their loss before the step; if it is infinite or
-    /// not a number, the network stays as it is. Allocates nothing.
+    /// not a number, the network stays as it is. Allocates nothing but what the matrix products need for themselves.
     ///
     /// # Panics
-    /// If the rows do not fit the network, a number is too large, or there are more than `batch` of them.
+    /// If the rows do not fit the network, a number is too large, there are none or more than `batch` of them, or the
+    /// pool has more threads than the one the trainer was made in.
     pub fn step(&mut self, rows: &Rows, numbers: &[u32], learning_rate: f64) -> f64 {
         let loss = self.gradients.compute(&self.network, rows, numbers);
         if loss.is_finite() {
