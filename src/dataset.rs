@@ -52,7 +52,7 @@ impl Dataset {
     /// # Errors
     /// [`Error::Io`].
     pub fn write_csv(&self, path: &Path) -> Result<()> {
-        files::write_whole(path, |file| {
+        files::write_with(path, |file| {
             writeln!(file, "{}", self.columns().join(","))?;
             for (index, run) in self.runs.iter().enumerate() {
                 let parameters: String = run.parameters.iter().map(|value| format!("{value:?},")).collect();

@@ -7,14 +7,19 @@ use std::{
 };
 use tempfile::NamedTempFile;
 
+/// Writes a file, see [`write_with`].
+///
+/// # Errors
+/// [`Error::Io`]; whatever was at `path` is still there.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
 /// Writes a file beside its place and moves it there when it is complete: a reader sees the old file or the new one.
 ///
 /// # Errors
 /// [`Error::Io`]; whatever was at `path` is still there.
-pub fn write_whole(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<NamedTempFile>) -> std::io::Result<()>,
-) -> Result<()> {
+pub fn write_with(path: &Path, write: impl FnOnce(&mut BufWriter<NamedTempFile>) -> std::io::Result<()>) -> Result<()> {
     let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(".metafmu-");
@@ -35,7 +40,7 @@ pub fn write_whole(
 /// # Errors
 /// [`Error::Io`].
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
-    write_whole(path, |file| {
+    write_with(path, |file| {
         serde_json::to_writer_pretty(&mut *file, value)?;
         file.write_all(b"\n")
     })
@@ -59,8 +64,8 @@ mod tests {
     fn a_failed_write_leaves_the_old_file_and_no_other() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
-        write_whole(&path, |file| file.write_all(b"old")).unwrap();
-        let failure = write_whole(&path, |file| {
+        write_whole(&path, b"old").unwrap();
+        let failure = write_with(&path, |file| {
             file.write_all(b"new")?;
             Err(std::io::Error::other("stop"))
         });

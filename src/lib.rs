@@ -4,12 +4,14 @@ pub mod dataset;
 pub mod error;
 pub mod evaluation;
 pub mod files;
+pub mod fmu;
 pub mod network;
 pub mod report;
 pub mod sampling;
 pub mod scaling;
 pub mod source;
 pub mod study;
+pub mod surrogate;
 pub mod training;
 pub mod variable;
 

@@ -106,7 +106,9 @@ fn build_writes_every_result_and_prints_the_table() {
     }
     let metrics: serde_json::Value =
         serde_json::from_slice(&fs::read(bench.path("out/single-pendulum/metrics.json")).unwrap()).unwrap();
-    assert!(metrics["outputs"]["theta"]["r2"].is_number() && metrics["outputs"]["thetadd"]["max_abs_error"].is_number());
+    assert!(
+        metrics["outputs"]["theta"]["r2"].is_number() && metrics["outputs"]["thetadd"]["max_abs_error"].is_number()
+    );
     assert_eq!(metrics["test_runs"], 5);
     assert_eq!(metrics["train_rows"], 26 * 41, "one of 27 runs is held out");
     assert!(metrics["train_seconds"].is_number());
@@ -231,7 +233,7 @@ fn rewrite(from: &Path, to: &Path, edit: impl Fn(&str, Vec<u8>) -> Option<Vec<u8
     let mut writer = zip::ZipWriter::new(fs::File::create(to).unwrap());
     for index in 0..archive.len() {
         let mut entry = archive.by_index(index).unwrap();
-        let (name, mut bytes) = (entry.name().to_owned(), Vec::new());
+        let (name, mut bytes) = (entry.name().unwrap().into_owned(), Vec::new());
         entry.read_to_end(&mut bytes).unwrap();
         if let Some(bytes) = edit(&name, bytes) {
             writer.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();

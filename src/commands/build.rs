@@ -11,7 +11,7 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
     let (surrogate, training) = train::stage(&job, &samples.train)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.test, &samples.record, &training)?;
     let size = export::stage(&job, &surrogate)?;
-    let report = validate::validate(&job.fmu())?;
+    let report = validate(&job.fmu())?;
     if job.json {
         print_json(&metrics)?;
     } else {
@@ -19,7 +19,7 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
         print(&files(&job, size))?;
     }
     if report.problems.is_empty() {
-        eprintln!("{}: valid, {} checks passed", job.fmu().display(), report.passed);
+        eprintln!("{report}validated: no problem found");
         Ok(Outcome::Fine)
     } else {
         eprint!("{report}");

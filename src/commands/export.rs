@@ -2,7 +2,7 @@
 
 use super::{Outcome, job::Job, print, print_json};
 use crate::cli::StudyArgs;
-use metafmu::{Result, fmu::package};
+use metafmu::{Result, files, fmu};
 use metafmu_runtime::Surrogate;
 
 pub fn run(args: &StudyArgs) -> Result<Outcome> {
@@ -20,8 +20,7 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
 
 /// Writes the FMU and returns its size in bytes.
 pub fn stage(job: &Job, surrogate: &Surrogate) -> Result<usize> {
-    let bytes = package::package(surrogate, &job.study.export)?;
-    let size = bytes.len();
-    metafmu::files::write_whole(&job.fmu(), |file| std::io::Write::write_all(file, &bytes))?;
-    Ok(size)
+    let fmu = fmu::pack(surrogate, &job.study.export)?;
+    files::write_whole(&job.fmu(), &fmu)?;
+    Ok(fmu.len())
 }

@@ -3,7 +3,7 @@
 use super::{Outcome, print};
 use crate::cli::NewArgs;
 use metafmu::{Error, Result, files, source::systems::SYSTEMS, study::Study};
-use std::{io::Write, path::PathBuf};
+use std::path::PathBuf;
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
     let path = PathBuf::from(format!("{}.toml", args.name));
@@ -18,7 +18,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
         return Err(Error::io(&path, "write")(source));
     }
-    files::write_whole(&path, |file| file.write_all(text.as_bytes()))?;
+    files::write_whole(&path, text.as_bytes())?;
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(Outcome::Fine)
 }

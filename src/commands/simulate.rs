@@ -7,7 +7,7 @@ use metafmu::{
     fmu::host::{Fmu, SimulationOptions, Table, simulate},
     report::{Curve, time_series_svg},
 };
-use std::{fmt::Write as _, io::Write as _, path::Path};
+use std::{fmt::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     let fmu = Fmu::open(&args.fmu)?;
@@ -20,7 +20,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     };
     let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;
     match (&args.output, &args.plot) {
-        (Some(path), _) => files::write_whole(path, |file| file.write_all(csv(&table).as_bytes()))?,
+        (Some(path), _) => files::write_whole(path, csv(&table).as_bytes())?,
         (None, None) => print(&csv(&table))?,
         (None, Some(_)) => {}
     }
@@ -58,5 +58,5 @@ fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
     let curves: Vec<Curve> = table.columns.iter().enumerate().map(curve).collect();
     let svg = time_series_svg(title, &table.times, &curves)
         .map_err(|message| Error::Plot { path: path.to_owned(), message })?;
-    files::write_whole(path, |file| file.write_all(svg.as_bytes()))
+    files::write_whole(path, svg.as_bytes())
 }

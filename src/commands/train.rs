@@ -96,7 +96,7 @@ fn split(runs: &[Run], share: f64, seed: u64) -> (Vec<&Run>, Vec<&Run>) {
 }
 
 fn write_history(job: &Job, history: &[EpochRecord]) -> Result<()> {
-    files::write_whole(&job.history(), |file| {
+    files::write_with(&job.history(), |file| {
         writeln!(file, "epoch,train_loss,validation_loss,learning_rate,seconds")?;
         for EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, .. } in history {
             writeln!(file, "{epoch},{train_loss:e},{validation_loss:e},{learning_rate:e},{seconds:.3}")?;

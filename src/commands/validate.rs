@@ -5,11 +5,16 @@ use crate::cli::ValidateArgs;
 use metafmu::{Result, fmu::validate};
 
 pub fn run(args: &ValidateArgs) -> Result<Outcome> {
-    let report = validate::validate(&args.fmu)?;
+    let report = validate(&args.fmu)?;
     if args.json {
         print_json(&report)?;
     } else {
-        print(&report.to_string())?;
+        let summary = match report.problems.len() {
+            0 => "no problem found".into(),
+            1 => "1 problem".into(),
+            count => format!("{count} problems"),
+        };
+        print(&format!("{report}{}: {summary}\n", args.fmu.display()))?;
     }
     Ok(if report.problems.is_empty() { Outcome::Fine } else { Outcome::ProblemsFound })
 }

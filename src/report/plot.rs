@@ -3,7 +3,7 @@
 use plotters::{
     coord::Shift,
     drawing::DrawingAreaErrorKind,
-    prelude::{ChartBuilder, DrawingArea, IntoDrawingArea, LineSeries, RGBColor, SVGBackend, ShapeStyle, WHITE},
+    prelude::{BLACK, ChartBuilder, DrawingArea, IntoDrawingArea, LineSeries, RGBColor, SVGBackend, ShapeStyle, WHITE},
 };
 
 /// One quantity over time.
@@ -17,6 +17,9 @@ pub struct Curve {
     pub values: Vec<f64>,
 }
 
+/// plotters rounds coordinates to whole units, which makes curves jagged: it draws larger, and the picture is shown smaller.
+const SCALE: u32 = 8;
+/// Size of the picture as shown, in pixels.
 const WIDTH: u32 = 900;
 const PANEL_HEIGHT: u32 = 240;
 const TITLE_HEIGHT: u32 = 40;
@@ -34,15 +37,16 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     let mut svg = String::new();
     let height = TITLE_HEIGHT + PANEL_HEIGHT * curves.len() as u32;
     draw(&mut svg, height, title, times, curves).map_err(|error| error.to_string())?;
-    Ok(svg)
+    let drawn = format!("width=\"{}\" height=\"{}\"", SCALE * WIDTH, SCALE * height);
+    Ok(svg.replacen(&drawn, &format!("width=\"{WIDTH}\" height=\"{height}\""), 1))
 }
 
 type DrawResult = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 fn draw(svg: &mut String, height: u32, title: &str, times: &[f64], curves: &[Curve]) -> DrawResult {
-    let area = SVGBackend::with_string(svg, (WIDTH, height)).into_drawing_area();
+    let area = SVGBackend::with_string(svg, (SCALE * WIDTH, SCALE * height)).into_drawing_area();
     area.fill(&WHITE)?;
-    let area = area.titled(title, ("sans-serif", 20))?;
+    let area = area.margin(8 * SCALE, 0, 0, 0).titled(title, ("sans-serif", 20 * SCALE))?;
     for (index, (panel, curve)) in area.split_evenly((curves.len(), 1)).iter().zip(curves).enumerate() {
         draw_panel(panel, times, curve, index + 1 == curves.len())?;
     }
@@ -53,10 +57,10 @@ fn draw_panel(panel: &DrawingArea<SVGBackend, Shift>, times: &[f64], curve: &Cur
     let (start, stop) = range(times, 0.0);
     let (low, high) = range(&curve.values, 0.05);
     let mut chart = ChartBuilder::on(panel)
-        .margin(8)
-        .margin_right(24)
-        .x_label_area_size(if last { 44 } else { 24 })
-        .y_label_area_size(80)
+        .margin(8 * SCALE)
+        .margin_right(24 * SCALE)
+        .x_label_area_size(SCALE * if last { 44 } else { 24 })
+        .y_label_area_size(80 * SCALE)
         .build_cartesian_2d(start..stop, low..high)?;
     let unit = if curve.unit.is_empty() { String::new() } else { format!(" [{}]", curve.unit) };
     let digits = digits_for(high - low);
@@ -64,15 +68,17 @@ fn draw_panel(panel: &DrawingArea<SVGBackend, Shift>, times: &[f64], curve: &Cur
         .configure_mesh()
         .x_desc(if last { "time [s]" } else { "" })
         .y_desc(format!("{}{unit}", curve.name))
-        .axis_desc_style(("sans-serif", 15))
-        .label_style(("sans-serif", 13))
-        .light_line_style(RGBColor(245, 245, 245))
-        .bold_line_style(RGBColor(220, 220, 220))
+        .axis_desc_style(("sans-serif", 15 * SCALE))
+        .label_style(("sans-serif", 13 * SCALE))
+        .max_light_lines(0)
+        .bold_line_style(ShapeStyle { color: RGBColor(220, 220, 220).into(), filled: false, stroke_width: SCALE })
+        .axis_style(ShapeStyle { color: BLACK.into(), filled: false, stroke_width: SCALE })
+        .set_all_tick_mark_size(5 * SCALE)
         .y_label_formatter(&|value| format!("{value:.digits$}"))
         .y_labels(6)
         .draw()?;
     let points = times.iter().copied().zip(curve.values.iter().copied()).filter(|(_, value)| value.is_finite());
-    let style = ShapeStyle { color: BLUE.into(), filled: false, stroke_width: 2 };
+    let style = ShapeStyle { color: BLUE.into(), filled: false, stroke_width: 2 * SCALE };
     chart.draw_series(LineSeries::new(points, style))?;
     Ok(())
 }
@@ -112,6 +118,7 @@ mod tests {
             assert!(svg.contains(text), "no {text}");
         }
         assert!(svg.matches("<polyline").count() >= 3);
+        assert!(svg.contains("width=\"900\" height=\"760\" viewBox=\"0 0 7200 6080\""));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }
 
