@@ -24,6 +24,138 @@ pub enum Error {
         /// How it is wrong.
         source: metafmu_runtime::FormatError,
     },
+    /// The parts of a surrogate do not fit each other.
+    #[error("surrogate: {source}")]
+    Surrogate {
+        /// How they do not.
+        source: metafmu_runtime::FormatError,
+    },
+    /// The content of a model file is not what was written.
+    #[error("{}: the content digest is {found}, expected {expected}: the file was changed", path.display())]
+    Digest {
+        /// The model file.
+        path: PathBuf,
+        /// Digest in the file.
+        found: String,
+        /// Digest of the file's content.
+        expected: String,
+    },
+    /// A file is no zip archive, or a damaged one.
+    #[error("{}: not an FMU: {source}", path.display())]
+    Archive {
+        /// The file.
+        path: PathBuf,
+        /// What the zip reader found.
+        source: zip::result::ZipError,
+    },
+    /// Something about one entry of an FMU archive.
+    #[error("{}: entry `{entry}`: {problem}", path.display())]
+    ArchiveEntry {
+        /// The FMU.
+        path: PathBuf,
+        /// Name of the entry.
+        entry: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// An FMU's modelDescription.xml cannot be used.
+    #[error("{}: modelDescription.xml, line {line}: {problem}", path.display())]
+    Description {
+        /// The FMU.
+        path: PathBuf,
+        /// Line in modelDescription.xml, counted from 1.
+        line: usize,
+        /// What is wrong there.
+        problem: String,
+    },
+    /// An FMU does not offer the interface needed.
+    #[error("{}: offers {found}, expected co-simulation", path.display())]
+    Interface {
+        /// The FMU.
+        path: PathBuf,
+        /// What it offers.
+        found: &'static str,
+    },
+    /// An FMU has no binary for this platform.
+    #[error("{}: no binary for this platform: found {}, expected `{expected}`", path.display(), list_or_none(found))]
+    NoBinary {
+        /// The FMU.
+        path: PathBuf,
+        /// Platforms it has binaries for.
+        found: Vec<String>,
+        /// The entry that is missing.
+        expected: String,
+    },
+    /// The binary of an FMU cannot be loaded.
+    #[error("{}: `{binary}` cannot be loaded: {source}", path.display())]
+    Library {
+        /// The FMU.
+        path: PathBuf,
+        /// Name of the entry.
+        binary: String,
+        /// The system's reason.
+        source: libloading::Error,
+    },
+    /// The binary of an FMU lacks a function.
+    #[error("{}: the binary does not export `{function}`", path.display())]
+    MissingFunction {
+        /// The FMU.
+        path: PathBuf,
+        /// The function.
+        function: &'static str,
+    },
+    /// A function of an FMU failed.
+    #[error("{function} returned {status}{}", after_colon(messages))]
+    Fmi {
+        /// The function.
+        function: &'static str,
+        /// What it returned.
+        status: &'static str,
+        /// What the FMU logged.
+        messages: Vec<String>,
+    },
+    /// A variable that the FMU does not have.
+    #[error("the FMU has no variable `{name}`; it has {}", list_or_none(known))]
+    UnknownVariable {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// A value or variable that cannot be used as was asked.
+    #[error("variable `{name}`: {problem}")]
+    Variable {
+        /// The variable.
+        name: String,
+        /// Why not.
+        problem: String,
+    },
+    /// Times that make no simulation.
+    #[error("start {start} s, stop {stop} s, step {step} s: {expected}")]
+    Experiment {
+        /// Start time.
+        start: f64,
+        /// Stop time.
+        stop: f64,
+        /// Communication step size.
+        step: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+}
+
+/// At most ten items, in backquotes.
+fn list_or_none(items: &[String]) -> String {
+    let shown: Vec<String> = items.iter().take(10).map(|item| format!("`{item}`")).collect();
+    match items.len() {
+        0 => "none".into(),
+        count if count > shown.len() => format!("{} and {} more", shown.join(", "), count - shown.len()),
+        _ => shown.join(", "),
+    }
+}
+
+fn after_colon(messages: &[String]) -> String {
+    if messages.is_empty() { String::new() } else { format!(": {}", messages.join("; ")) }
 }
 
 /// Result with the tool's error.
