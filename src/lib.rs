@@ -2,6 +2,7 @@
 
 pub mod error;
 pub mod file;
+pub mod fmu;
 pub mod study;
 pub mod surrogate;
 
