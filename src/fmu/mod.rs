@@ -2,17 +2,22 @@
 //!
 //! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 does.
 //! - [`export`] and [`pack`]: a model file becomes an FMU.
+//! - [`Fmu`] and [`Instance`]: load anyone's FMI 2.0 co-simulation FMU and run it; [`simulate`] does a whole run.
 
 mod archive;
 mod describe;
+pub mod host;
 pub mod model_description;
 mod package;
 mod platform;
+#[cfg(test)]
+mod testing;
 pub mod unit;
 pub mod xml;
 
 pub use archive::Archive;
 pub use describe::model_identifier;
+pub use host::{Fmu, Instance, SimulationOptions, Table, simulate};
 pub use model_description::ModelDescription;
 pub use package::{MODEL_FILE, export, pack};
 pub use platform::Platform;
