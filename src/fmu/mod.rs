@@ -3,6 +3,7 @@
 //! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 does.
 //! - [`export`] and [`pack`]: a model file becomes an FMU.
 //! - [`Fmu`] and [`Instance`]: load anyone's FMI 2.0 co-simulation FMU and run it; [`simulate`] does a whole run.
+//! - [`validate()`]: every problem of an FMU.
 
 mod archive;
 mod describe;
@@ -13,6 +14,7 @@ mod platform;
 #[cfg(test)]
 mod testing;
 pub mod unit;
+pub mod validate;
 pub mod xml;
 
 pub use archive::Archive;
@@ -21,3 +23,4 @@ pub use host::{Fmu, Instance, SimulationOptions, Table, simulate};
 pub use model_description::ModelDescription;
 pub use package::{MODEL_FILE, export, pack};
 pub use platform::Platform;
+pub use validate::{Report, validate};
