@@ -1,7 +1,7 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
 
 pub mod error;
-pub mod file;
+pub mod files;
 pub mod fmu;
 pub mod study;
 pub mod surrogate;

@@ -1,9 +1,9 @@
 //! Model files on disk, and the digest that names their content.
 
-use crate::{Error, Result, file::write_whole};
+use crate::{Error, Result, files::write_whole};
 use metafmu_runtime::{FormatError, Surrogate};
 use sha2::{Digest, Sha256};
-use std::{fmt::Write, path::Path};
+use std::{fmt::Write as _, io::Write as _, path::Path};
 
 /// SHA-256 of the model file with sixty-four zeros in place of the digest itself, in hexadecimal digits.
 ///
@@ -51,7 +51,7 @@ pub fn load(path: &Path) -> Result<Surrogate> {
 /// [`Error::Io`] if the file cannot be written, [`Error::Surrogate`] if the surrogate cannot be written as a model file.
 pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
     let bytes = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
-    write_whole(path, &bytes)
+    write_whole(path, |file| file.write_all(&bytes))
 }
 
 #[cfg(test)]

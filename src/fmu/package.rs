@@ -1,7 +1,7 @@
 //! A model file and the library inside every FMU become an `.fmu` archive.
 
 use super::{ModelDescription, Platform, describe::model_identifier, xml};
-use crate::{Error, Result, file::write_whole};
+use crate::{Error, Result, files::write_whole};
 use metafmu_runtime::Surrogate;
 use std::{
     io::{Cursor, Write},
@@ -26,7 +26,8 @@ struct Entry<'a> {
 /// # Errors
 /// [`Error::Surrogate`] if `model` is no valid model file, [`Error::Io`] if the FMU cannot be written.
 pub fn export(model: &[u8], path: &Path) -> Result<()> {
-    write_whole(path, &pack(model)?)
+    let bytes = pack(model)?;
+    write_whole(path, |file| file.write_all(&bytes))
 }
 
 /// The bytes of the FMU of a model file; the same model file always gives the same bytes.

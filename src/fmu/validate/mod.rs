@@ -11,13 +11,14 @@ mod prediction;
 use super::{Archive, Fmu, Platform, package::MODEL_FILE};
 use crate::Error;
 use metafmu_runtime::{FormatError, Surrogate};
+use serde::Serialize;
 use std::{fmt, path::Path};
 
 /// Largest model file that is read.
 const MAX_MODEL: u64 = 1 << 30;
 
 /// What validation found.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// Everything that is wrong.
     pub problems: Vec<Finding>,
@@ -26,7 +27,7 @@ pub struct Report {
 }
 
 /// One problem.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// Part of the FMU.
     pub area: Area,
@@ -37,7 +38,8 @@ pub struct Finding {
 }
 
 /// Part of an FMU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Area {
     /// The zip archive and what is in it.
     Archive,
@@ -62,6 +64,23 @@ impl Report {
 
     fn skipped(&mut self, what: impl Into<String>) {
         self.not_checked.push(what.into());
+    }
+}
+
+/// A line for each problem, for each thing not checked, and for the number of problems.
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for problem in &self.problems {
+            writeln!(f, "{problem}")?;
+        }
+        for what in &self.not_checked {
+            writeln!(f, "not checked: {what}")?;
+        }
+        match self.problems.len() {
+            0 => writeln!(f, "no problems found"),
+            1 => writeln!(f, "1 problem found"),
+            count => writeln!(f, "{count} problems found"),
+        }
     }
 }
 
@@ -198,6 +217,18 @@ mod tests {
     fn our_own_fmu_has_no_problem_and_nothing_is_left_out() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(validate(fmu(folder.path())).unwrap(), Report::default());
+    }
+
+    #[test]
+    fn a_report_is_printed_line_by_line() {
+        let mut report = Report::default();
+        assert_eq!(report.to_string(), "no problems found\n");
+        report.at_line(7, "something is wrong");
+        report.skipped("the weather");
+        assert_eq!(
+            report.to_string(),
+            "modelDescription.xml, line 7: something is wrong\nnot checked: the weather\n1 problem found\n"
+        );
     }
 
     #[test]
