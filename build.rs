@@ -1,0 +1,114 @@
+//! Builds what goes into every FMU, the `fmu-template` library, and the C shim of the FMU host's logger.
+//!
+//! The library is built by a cargo of its own, with the profile `fmu`, into a target directory inside `OUT_DIR`: neither
+//! target directory nor profile is shared with the cargo that runs this script, so neither waits for the other's lock.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::{Command, exit},
+};
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    build_logger();
+    build_fmu_library();
+}
+
+/// The logger callback that FMI 2.0 wants is C-variadic, and defining one in Rust is unstable.
+fn build_logger() {
+    println!("cargo::rerun-if-changed=src/fmu/host/logger.c");
+    cc::Build::new().file("src/fmu/host/logger.c").warnings(true).compile("metafmu_logger");
+}
+
+fn build_fmu_library() {
+    for path in ["fmu-template", "Cargo.toml", "Cargo.lock"] {
+        println!("cargo::rerun-if-changed={path}");
+    }
+    let out = PathBuf::from(variable("OUT_DIR"));
+    let target_dir = out.join("fmu");
+    let mut cargo = Command::new(variable("CARGO"));
+    cargo.args(["build", "--package", "fmu-template", "--profile", "fmu", "--color", "never", "--target-dir"]);
+    cargo.arg(&target_dir);
+    // the cargo outside has just read or written the lock file, so it fits; nothing may move underneath it
+    if Path::new("Cargo.lock").exists() {
+        cargo.arg("--locked");
+    }
+    let mut library = target_dir.clone();
+    let target = variable("TARGET");
+    if target != variable("HOST") {
+        cargo.args(["--target", &target]);
+        library.push(target);
+    }
+    clean_environment(&mut cargo, &target_dir);
+
+    let output = match cargo.output() {
+        Ok(output) => output,
+        Err(reason) => fail(&format!("cannot start cargo to build fmu-template: {reason}")),
+    };
+    if !output.status.success() {
+        let messages = String::from_utf8_lossy(&output.stderr);
+        fail(&format!("building fmu-template, the library inside every FMU, failed\n{messages}"));
+    }
+    let name = library_name();
+    library.extend(["fmu", name]);
+    let copy = out.join(name);
+    if let Err(reason) = fs::copy(&library, &copy) {
+        fail(&format!("cannot copy {} to {}: {reason}", library.display(), copy.display()));
+    }
+    println!("cargo::rustc-env=METAFMU_FMU_LIBRARY={}", copy.display());
+}
+
+/// Takes away what the cargo outside set for this package, and what would make the library depend on who builds it.
+fn clean_environment(cargo: &mut Command, target_dir: &Path) {
+    for name in [
+        "RUSTFLAGS",
+        "CARGO_BUILD_RUSTFLAGS",
+        "CARGO_BUILD_TARGET",
+        "CARGO_TARGET_DIR",
+        "CARGO_BUILD_TARGET_DIR",
+        // clippy and coverage tools; RUSTC_WRAPPER (a compiler cache) stays
+        "RUSTC_WORKSPACE_WRAPPER",
+        "CARGO_BUILD_RUSTC_WORKSPACE_WRAPPER",
+        "CLIPPY_ARGS",
+        "CLIPPY_CONF_DIR",
+    ] {
+        cargo.env_remove(name);
+    }
+    let profile = env::vars_os().map(|(name, _)| name).filter(|name| {
+        name.to_str().is_some_and(|name| name.starts_with("CARGO_PROFILE_") || name.starts_with("CARGO_PKG_"))
+    });
+    for name in profile {
+        cargo.env_remove(name);
+    }
+    // intermediate files beside the results even where a cargo configuration puts them elsewhere
+    cargo.env("CARGO_BUILD_BUILD_DIR", target_dir);
+    // goes before flags from configuration files as well: no `target-cpu=native` in a library that is given away; and
+    // the builder's folders do not appear in its panic messages
+    let mut flags = vec![format!("--remap-path-prefix={}=metafmu", variable("CARGO_MANIFEST_DIR"))];
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    if let Some(home) = home.or_else(|| Some(env::home_dir()?.join(".cargo"))) {
+        flags.push(format!("--remap-path-prefix={}=cargo", home.display()));
+    }
+    cargo.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\u{1f}"));
+}
+
+fn library_name() -> &'static str {
+    match variable("CARGO_CFG_TARGET_OS").as_str() {
+        "windows" => "fmu_template.dll",
+        "macos" | "ios" => "libfmu_template.dylib",
+        _ => "libfmu_template.so",
+    }
+}
+
+fn variable(name: &str) -> String {
+    env::var(name).unwrap_or_else(|_| fail(&format!("cargo did not set the environment variable {name}")))
+}
+
+/// Shows every line as an error of this build and stops.
+fn fail(message: &str) -> ! {
+    for line in message.lines() {
+        println!("cargo::error={line}");
+    }
+    exit(1)
+}

@@ -1,0 +1,271 @@
+//! An `.fmu` archive, opened for reading.
+
+use super::xml::{self, Document};
+use crate::{Error, Result};
+use std::{
+    fs::{self, File},
+    io::{BufReader, Read},
+    path::{Path, PathBuf},
+};
+use zip::{CompressionMethod, ZipArchive};
+
+/// No more is unpacked than this many bytes: an archive of a few kilobytes can claim to hold petabytes.
+const MAX_UNPACKED: u64 = 4 << 30;
+/// Nor more entries than this.
+const MAX_ENTRIES: usize = 100_000;
+/// Largest modelDescription.xml that is read.
+const MAX_DESCRIPTION: u64 = 256 << 20;
+
+/// An `.fmu` archive, opened for reading.
+#[derive(Debug)]
+pub struct Archive {
+    path: PathBuf,
+    zip: ZipArchive<BufReader<File>>,
+}
+
+/// What the archive's directory says about one entry.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Name as it is in the archive.
+    pub name: String,
+    /// Whether it can only be read with a password.
+    pub encrypted: bool,
+    /// Whether FMI allows how it is packed: stored or deflated.
+    pub allowed_method: bool,
+    /// Why it cannot be unpacked safely, if so.
+    pub unsafe_name: Option<&'static str>,
+}
+
+impl Archive {
+    /// Opens an archive and reads its directory.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if there is no such file or it cannot be read, [`Error::Archive`] if it is no zip archive.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        // a folder can be opened like a file on some systems
+        if file.metadata().map_err(Error::io(path, "open"))?.is_dir() {
+            return Err(Error::io(path, "open")(std::io::ErrorKind::IsADirectory.into()));
+        }
+        let archive = |source| Error::Archive { path: path.to_owned(), source };
+        let zip = ZipArchive::new(BufReader::new(file)).map_err(archive)?;
+        Ok(Self { path: path.to_owned(), zip })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The directory.
+    ///
+    /// # Errors
+    /// [`Error::Archive`] if an entry cannot be made sense of.
+    pub fn entries(&self) -> Result<Vec<Entry>> {
+        (0..self.zip.len())
+            .map(|index| {
+                let data = self.zip.by_index_data(index).map_err(self.archive_error())?;
+                let name = data.name().map_err(self.archive_error())?.into_owned();
+                Ok(Entry {
+                    unsafe_name: if data.is_symlink() { Some("is a symbolic link") } else { unsafe_name(&name) },
+                    encrypted: data.encrypted(),
+                    allowed_method: matches!(
+                        data.compression(),
+                        CompressionMethod::Stored | CompressionMethod::Deflated
+                    ),
+                    name,
+                })
+            })
+            .collect()
+    }
+
+    /// Whether two entries have the same name, so that it depends on the reader which one is seen.
+    pub fn has_duplicates(&self) -> bool {
+        self.zip.has_duplicate_names()
+    }
+
+    /// Whether there is an entry of that name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.zip.index_for_name(name).is_some()
+    }
+
+    /// The content of an entry of at most `limit` bytes.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if it is missing, damaged or larger.
+    pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        let path = self.path.clone();
+        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: name.into(), problem };
+        if !self.contains(name) {
+            return Err(problem("is missing: not an FMU".into()));
+        }
+        let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
+        let mut bytes = Vec::new();
+        // the size in the directory may be a lie: what counts is what comes out
+        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| problem(error.to_string()))?;
+        if bytes.len() as u64 > limit {
+            return Err(problem(format!("is larger than {limit} bytes")));
+        }
+        Ok(bytes)
+    }
+
+    /// Reads modelDescription.xml as far as it can be read.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML or not FMI 2.0.
+    pub fn document(&mut self) -> Result<Document> {
+        let bytes = self.read("modelDescription.xml", MAX_DESCRIPTION)?;
+        xml::read(&bytes).map_err(|problem| self.description_error(&problem))
+    }
+
+    /// The error that a problem of the description is to someone who wants to use the FMU.
+    pub(super) fn description_error(&self, problem: &xml::Problem) -> Error {
+        Error::Description { path: self.path.clone(), line: problem.line, problem: problem.message.clone() }
+    }
+
+    /// Unpacks everything into a folder.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if an entry would land outside the folder, is damaged, or is too large; [`Error::Io`] if
+    /// a file cannot be written.
+    pub fn unpack(&mut self, folder: &Path) -> Result<()> {
+        let entries = self.entries()?;
+        let refuse = |entry: &str, problem: String| {
+            Err(Error::ArchiveEntry { path: self.path.clone(), entry: entry.into(), problem })
+        };
+        if entries.len() > MAX_ENTRIES {
+            return refuse(
+                &entries[MAX_ENTRIES].name,
+                format!("is beyond the {MAX_ENTRIES} entries that are unpacked"),
+            );
+        }
+        if let Some((entry, problem)) = entries.iter().find_map(|entry| Some((entry, entry.unsafe_name?))) {
+            return refuse(&entry.name, problem.into());
+        }
+        let mut left = MAX_UNPACKED;
+        for (index, Entry { name, .. }) in entries.iter().enumerate() {
+            left -= self.unpack_entry(index, name, folder, left)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the number of bytes.
+    fn unpack_entry(&mut self, index: usize, name: &str, folder: &Path, limit: u64) -> Result<u64> {
+        // some tools write backslashes
+        let target = folder.join(name.replace('\\', "/"));
+        let is_folder = name.ends_with(['/', '\\']);
+        let parent = if is_folder { Some(target.as_path()) } else { target.parent() };
+        if let Some(parent) = parent {
+            fs::create_dir_all(parent).map_err(Error::io(parent, "create"))?;
+        }
+        if is_folder {
+            return Ok(0);
+        }
+        let path = self.path.clone();
+        let problem = |problem: String| Error::ArchiveEntry { path, entry: name.into(), problem };
+        let entry = match self.zip.by_index(index) {
+            Ok(entry) => entry,
+            Err(error) => return Err(problem(error.to_string())),
+        };
+        let mut file = File::create(&target).map_err(Error::io(&target, "write"))?;
+        match std::io::copy(&mut entry.take(limit + 1), &mut file) {
+            Ok(bytes) if bytes <= limit => Ok(bytes),
+            Ok(_) => Err(problem(format!("more than {MAX_UNPACKED} bytes in the archive"))),
+            Err(error) => Err(problem(error.to_string())),
+        }
+    }
+
+    fn archive_error(&self) -> impl Fn(zip::result::ZipError) -> Error {
+        move |source| Error::Archive { path: self.path.clone(), source }
+    }
+}
+
+/// Why an entry of that name may not be unpacked.
+fn unsafe_name(name: &str) -> Option<&'static str> {
+    let mut parts = name.split(['/', '\\']);
+    if name.starts_with(['/', '\\']) {
+        Some("has an absolute path")
+    } else if parts.any(|part| part == "..") {
+        Some("leads out of the archive by `..`")
+    } else if name.as_bytes().get(1) == Some(&b':') || name.contains('\0') {
+        Some("has a drive letter or a character that no file name may have")
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+    use zip::{ZipWriter, write::SimpleFileOptions};
+
+    fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
+        let path = folder.join("x.fmu");
+        let mut zip = ZipWriter::new(File::create(&path).unwrap());
+        for (name, bytes) in entries {
+            zip.start_file(*name, SimpleFileOptions::default()).unwrap();
+            zip.write_all(bytes).unwrap();
+        }
+        zip.finish().unwrap();
+        path
+    }
+
+    fn message(result: Result<impl std::fmt::Debug>) -> String {
+        result.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_no_fmu_is_refused_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("none.fmu");
+        assert!(message(Archive::open(&missing)).contains("none.fmu: cannot open: "));
+        assert!(message(Archive::open(folder.path())).contains("cannot open"));
+        let text = folder.path().join("text.fmu");
+        fs::write(&text, "plain text").unwrap();
+        assert!(message(Archive::open(&text)).contains("text.fmu: not an FMU: "));
+        let mut empty = Archive::open(&archive(folder.path(), &[("readme.txt", b"hello")])).unwrap();
+        assert!(message(empty.document()).ends_with("entry `modelDescription.xml`: is missing: not an FMU"));
+    }
+
+    #[test]
+    fn a_truncated_archive_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = archive(folder.path(), &[("modelDescription.xml", &[b'x'; 5000])]);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() - 30]).unwrap();
+        assert!(matches!(Archive::open(&path), Err(Error::Archive { .. })));
+    }
+
+    #[test]
+    fn entries_that_lead_outside_are_refused() {
+        for name in ["../x", "a/../../x", "/etc/x", "\\x", "a\\..\\x", "C:x"] {
+            let folder = tempfile::tempdir().unwrap();
+            let mut archive = Archive::open(&archive(folder.path(), &[("good", b""), (name, b"")])).unwrap();
+            let target = folder.path().join("out");
+            assert!(
+                matches!(archive.unpack(&target), Err(Error::ArchiveEntry { entry, .. }) if entry == name),
+                "{name}"
+            );
+            assert!(!target.exists(), "{name}");
+        }
+    }
+
+    #[test]
+    fn an_entry_larger_than_the_limit_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut archive = Archive::open(&archive(folder.path(), &[("zeros", &vec![0; 1 << 20])])).unwrap();
+        assert_eq!(archive.read("zeros", 1 << 20).unwrap().len(), 1 << 20);
+        assert!(message(archive.read("zeros", (1 << 20) - 1)).ends_with("is larger than 1048575 bytes"));
+    }
+
+    #[test]
+    fn backslashes_and_folders_are_unpacked_as_paths() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut archive = Archive::open(&archive(folder.path(), &[("a\\b.txt", b"b"), ("c/d/e.txt", b"e")])).unwrap();
+        let target = folder.path().join("out");
+        archive.unpack(&target).unwrap();
+        assert_eq!(fs::read(target.join("a/b.txt")).unwrap(), b"b");
+        assert_eq!(fs::read(target.join("c/d/e.txt")).unwrap(), b"e");
+    }
+}

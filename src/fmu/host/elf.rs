@@ -1,0 +1,55 @@
+//! The one check of an ELF binary that the dynamic loader does not make.
+
+/// Why loading a shared library for 64-bit Linux would end the process: the loader maps segments without a look at the
+/// size of the file, and what lies past its end raises SIGBUS. Anything else that is wrong the loader reports itself.
+///
+/// Layout: System V ABI, chapters "ELF Header" and "Program Header".
+pub fn cut_short(bytes: &[u8]) -> Option<String> {
+    const LITTLE_ENDIAN_64: &[u8] = b"\x7fELF\x02\x01";
+    const LOAD: u64 = 1;
+    if !bytes.starts_with(LITTLE_ENDIAN_64) {
+        return None;
+    }
+    let size = bytes.len() as u64;
+    let number = |place: u64, length: u64| {
+        let field = bytes.get(usize::try_from(place).ok()?..)?.get(..length as usize)?;
+        Some(field.iter().rev().fold(0, |sum, &byte| sum << 8 | u64::from(byte)))
+    };
+    let end_of_segments = || {
+        let (table, entry_size, entries) = (number(32, 8)?, number(54, 2)?, number(56, 2)?);
+        let mut end = table.checked_add(entry_size * entries)?;
+        for entry in 0..entries {
+            let header = table + entry * entry_size;
+            if number(header, 4)? == LOAD {
+                end = end.max(number(header + 8, 8)?.checked_add(number(header + 32, 8)?)?);
+            }
+        }
+        Some(end)
+    };
+    match end_of_segments() {
+        Some(end) if end <= size => None,
+        Some(end) => Some(format!("is cut short: {size} bytes, expected at least {end}")),
+        None => Some(format!("is cut short: its {size} bytes end within the headers")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_library_that_is_cut_anywhere_is_noticed() {
+        let library = std::fs::read(env!("METAFMU_FMU_LIBRARY")).unwrap();
+        assert_eq!(cut_short(&library), None);
+        for length in [16, 60, 200, 1000, library.len() / 2] {
+            assert!(cut_short(&library[..length]).is_some(), "{length}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_elf_file_is_left_to_the_loader() {
+        assert_eq!(cut_short(b""), None);
+        assert_eq!(cut_short(b"MZ\x90"), None);
+    }
+}

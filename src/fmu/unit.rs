@@ -1,0 +1,214 @@
+//! Unit expressions such as `kg.m2/s` as powers of SI base units.
+//!
+//! A unit expression is a product of factors; `.`, `*` or a space multiply, `/` divides by the one factor after it.
+//! A factor is a unit symbol of the table below, with an SI prefix where that is usual, and an integer exponent written
+//! `m2`, `m^2`, `m-2` or `m^-2`; `1` stands for nothing, as in `1/s`. Symbols and factors: the SI brochure, 9th edition.
+
+use std::f64::consts::PI;
+
+/// A unit in terms of SI base units: `value in SI = factor * value + offset`, the SI unit being
+/// `kg^e0 m^e1 s^e2 A^e3 K^e4 mol^e5 cd^e6 rad^e7`. FMI counts the radian among them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BaseUnit {
+    /// Exponents of `kg`, `m`, `s`, `A`, `K`, `mol`, `cd`, `rad`, in the order of [`BaseUnit::SYMBOLS`].
+    pub exponents: [i32; 8],
+    /// Factor.
+    pub factor: f64,
+    /// Offset; not zero for temperature scales only.
+    pub offset: f64,
+}
+
+impl BaseUnit {
+    /// Symbols of the base units, in the order of the exponents.
+    pub const SYMBOLS: [&'static str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+
+    /// Parses a unit expression; `None` if it holds a symbol that is not known, or is no unit expression.
+    pub fn parse(expression: &str) -> Option<Self> {
+        // a temperature scale is no multiple of the kelvin and only stands alone
+        if matches!(expression, "degC" | "°C") {
+            return Some(Self { exponents: [0, 0, 0, 0, 1, 0, 0, 0], factor: 1.0, offset: 273.15 });
+        }
+        let mut unit = Self { exponents: [0; 8], factor: 1.0, offset: 0.0 };
+        let mut sign = 1;
+        let mut rest = expression.trim();
+        loop {
+            let end = rest.find(['.', '*', '/', ' ', '·']).unwrap_or(rest.len());
+            let (symbol, exponent) = split_exponent(&rest[..end])?;
+            unit.multiply(symbol, sign * exponent)?;
+            let Some(separator) = rest[end..].chars().next() else { break };
+            sign = if separator == '/' { -1 } else { 1 };
+            rest = &rest[end + separator.len_utf8()..];
+        }
+        (unit.factor.is_finite() && unit.factor > 0.0).then_some(unit)
+    }
+
+    fn multiply(&mut self, symbol: &str, exponent: i32) -> Option<()> {
+        let (factor, exponents) = lookup(symbol)?;
+        self.factor *= factor.powi(exponent);
+        for (sum, of_symbol) in self.exponents.iter_mut().zip(exponents) {
+            *sum = sum.checked_add(of_symbol.checked_mul(exponent)?)?;
+        }
+        Some(())
+    }
+}
+
+/// `m2`, `m^2`, `m-2`: the symbol and the exponent; an exponent that is not written is 1.
+fn split_exponent(factor: &str) -> Option<(&str, i32)> {
+    if factor == "1" {
+        return Some((factor, 1));
+    }
+    let digits = factor.trim_end_matches(|c: char| c.is_ascii_digit());
+    let symbol = digits.strip_suffix('-').unwrap_or(digits);
+    let exponent = match &factor[symbol.len()..] {
+        "" if symbol.ends_with('^') => return None,
+        "" => 1,
+        text => text.parse().ok()?,
+    };
+    Some((symbol.strip_suffix('^').unwrap_or(symbol), exponent))
+}
+
+fn lookup(symbol: &str) -> Option<(f64, [i32; 8])> {
+    let find = |symbol: &str| UNITS.iter().find(|unit| unit.symbol == symbol);
+    if let Some(unit) = find(symbol) {
+        return Some((unit.factor, unit.exponents));
+    }
+    PREFIXES.iter().find_map(|(prefix, scale)| {
+        let unit = find(symbol.strip_prefix(prefix)?).filter(|unit| unit.prefixed)?;
+        Some((scale * unit.factor, unit.exponents))
+    })
+}
+
+struct Unit {
+    symbol: &'static str,
+    factor: f64,
+    exponents: [i32; 8],
+    /// Whether SI prefixes are usual with it.
+    prefixed: bool,
+}
+
+const fn si(symbol: &'static str, exponents: [i32; 8]) -> Unit {
+    Unit { symbol, factor: 1.0, exponents, prefixed: true }
+}
+
+const fn other(symbol: &'static str, factor: f64, exponents: [i32; 8]) -> Unit {
+    Unit { symbol, factor, exponents, prefixed: false }
+}
+
+const ONE: [i32; 8] = [0; 8];
+const TIME: [i32; 8] = [0, 0, 1, 0, 0, 0, 0, 0];
+const ANGLE: [i32; 8] = [0, 0, 0, 0, 0, 0, 0, 1];
+const LENGTH: [i32; 8] = [0, 1, 0, 0, 0, 0, 0, 0];
+const MASS: [i32; 8] = [1, 0, 0, 0, 0, 0, 0, 0];
+const PRESSURE: [i32; 8] = [1, -1, -2, 0, 0, 0, 0, 0];
+
+const UNITS: &[Unit] = &[
+    // kg m s A K mol cd rad
+    si("m", LENGTH),
+    si("s", TIME),
+    si("A", [0, 0, 0, 1, 0, 0, 0, 0]),
+    si("K", [0, 0, 0, 0, 1, 0, 0, 0]),
+    si("mol", [0, 0, 0, 0, 0, 1, 0, 0]),
+    si("cd", [0, 0, 0, 0, 0, 0, 1, 0]),
+    si("rad", ANGLE),
+    Unit { symbol: "g", factor: 1e-3, exponents: MASS, prefixed: true },
+    other("kg", 1.0, MASS),
+    other("t", 1e3, MASS),
+    si("N", [1, 1, -2, 0, 0, 0, 0, 0]),
+    si("Pa", PRESSURE),
+    si("J", [1, 2, -2, 0, 0, 0, 0, 0]),
+    si("W", [1, 2, -3, 0, 0, 0, 0, 0]),
+    si("Hz", [0, 0, -1, 0, 0, 0, 0, 0]),
+    si("C", [0, 0, 1, 1, 0, 0, 0, 0]),
+    si("V", [1, 2, -3, -1, 0, 0, 0, 0]),
+    si("F", [-1, -2, 4, 2, 0, 0, 0, 0]),
+    si("Ohm", [1, 2, -3, -2, 0, 0, 0, 0]),
+    si("S", [-1, -2, 3, 2, 0, 0, 0, 0]),
+    si("Wb", [1, 2, -2, -1, 0, 0, 0, 0]),
+    si("T", [1, 0, -2, -1, 0, 0, 0, 0]),
+    si("H", [1, 2, -2, -2, 0, 0, 0, 0]),
+    Unit { symbol: "bar", factor: 1e5, exponents: PRESSURE, prefixed: true },
+    Unit { symbol: "l", factor: 1e-3, exponents: [0, 3, 0, 0, 0, 0, 0, 0], prefixed: true },
+    other("1", 1.0, ONE),
+    other("%", 1e-2, ONE),
+    other("min", 60.0, TIME),
+    other("h", 3600.0, TIME),
+    other("d", 86400.0, TIME),
+    other("deg", PI / 180.0, ANGLE),
+    other("rev", 2.0 * PI, ANGLE),
+    other("rpm", 2.0 * PI / 60.0, [0, 0, -1, 0, 0, 0, 0, 1]),
+    other("in", 0.0254, LENGTH),
+    other("ft", 0.3048, LENGTH),
+    other("lb", 0.453_592_37, MASS),
+];
+
+const PREFIXES: &[(&str, f64)] = &[
+    ("n", 1e-9),
+    ("u", 1e-6),
+    ("µ", 1e-6),
+    ("m", 1e-3),
+    ("c", 1e-2),
+    ("d", 1e-1),
+    ("h", 1e2),
+    ("k", 1e3),
+    ("M", 1e6),
+    ("G", 1e9),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn common_mechanical_units_have_their_powers_and_factors() {
+        // kg m s A K mol cd rad
+        for (expression, exponents, factor) in [
+            ("m", [0, 1, 0, 0, 0, 0, 0, 0], 1.0),
+            ("mm", [0, 1, 0, 0, 0, 0, 0, 0], 1e-3),
+            ("kg", [1, 0, 0, 0, 0, 0, 0, 0], 1.0),
+            ("s", [0, 0, 1, 0, 0, 0, 0, 0], 1.0),
+            ("rad", [0, 0, 0, 0, 0, 0, 0, 1], 1.0),
+            ("deg", [0, 0, 0, 0, 0, 0, 0, 1], PI / 180.0),
+            ("N", [1, 1, -2, 0, 0, 0, 0, 0], 1.0),
+            ("kN", [1, 1, -2, 0, 0, 0, 0, 0], 1e3),
+            ("N.m", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
+            ("rad/s", [0, 0, -1, 0, 0, 0, 0, 1], 1.0),
+            ("rad/s2", [0, 0, -2, 0, 0, 0, 0, 1], 1.0),
+            ("rad/s^2", [0, 0, -2, 0, 0, 0, 0, 1], 1.0),
+            ("m/s", [0, 1, -1, 0, 0, 0, 0, 0], 1.0),
+            ("m/s2", [0, 1, -2, 0, 0, 0, 0, 0], 1.0),
+            ("m.s-2", [0, 1, -2, 0, 0, 0, 0, 0], 1.0),
+            ("m s^-2", [0, 1, -2, 0, 0, 0, 0, 0], 1.0),
+            ("Hz", [0, 0, -1, 0, 0, 0, 0, 0], 1.0),
+            ("1/s", [0, 0, -1, 0, 0, 0, 0, 0], 1.0),
+            ("W", [1, 2, -3, 0, 0, 0, 0, 0], 1.0),
+            ("J", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
+            ("MPa", [1, -1, -2, 0, 0, 0, 0, 0], 1e6),
+            ("kg/s", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
+            ("N.s/m", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
+            ("kg.m2", [1, 2, 0, 0, 0, 0, 0, 0], 1.0),
+            ("kg*m^2/s", [1, 2, -1, 0, 0, 0, 0, 0], 1.0),
+            ("N.m.s/rad", [1, 2, -1, 0, 0, 0, 0, -1], 1.0),
+            ("km/h", [0, 1, -1, 0, 0, 0, 0, 0], 1e3 / 3600.0),
+            ("mm2", [0, 2, 0, 0, 0, 0, 0, 0], 1e-6),
+            ("%", [0; 8], 1e-2),
+        ] {
+            let unit = BaseUnit::parse(expression).unwrap_or_else(|| panic!("{expression} is not understood"));
+            assert_eq!(unit.exponents, exponents, "{expression}");
+            let error = (unit.factor / factor - 1.0).abs();
+            assert!(error < 4.0 * f64::EPSILON, "{expression}: {} instead of {factor}", unit.factor);
+        }
+    }
+
+    #[test]
+    fn a_temperature_scale_has_an_offset() {
+        let celsius = BaseUnit::parse("degC").unwrap();
+        assert_eq!((celsius.exponents[4], celsius.offset), (1, 273.15));
+    }
+
+    #[test]
+    fn what_is_no_known_unit_is_not_guessed() {
+        for expression in ["", "furlong", "m//s", "m/", ".m", "kkg", "m^", "m^x", "mdeg", "m99999999999", "3m", "-2"] {
+            assert_eq!(BaseUnit::parse(expression), None, "{expression}");
+        }
+    }
+}

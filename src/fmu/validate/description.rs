@@ -1,0 +1,643 @@
+//! Checks modelDescription.xml against the rules of the FMI 2.0 standard that hosts apply.
+
+use super::Report;
+use crate::fmu::{
+    describe::model_identifier,
+    model_description::{
+        Causality, Initial, Integer, ModelDescription, Named, NamingConvention, Real, ScalarVariable, Unknown,
+        Variability, VariableType,
+    },
+    xml::Document,
+};
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+/// Reports every offence, with its line.
+pub fn check(document: &Document, report: &mut Report) {
+    for problem in &document.problems {
+        report.at_line(problem.line, problem.message.clone());
+    }
+    let mut checker = Checker { document, description: &document.description, report };
+    checker.interfaces();
+    checker.units_and_types();
+    checker.experiment();
+    checker.names();
+    for (variable, &line) in document.description.variables.iter().zip(&document.variable_lines) {
+        checker.combination(variable, line);
+        checker.start(variable, line);
+        checker.values(variable, line);
+        checker.references(variable, line);
+    }
+    checker.aliases();
+    checker.structure();
+}
+
+struct Checker<'a> {
+    document: &'a Document,
+    description: &'a ModelDescription,
+    report: &'a mut Report,
+}
+
+impl Checker<'_> {
+    /// The root element has no line of its own in a [`Document`]; messages name the attribute instead.
+    fn interfaces(&mut self) {
+        let ModelDescription { co_simulation, model_exchange, .. } = self.description;
+        let co_simulation = co_simulation.as_ref().map(|co_simulation| &co_simulation.interface);
+        if co_simulation.is_none() && model_exchange.is_none() {
+            self.report.at_line(1, "there is neither <CoSimulation> nor <ModelExchange>");
+        }
+        for interface in co_simulation.into_iter().chain(model_exchange) {
+            let name = &interface.model_identifier;
+            if !name.is_empty() && model_identifier(name) != *name {
+                self.report.at_line(1, format!("modelIdentifier \"{name}\" is no C identifier"));
+            }
+            if interface.serialize_state && !interface.get_and_set_state {
+                self.report.at_line(1, "canSerializeFMUstate is true, but canGetAndSetFMUstate is not");
+            }
+        }
+    }
+
+    fn units_and_types(&mut self) {
+        let mut names = HashSet::new();
+        for unit in &self.description.units {
+            if !names.insert(&unit.name) {
+                self.report.at_line(1, format!("unit \"{}\" is defined twice", unit.name));
+            }
+            if let Some(base) = unit.base.filter(|base| base.factor == 0.0 || !base.factor.is_finite()) {
+                self.report.at_line(1, format!("unit \"{}\" has the factor {}", unit.name, base.factor));
+            }
+            let mut display = HashSet::new();
+            for name in unit.display.iter().map(|unit| &unit.name).filter(|name| !display.insert(*name)) {
+                self.report.at_line(1, format!("unit \"{}\" has the display unit \"{name}\" twice", unit.name));
+            }
+        }
+        let mut names = HashSet::new();
+        for definition in &self.description.types {
+            if !names.insert(&definition.name) {
+                self.report.at_line(1, format!("type \"{}\" is defined twice", definition.name));
+            }
+            if let Some(unit) = definition.kind.as_real().and_then(|real| real.unit.as_ref())
+                && !self.description.units.iter().any(|known| known.name == *unit)
+            {
+                let message = format!("type \"{}\" has the unit \"{unit}\", which is not defined", definition.name);
+                self.report.at_line(1, message);
+            }
+        }
+    }
+
+    fn experiment(&mut self) {
+        let Some(experiment) = self.description.default_experiment else { return };
+        let start = experiment.start.unwrap_or(0.0);
+        if let Some(stop) = experiment.stop.filter(|stop| *stop < start) {
+            self.report.at_line(1, format!("DefaultExperiment stops at {stop}, before its start at {start}"));
+        }
+        for (name, value) in [("stepSize", experiment.step_size), ("tolerance", experiment.tolerance)] {
+            if let Some(value) = value.filter(|value| *value <= 0.0 || value.is_nan()) {
+                self.report.at_line(1, format!("DefaultExperiment has {name}=\"{value}\", expected more than zero"));
+            }
+        }
+    }
+
+    fn names(&mut self) {
+        let mut first = HashMap::new();
+        let mut independent: Option<&str> = None;
+        for (variable, &line) in self.description.variables.iter().zip(&self.document.variable_lines) {
+            let name = variable.name.as_str();
+            if let Some(known) = first.insert(name, line) {
+                self.report.at_line(line, format!("variable \"{name}\" has the name of the variable in line {known}"));
+            }
+            if name.is_empty() {
+                self.report.at_line(line, "a variable has an empty name");
+            } else if name.contains(['\r', '\n', '\t']) {
+                self.report.at_line(line, format!("variable {name:?} has a line break or tab in its name"));
+            } else if self.description.naming == NamingConvention::Structured && !is_structured_name(name) {
+                self.report.at_line(line, format!("variable \"{name}\" has no structured name"));
+            }
+            if variable.causality == Causality::Independent
+                && let Some(other) = independent.replace(name)
+            {
+                self.report.at_line(line, format!("variable \"{name}\" is independent, and so is \"{other}\""));
+            }
+        }
+    }
+
+    fn combination(&mut self, variable: &ScalarVariable, line: usize) {
+        let ScalarVariable { name, causality, variability, initial, kind, .. } = variable;
+        let (c, v) = (Causality::name(*causality), Variability::name(*variability));
+        let real = kind.as_real().is_some();
+        if *variability == Variability::Continuous && !real {
+            let message = format!("variable \"{name}\" is of type {} and cannot be continuous", kind.name());
+            return self.report.at_line(line, message);
+        }
+        if *causality == Causality::Independent && !real {
+            self.report.at_line(line, format!("variable \"{name}\" is independent, but not of type Real"));
+        }
+        match (Initial::allowed(*causality, *variability), initial) {
+            (None, _) => {
+                let message = format!("variable \"{name}\": variability {v} is not allowed for causality {c}");
+                self.report.at_line(line, message);
+            }
+            (Some(allowed), Some(initial)) if !allowed.contains(initial) => {
+                let initial = Initial::name(*initial);
+                let message = format!(
+                    "variable \"{name}\": initial {initial} is not allowed for causality {c} and variability {v}"
+                );
+                self.report.at_line(line, message);
+            }
+            _ => {}
+        }
+    }
+
+    fn start(&mut self, variable: &ScalarVariable, line: usize) {
+        let ScalarVariable { name, causality, initial, kind, .. } = variable;
+        let needed = *causality == Causality::Input || matches!(initial, Some(Initial::Exact | Initial::Approx));
+        let forbidden = *causality == Causality::Independent || *initial == Some(Initial::Calculated);
+        if needed && !kind.has_start() {
+            self.report.at_line(line, format!("variable \"{name}\" has no start value"));
+        }
+        if forbidden && kind.has_start() {
+            let why = initial.map_or(Causality::name(*causality), Initial::name);
+            self.report.at_line(line, format!("variable \"{name}\" is {why} and must not have a start value"));
+        }
+    }
+
+    /// Bounds, start and nominal value, its own or those of its type.
+    fn values(&mut self, variable: &ScalarVariable, line: usize) {
+        let name = &variable.name;
+        let of_type = self.description.type_of(variable).map(|definition| &definition.kind);
+        let (min, max, start) = match &variable.kind {
+            VariableType::Real(real) => {
+                let nominal = real.nominal.or(of_type.and_then(|kind| kind.as_real()?.nominal));
+                if let Some(nominal) = nominal.filter(|nominal| *nominal <= 0.0 || nominal.is_nan()) {
+                    self.report
+                        .at_line(line, format!("variable \"{name}\" has nominal {nominal}, expected more than zero"));
+                }
+                let default = of_type.and_then(VariableType::as_real);
+                let Real { min, max, start, .. } = *real;
+                (min.or(default.and_then(|real| real.min)), max.or(default.and_then(|real| real.max)), start)
+            }
+            VariableType::Integer(integer) | VariableType::Enumeration(integer) => {
+                let default = match of_type {
+                    Some(VariableType::Integer(default)) => *default,
+                    _ => Integer::default(),
+                };
+                let Integer { min, max, start } = *integer;
+                (min.or(default.min).map(f64::from), max.or(default.max).map(f64::from), start.map(f64::from))
+            }
+            VariableType::Boolean { .. } | VariableType::String { .. } => return,
+        };
+        if let (Some(min), Some(max)) = (min, max)
+            && min > max
+        {
+            self.report.at_line(line, format!("variable \"{name}\" has min {min} above max {max}"));
+        }
+        let Some(start) = start else { return };
+        if let Some(min) = min.filter(|min| start < *min) {
+            self.report.at_line(line, format!("variable \"{name}\" has start {start} below min {min}"));
+        }
+        if let Some(max) = max.filter(|max| start > *max) {
+            self.report.at_line(line, format!("variable \"{name}\" has start {start} above max {max}"));
+        }
+    }
+
+    /// Declared type, unit, display unit, derivative.
+    fn references(&mut self, variable: &ScalarVariable, line: usize) {
+        let name = &variable.name;
+        if let Some(declared) = &variable.declared_type {
+            match self.description.type_of(variable) {
+                None => {
+                    let message = format!("variable \"{name}\" has the type \"{declared}\", which is not defined");
+                    self.report.at_line(line, message);
+                }
+                Some(definition) if definition.kind.name() != variable.kind.name() => {
+                    let (found, expected) = (definition.kind.name(), variable.kind.name());
+                    let message =
+                        format!("variable \"{name}\" is of type {expected}, its type \"{declared}\" is {found}");
+                    self.report.at_line(line, message);
+                }
+                Some(_) => {}
+            }
+        }
+        let Some(real) = variable.kind.as_real() else { return };
+        let unit = self.description.unit_of(variable);
+        let definition = unit.and_then(|unit| self.description.units.iter().find(|known| known.name == unit));
+        if let Some(unit) = unit.filter(|_| definition.is_none()) {
+            self.report.at_line(line, format!("variable \"{name}\" has the unit \"{unit}\", which is not defined"));
+        }
+        if let Some(display) = &real.display_unit {
+            let known = definition.is_some_and(|unit| unit.display.iter().any(|known| known.name == *display));
+            // a unit displayed as itself needs no definition
+            if !known && unit != Some(display) {
+                let message = format!("variable \"{name}\" has the display unit \"{display}\", which is not defined");
+                self.report.at_line(line, message);
+            }
+        }
+        if let Some(state) = real.derivative {
+            match self.description.variables.get(state) {
+                None => {
+                    let message = format!(
+                        "variable \"{name}\" is the derivative of variable {}, which does not exist",
+                        state + 1
+                    );
+                    self.report.at_line(line, message);
+                }
+                Some(state) if state.kind.as_real().is_none() => {
+                    let message =
+                        format!("variable \"{name}\" is the derivative of \"{}\", which is not Real", state.name);
+                    self.report.at_line(line, message);
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// Variables that share a value reference have one value; the host may set it through one of them only.
+    fn aliases(&mut self) {
+        let mut set_by: HashMap<(bool, &str, u32), &str> = HashMap::new();
+        for (variable, &line) in self.description.variables.iter().zip(&self.document.variable_lines) {
+            let settable =
+                matches!(variable.causality, Causality::Parameter | Causality::Input | Causality::Independent);
+            // enumerations are read and set as integers
+            let kind = if variable.kind.name() == "Enumeration" { "Integer" } else { variable.kind.name() };
+            let key = (settable, kind, variable.value_reference);
+            if settable && let Some(other) = set_by.insert(key, &variable.name) {
+                let message = format!(
+                    "variables \"{other}\" and \"{}\" are set by the host and share the value reference {}",
+                    variable.name, variable.value_reference
+                );
+                self.report.at_line(line, message);
+            }
+        }
+    }
+
+    fn structure(&mut self) {
+        let structure = &self.description.structure;
+        let variables = &self.description.variables;
+        for (list, unknowns) in [
+            ("Outputs", &structure.outputs),
+            ("Derivatives", &structure.derivatives),
+            ("InitialUnknowns", &structure.initial_unknowns),
+        ] {
+            self.list(list, unknowns);
+        }
+        let mut outputs = BTreeSet::new();
+        let mut unknowns = BTreeSet::new();
+        for (position, variable) in variables.iter().enumerate() {
+            let computed = variable.initial.is_none_or(|initial| initial != Initial::Exact);
+            if variable.causality == Causality::Output {
+                outputs.insert(position);
+            }
+            if variable.causality == Causality::CalculatedParameter
+                || variable.causality == Causality::Output && computed
+            {
+                unknowns.insert(position);
+            }
+        }
+        for derivative in structure.derivatives.iter().map(|unknown| unknown.variable) {
+            let real = variables.get(derivative).and_then(|variable| variable.kind.as_real());
+            let Some(state) = real.and_then(|real| real.derivative) else {
+                let message = match variables.get(derivative) {
+                    Some(variable) => format!("Derivatives has \"{}\", which is no derivative", variable.name),
+                    None => continue,
+                };
+                self.report.at_line(self.document.structure_line, message);
+                continue;
+            };
+            unknowns.extend([derivative, state].into_iter().filter(|&position| {
+                let initial = variables.get(position).and_then(|variable| variable.initial);
+                matches!(initial, Some(Initial::Approx | Initial::Calculated))
+            }));
+        }
+        self.exactly("Outputs", &structure.outputs, &outputs);
+        self.exactly("InitialUnknowns", &structure.initial_unknowns, &unknowns);
+    }
+
+    /// Reports what is missing from a list and what should not be in it.
+    fn exactly(&mut self, list: &str, found: &[Unknown], expected: &BTreeSet<usize>) {
+        let found: BTreeSet<usize> = found.iter().map(|unknown| unknown.variable).collect();
+        let name = |position: &usize| self.description.variables.get(*position).map_or("", |variable| &variable.name);
+        let missing = expected.difference(&found).map(|position| format!("{list} lacks \"{}\"", name(position)));
+        let known = found.difference(expected).filter(|position| **position < self.description.variables.len());
+        let excess = known.map(|position| format!("{list} has \"{}\", which does not belong there", name(position)));
+        for message in missing.chain(excess) {
+            self.report.at_line(self.document.structure_line, message);
+        }
+    }
+
+    /// Positions that exist, no duplicates, dependencies in order and as many kinds as dependencies.
+    fn list(&mut self, list: &str, unknowns: &[Unknown]) {
+        let line = self.document.structure_line;
+        let count = self.description.variables.len();
+        let mut seen = HashSet::new();
+        for Unknown { variable, dependencies, kinds } in unknowns {
+            let Some(name) = self.description.variables.get(*variable).map(|variable| &variable.name) else {
+                self.report.at_line(line, format!("{list} has variable {}, there are only {count}", variable + 1));
+                continue;
+            };
+            if !seen.insert(variable) {
+                self.report.at_line(line, format!("{list} has \"{name}\" twice"));
+            }
+            let Some(dependencies) = dependencies else {
+                if kinds.is_some() {
+                    self.report.at_line(line, format!("{list}: \"{name}\" has dependenciesKind, but no dependencies"));
+                }
+                continue;
+            };
+            if let Some(kinds) = kinds.as_ref().filter(|kinds| kinds.len() != dependencies.len()) {
+                let (found, expected) = (kinds.len(), dependencies.len());
+                let message = format!("{list}: \"{name}\" has {expected} dependencies and {found} dependenciesKind");
+                self.report.at_line(line, message);
+            }
+            for dependency in dependencies.iter().filter(|dependency| **dependency >= count) {
+                let message =
+                    format!("{list}: \"{name}\" depends on variable {}, there are only {count}", dependency + 1);
+                self.report.at_line(line, message);
+            }
+            if !dependencies.is_sorted_by(|a, b| a < b) {
+                self.report.at_line(line, format!("{list}: the dependencies of \"{name}\" are not in ascending order"));
+            }
+        }
+    }
+}
+
+/// `arm.joint[2,1].phi`, `der(x,2)`, `a.'odd name'`: FMI 2.0.4, section 2.2.9.
+fn is_structured_name(name: &str) -> bool {
+    match name.strip_prefix("der(").and_then(|inner| inner.strip_suffix(')')) {
+        Some(inner) => match inner.rsplit_once(',').filter(|(_, order)| is_number(order)) {
+            Some((identifier, _)) => is_identifier(identifier),
+            None => is_identifier(inner),
+        },
+        None => is_identifier(name),
+    }
+}
+
+/// Parts separated by dots, each a name with perhaps indices in brackets.
+fn is_identifier(text: &str) -> bool {
+    let mut rest = text;
+    loop {
+        let Some(after) = after_name(rest) else { return false };
+        rest = after;
+        if let Some(after) = rest.strip_prefix('[') {
+            let Some((indices, after)) = after.split_once(']') else { return false };
+            if !indices.split(',').all(|index| is_number(index.trim())) {
+                return false;
+            }
+            rest = after;
+        }
+        match rest.strip_prefix('.') {
+            Some(after) => rest = after,
+            None => return rest.is_empty(),
+        }
+    }
+}
+
+/// What follows a letter-digit name or a name in single quotes.
+fn after_name(text: &str) -> Option<&str> {
+    if let Some(quoted) = text.strip_prefix('\'') {
+        let mut escaped = false;
+        for (place, c) in quoted.char_indices() {
+            match c {
+                '\'' if !escaped => return (place > 0).then(|| &quoted[place + 1..]),
+                _ => escaped = c == '\\' && !escaped,
+            }
+        }
+        return None;
+    }
+    let end = text.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(text.len());
+    (end > 0 && !text.starts_with(|c: char| c.is_ascii_digit())).then(|| &text[end..])
+}
+
+fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmu::xml;
+
+    const GOOD: &str = r#"<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g">
+<CoSimulation modelIdentifier="m"/>
+<UnitDefinitions><Unit name="m"><DisplayUnit name="mm" factor="1000"/></Unit></UnitDefinitions>
+<TypeDefinitions><SimpleType name="Length"><Real unit="m" min="0"/></SimpleType></TypeDefinitions>
+<DefaultExperiment startTime="0" stopTime="1" stepSize="0.1"/>
+<ModelVariables>
+<ScalarVariable name="time" valueReference="0" causality="independent"><Real/></ScalarVariable>
+<ScalarVariable name="p" valueReference="1" causality="parameter" variability="fixed"><Real declaredType="Length" displayUnit="mm" max="2" start="1"/></ScalarVariable>
+<ScalarVariable name="u" valueReference="2" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="3" causality="output" initial="calculated"><Real nominal="2"/></ScalarVariable>
+<ScalarVariable name="n" valueReference="4" causality="output" variability="discrete" initial="exact"><Integer start="1" min="0" max="3"/></ScalarVariable>
+</ModelVariables>
+<ModelStructure>
+<Outputs><Unknown index="4" dependencies="1 3"/><Unknown index="5" dependencies=""/></Outputs>
+<InitialUnknowns><Unknown index="4" dependencies="1 2 3" dependenciesKind="dependent fixed dependent"/></InitialUnknowns>
+</ModelStructure>
+</fmiModelDescription>"#;
+
+    fn problems(text: &str) -> Vec<(usize, String)> {
+        let mut report = Report::default();
+        check(&xml::read(text.as_bytes()).unwrap(), &mut report);
+        report.problems.into_iter().map(|finding| (finding.line.unwrap(), finding.message)).collect()
+    }
+
+    #[test]
+    fn a_good_description_has_no_problem() {
+        assert_eq!(problems(GOOD), []);
+    }
+
+    #[test]
+    fn every_rule_has_a_description_that_breaks_it() {
+        for (good, bad, line, message) in [
+            (r#"<CoSimulation modelIdentifier="m"/>"#, "", 1, "there is neither <CoSimulation> nor <ModelExchange>"),
+            (r#"modelIdentifier="m""#, r#"modelIdentifier="3 d""#, 1, "modelIdentifier \"3 d\" is no C identifier"),
+            (
+                r#"modelIdentifier="m""#,
+                r#"modelIdentifier="m" canSerializeFMUstate="1""#,
+                1,
+                "canSerializeFMUstate is true, but canGetAndSetFMUstate is not",
+            ),
+            ("</UnitDefinitions>", r#"<Unit name="m"/></UnitDefinitions>"#, 1, "unit \"m\" is defined twice"),
+            (
+                "</UnitDefinitions>",
+                r#"<Unit name="s"><BaseUnit factor="0"/></Unit></UnitDefinitions>"#,
+                1,
+                "unit \"s\" has the factor 0",
+            ),
+            ("</Unit>", r#"<DisplayUnit name="mm"/></Unit>"#, 1, "unit \"m\" has the display unit \"mm\" twice"),
+            (
+                "</TypeDefinitions>",
+                r#"<SimpleType name="Length"><Integer/></SimpleType></TypeDefinitions>"#,
+                1,
+                "type \"Length\" is defined twice",
+            ),
+            (
+                "</TypeDefinitions>",
+                r#"<SimpleType name="T"><Real unit="s"/></SimpleType></TypeDefinitions>"#,
+                1,
+                "type \"T\" has the unit \"s\", which is not defined",
+            ),
+            (r#"stopTime="1""#, r#"stopTime="-1""#, 1, "DefaultExperiment stops at -1, before its start at 0"),
+            (
+                r#"stepSize="0.1""#,
+                r#"stepSize="0""#,
+                1,
+                "DefaultExperiment has stepSize=\"0\", expected more than zero",
+            ),
+            (r#"name="u""#, r#"name="p""#, 9, "variable \"p\" has the name of the variable in line 8"),
+            (r#"name="u""#, r#"name="""#, 9, "a variable has an empty name"),
+            (r#"name="u""#, "name=\"a&#10;b\"", 9, "variable \"a\\nb\" has a line break or tab in its name"),
+            (r#"guid="g""#, r#"guid="g" variableNamingConvention="structured""#, 0, ""),
+            (r#"name="u""#, r#"name="u 1""#, 0, ""),
+            (
+                r#"causality="input"><Real start="0"/>"#,
+                r#"causality="independent"><Real/>"#,
+                9,
+                "variable \"u\" is independent, and so is \"time\"",
+            ),
+            (
+                r#"causality="input""#,
+                r#"causality="input" variability="fixed""#,
+                9,
+                "variable \"u\": variability fixed is not allowed for causality input",
+            ),
+            (
+                r#"variability="discrete" initial="exact""#,
+                r#"initial="exact""#,
+                11,
+                "variable \"n\" is of type Integer and cannot be continuous",
+            ),
+            (
+                r#"causality="input""#,
+                r#"causality="input" initial="exact""#,
+                9,
+                "variable \"u\": initial exact is not allowed for causality input and variability continuous",
+            ),
+            (r#"<Real start="0"/>"#, "<Real/>", 9, "variable \"u\" has no start value"),
+            (r#" max="2" start="1""#, "", 8, "variable \"p\" has no start value"),
+            (r#"nominal="2""#, r#"start="2""#, 10, "variable \"y\" is calculated and must not have a start value"),
+            (
+                r#"causality="independent"><Real/>"#,
+                r#"causality="independent"><Real start="0"/>"#,
+                7,
+                "variable \"time\" is independent and must not have a start value",
+            ),
+            (r#"nominal="2""#, r#"nominal="0""#, 10, "variable \"y\" has nominal 0, expected more than zero"),
+            (r#"nominal="2""#, r#"min="2" max="1""#, 10, "variable \"y\" has min 2 above max 1"),
+            (r#"max="2" start="1""#, r#"max="2" start="3""#, 8, "variable \"p\" has start 3 above max 2"),
+            (r#"max="2" start="1""#, r#"max="2" start="-1""#, 8, "variable \"p\" has start -1 below min 0"),
+            (
+                r#"start="1" min="0" max="3""#,
+                r#"start="5" min="0" max="3""#,
+                11,
+                "variable \"n\" has start 5 above max 3",
+            ),
+            (
+                r#"<Real nominal="2""#,
+                r#"<Real declaredType="Mass""#,
+                10,
+                "variable \"y\" has the type \"Mass\", which is not defined",
+            ),
+            (
+                "<Integer start",
+                r#"<Integer declaredType="Length" start"#,
+                11,
+                "variable \"n\" is of type Integer, its type \"Length\" is Real",
+            ),
+            (r#"nominal="2""#, r#"unit="s""#, 10, "variable \"y\" has the unit \"s\", which is not defined"),
+            (
+                r#"displayUnit="mm""#,
+                r#"displayUnit="km""#,
+                8,
+                "variable \"p\" has the display unit \"km\", which is not defined",
+            ),
+            (
+                r#"nominal="2""#,
+                r#"derivative="9""#,
+                10,
+                "variable \"y\" is the derivative of variable 9, which does not exist",
+            ),
+            (r#"nominal="2""#, r#"derivative="5""#, 10, "variable \"y\" is the derivative of \"n\", which is not Real"),
+            (
+                r#"valueReference="2""#,
+                r#"valueReference="1""#,
+                9,
+                "variables \"p\" and \"u\" are set by the host and share the value reference 1",
+            ),
+            (r#"<Unknown index="5" dependencies=""/>"#, "", 13, "Outputs lacks \"n\""),
+            (
+                r#"<Unknown index="5" dependencies=""/>"#,
+                r#"<Unknown index="5"/><Unknown index="3"/>"#,
+                13,
+                "Outputs has \"u\", which does not belong there",
+            ),
+            (
+                r#"<Unknown index="5" dependencies=""/>"#,
+                r#"<Unknown index="5"/><Unknown index="5"/>"#,
+                13,
+                "Outputs has \"n\" twice",
+            ),
+            (
+                r#"<Unknown index="5" dependencies=""/>"#,
+                r#"<Unknown index="5"/><Unknown index="6"/>"#,
+                13,
+                "Outputs has variable 6, there are only 5",
+            ),
+            (
+                "</InitialUnknowns>",
+                r#"<Unknown index="5"/></InitialUnknowns>"#,
+                13,
+                "InitialUnknowns has \"n\", which does not belong there",
+            ),
+            (
+                r#"discrete" initial="exact"><Integer start="1""#,
+                r#"discrete"><Integer"#,
+                13,
+                "InitialUnknowns lacks \"n\"",
+            ),
+            (
+                "</Outputs>",
+                r#"</Outputs><Derivatives><Unknown index="4"/></Derivatives>"#,
+                13,
+                "Derivatives has \"y\", which is no derivative",
+            ),
+            (
+                r#"dependenciesKind="dependent fixed dependent""#,
+                r#"dependenciesKind="dependent""#,
+                13,
+                "InitialUnknowns: \"y\" has 3 dependencies and 1 dependenciesKind",
+            ),
+            (r#"dependencies="1 2 3" "#, "", 13, "InitialUnknowns: \"y\" has dependenciesKind, but no dependencies"),
+            (
+                r#"dependencies="1 3""#,
+                r#"dependencies="3 1""#,
+                13,
+                "Outputs: the dependencies of \"y\" are not in ascending order",
+            ),
+            (
+                r#"dependencies="1 3""#,
+                r#"dependencies="1 9""#,
+                13,
+                "Outputs: \"y\" depends on variable 9, there are only 5",
+            ),
+        ] {
+            let text = GOOD.replacen(good, bad, 1);
+            assert_ne!(text, GOOD, "{good}");
+            let expected: &[_] = if line == 0 { &[] } else { &[(line, message.to_owned())] };
+            assert_eq!(problems(&text), expected, "{good} -> {bad}");
+        }
+    }
+
+    #[test]
+    fn structured_names_follow_the_grammar() {
+        for name in ["x", "_a1", "arm.joint[2,1].phi", "der(x)", "der(a.b[1],2)", "'odd name'.x", r"'it\'s'"] {
+            assert!(is_structured_name(name), "{name}");
+        }
+        for name in ["", "1x", "a b", "a.", ".a", "a[", "a[x]", "der(x", "''", "'open", "a..b", "m\u{fc}"] {
+            assert!(!is_structured_name(name), "{name}");
+        }
+        let text = GOOD.replace(r#"guid="g""#, r#"guid="g" variableNamingConvention="structured""#);
+        assert_eq!(
+            problems(&text.replace(r#"name="u""#, r#"name="u 1""#)),
+            [(9, "variable \"u 1\" has no structured name".into())]
+        );
+    }
+}

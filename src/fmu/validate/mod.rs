@@ -1,0 +1,317 @@
+//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves, and whether it
+//! computes what the surrogate inside predicts.
+//!
+//! The binary is run in this process: an FMU that crashes takes the program along.
+
+mod archive;
+mod behaviour;
+mod description;
+mod prediction;
+
+use super::{Archive, Fmu, Platform, package::MODEL_FILE};
+use crate::Error;
+use metafmu_runtime::{FormatError, Surrogate};
+use serde::Serialize;
+use std::{fmt, path::Path};
+
+/// Largest model file that is read.
+const MAX_MODEL: u64 = 1 << 30;
+
+/// What validation found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Report {
+    /// Everything that is wrong.
+    pub problems: Vec<Finding>,
+    /// What could not be checked, and why.
+    pub not_checked: Vec<String>,
+}
+
+/// One problem.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// Part of the FMU.
+    pub area: Area,
+    /// Line in modelDescription.xml, counted from 1, if there is one to point at.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub message: String,
+}
+
+/// Part of an FMU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Area {
+    /// The zip archive and what is in it.
+    Archive,
+    /// modelDescription.xml.
+    Description,
+    /// The shared library.
+    Binary,
+    /// What the FMU does when it is run.
+    Behaviour,
+    /// The model file of a metafmu surrogate.
+    Surrogate,
+}
+
+impl Report {
+    fn problem(&mut self, area: Area, message: impl Into<String>) {
+        self.problems.push(Finding { area, line: None, message: message.into() });
+    }
+
+    fn at_line(&mut self, line: usize, message: impl Into<String>) {
+        self.problems.push(Finding { area: Area::Description, line: Some(line), message: message.into() });
+    }
+
+    fn skipped(&mut self, what: impl Into<String>) {
+        self.not_checked.push(what.into());
+    }
+}
+
+/// A line for each problem, for each thing not checked, and for the number of problems.
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for problem in &self.problems {
+            writeln!(f, "{problem}")?;
+        }
+        for what in &self.not_checked {
+            writeln!(f, "not checked: {what}")?;
+        }
+        match self.problems.len() {
+            0 => writeln!(f, "no problems found"),
+            1 => writeln!(f, "1 problem found"),
+            count => writeln!(f, "{count} problems found"),
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "{}, line {line}: {}", self.area, self.message),
+            None => write!(f, "{}: {}", self.area, self.message),
+        }
+    }
+}
+
+impl fmt::Display for Area {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Archive => "archive",
+            Self::Description => "modelDescription.xml",
+            Self::Binary => "binary",
+            Self::Behaviour => "behaviour",
+            Self::Surrogate => "surrogate",
+        })
+    }
+}
+
+/// Checks an FMU and reports every problem.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, [`Error::Archive`] if it is no zip archive: there is nothing to validate.
+pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
+    let path = path.as_ref();
+    let mut report = Report::default();
+    let mut archive = Archive::open(path)?;
+    archive::check(&mut archive, &mut report);
+
+    let document = match archive.document() {
+        Ok(document) => document,
+        // the archive check has reported a missing description
+        Err(Error::ArchiveEntry { problem, .. }) if archive.contains("modelDescription.xml") => {
+            report.problem(Area::Archive, format!("entry `modelDescription.xml`: {problem}"));
+            return Ok(nothing_run(report));
+        }
+        Err(Error::Description { line, problem, .. }) => {
+            report.at_line(line, problem);
+            return Ok(nothing_run(report));
+        }
+        Err(_) => return Ok(nothing_run(report)),
+    };
+    description::check(&document, &mut report);
+    let surrogate = surrogate(&mut archive, &mut report);
+    let Some(fmu) = load(&mut archive, &document.description, &mut report) else { return Ok(report) };
+    behaviour::check(&fmu, &mut report);
+    match surrogate {
+        Some(surrogate) => prediction::check(&fmu, &surrogate, &mut report),
+        None => report.skipped(format!(
+            "whether the outputs are right: there is no `{MODEL_FILE}` of a metafmu surrogate to compare with"
+        )),
+    }
+    Ok(report)
+}
+
+fn nothing_run(mut report: Report) -> Report {
+    report.skipped("the binary and what it computes: modelDescription.xml cannot be read");
+    report
+}
+
+/// The surrogate inside, if there is one; a model file of another program is none of ours.
+fn surrogate(archive: &mut Archive, report: &mut Report) -> Option<Surrogate> {
+    if !archive.contains(MODEL_FILE) {
+        return None;
+    }
+    let bytes = match archive.read(MODEL_FILE, MAX_MODEL) {
+        Ok(bytes) => bytes,
+        Err(error) => {
+            report.problem(Area::Surrogate, error.to_string());
+            return None;
+        }
+    };
+    match Surrogate::from_bytes(&bytes) {
+        Ok(surrogate) => Some(surrogate),
+        Err(FormatError::NoMetadata) => None,
+        Err(error) => {
+            report.problem(Area::Surrogate, format!("`{MODEL_FILE}`: {error}"));
+            None
+        }
+    }
+}
+
+fn load(archive: &mut Archive, description: &super::ModelDescription, report: &mut Report) -> Option<Fmu> {
+    if description.model_exchange.is_some() {
+        report.skipped("model exchange: only co-simulation is run");
+    }
+    match &description.co_simulation {
+        None => {
+            report.skipped("the binary and what it computes: the FMU offers no co-simulation");
+            return None;
+        }
+        Some(co_simulation) if co_simulation.interface.needs_execution_tool => {
+            report.skipped("the binary and what it computes: the FMU needs another program to run");
+            return None;
+        }
+        Some(_) => {}
+    }
+    match Fmu::open(archive.path()) {
+        Ok(fmu) => return Some(fmu),
+        // what of it is wrong has been reported with its line
+        Err(Error::Description { .. }) => {
+            report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
+        }
+        Err(Error::NoBinary { found, expected, .. }) if !found.is_empty() => {
+            let (found, folder) = (found.join(", "), Platform::CURRENT.folder);
+            report.skipped(format!(
+                "the binary and what it computes: there is no `{expected}` for this platform, {folder}, only for {found}"
+            ));
+        }
+        Err(Error::NoBinary { expected, .. }) => {
+            report.problem(Area::Binary, format!("there is no binary for any platform, expected `{expected}`"));
+        }
+        Err(error) => report.problem(Area::Binary, error.to_string()),
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmu::testing::{changed_fmu, fmu, fmu_described_as};
+    use std::path::PathBuf;
+
+    fn problems(fmu: PathBuf) -> Vec<String> {
+        validate(fmu).unwrap().problems.iter().map(Finding::to_string).collect()
+    }
+
+    #[test]
+    fn our_own_fmu_has_no_problem_and_nothing_is_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(validate(fmu(folder.path())).unwrap(), Report::default());
+    }
+
+    #[test]
+    fn a_report_is_printed_line_by_line() {
+        let mut report = Report::default();
+        assert_eq!(report.to_string(), "no problems found\n");
+        report.at_line(7, "something is wrong");
+        report.skipped("the weather");
+        assert_eq!(
+            report.to_string(),
+            "modelDescription.xml, line 7: something is wrong\nnot checked: the weather\n1 problem found\n"
+        );
+    }
+
+    #[test]
+    fn what_is_no_archive_is_an_error() {
+        assert!(matches!(validate("/no/such.fmu"), Err(Error::Io { .. })));
+        assert!(matches!(validate(file!()), Err(Error::Archive { .. })));
+    }
+
+    #[test]
+    fn a_description_that_cannot_be_read_is_the_only_finding() {
+        let folder = tempfile::tempdir().unwrap();
+        let newer = fmu_described_as(folder.path(), |text| text.replace("fmiVersion=\"2.0\"", "fmiVersion=\"3.0\""));
+        let report = validate(newer).unwrap();
+        assert_eq!(
+            report.problems[0].to_string(),
+            "modelDescription.xml, line 2: fmiVersion is \"3.0\": only FMI 2.0 is supported"
+        );
+        assert_eq!(report.not_checked, ["the binary and what it computes: modelDescription.xml cannot be read"]);
+        let none = changed_fmu(folder.path(), |entries| drop(entries.remove(0)));
+        assert_eq!(problems(none), ["archive: there is no `modelDescription.xml`"]);
+    }
+
+    #[test]
+    fn an_fmu_without_a_binary_is_wrong_and_one_for_another_platform_is_not_checked() {
+        let folder = tempfile::tempdir().unwrap();
+        let expected = Platform::CURRENT.binary("example");
+        let without = changed_fmu(folder.path(), |entries| drop(entries.remove(1)));
+        assert_eq!(problems(without), [format!("binary: there is no binary for any platform, expected `{expected}`")]);
+        let other = changed_fmu(folder.path(), |entries| entries[1].0 = "binaries/amiga/example.so".into());
+        let report = validate(other).unwrap();
+        assert_eq!(report.problems, []);
+        assert!(report.not_checked[0].ends_with("only for amiga"), "{:?}", report.not_checked);
+    }
+
+    #[test]
+    fn a_damaged_binary_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let damaged = changed_fmu(folder.path(), |entries| entries[1].1.truncate(1000));
+        assert!(problems(damaged)[0].contains("is cut short: 1000 bytes"));
+    }
+
+    #[test]
+    fn a_token_that_is_not_that_of_the_model_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = problems(fmu_described_as(folder.path(), |text| text.replace("guid=\"{", "guid=\"{0")));
+        assert!(
+            found.iter().any(|problem| problem.starts_with("surrogate: the guid in modelDescription.xml is ")),
+            "{found:?}"
+        );
+        assert!(found.iter().any(|problem| problem.contains("fmi2Instantiate returned no instance")), "{found:?}");
+    }
+
+    #[test]
+    fn a_changed_weight_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = problems(changed_fmu(folder.path(), |entries| {
+            let model = &mut entries[2].1;
+            let place = model.len() - 4;
+            model[place] ^= 1;
+        }));
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].contains("the file was changed"), "{found:?}");
+    }
+
+    #[test]
+    fn outputs_that_are_not_those_predicted_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let swapped = fmu_described_as(folder.path(), |text| {
+            let text = text.replace("valueReference=\"3\"", "valueReference=\"x\"");
+            text.replace("valueReference=\"4\"", "valueReference=\"3\"")
+                .replace("valueReference=\"x\"", "valueReference=\"4\"")
+        });
+        let found = problems(swapped);
+        // once for each point: the start values and four corners
+        assert_eq!(found.len(), 5, "{found:?}");
+        assert!(found[0].starts_with("behaviour: in Initialization Mode, \"angle\" is "), "{found:?}");
+    }
+
+    #[test]
+    fn a_model_of_another_program_is_not_compared_with() {
+        let folder = tempfile::tempdir().unwrap();
+        let without = changed_fmu(folder.path(), |entries| entries[2].0 = "resources/other".into());
+        let found = problems(without);
+        assert!(found[0].contains("fmi2Instantiate returned no instance"), "{found:?}");
+    }
+}

@@ -1,0 +1,149 @@
+//! Where training and FMI meet: a trained network becomes a surrogate, which is saved, loaded and named by its digest.
+
+use crate::{Error, Result, dataset::Dataset, files::write_whole, study::Study, variable::Variable};
+use metafmu_runtime::{FormatError, Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate};
+use sha2::{Digest, Sha256};
+use std::{fmt::Write, path::Path};
+
+/// Puts a trained network and what is known about its columns together.
+///
+/// `layers` belong to standardised columns: parameters then time in, outputs out.
+///
+/// # Errors
+/// [`Error::Surrogate`] if the parts do not fit each other.
+pub fn assemble(
+    study: &Study,
+    dataset: &Dataset,
+    train_rows: usize,
+    scaling: Scaling,
+    layers: Vec<Layer>,
+) -> Result<Surrogate> {
+    let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| Input {
+        name: variable.name.clone(),
+        role: Role::Parameter(range.variability),
+        unit: variable.unit.clone(),
+        description: variable.description.clone(),
+        min: range.min,
+        max: range.max,
+        start: 0.5 * (range.min + range.max),
+    });
+    let time = Input {
+        name: "time".into(),
+        role: Role::Time,
+        unit: "s".into(),
+        description: "simulation time".into(),
+        min: 0.0,
+        max: study.time.stop,
+        start: 0.0,
+    };
+    let outputs = dataset.outputs.iter().enumerate().map(|(column, variable)| {
+        let values = dataset.runs.iter().flat_map(|run| run.outputs.iter().skip(column).step_by(dataset.outputs.len()));
+        let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &y| (min.min(y), max.max(y)));
+        let Variable { name, unit, description } = variable.clone();
+        Output { name, unit, description, min, max }
+    });
+    let metadata = Metadata {
+        name: study.name.clone(),
+        description: study.description.clone(),
+        inputs: parameters.chain([time]).collect(),
+        outputs: outputs.collect(),
+        activation: study.network.activation,
+        time_step: study.time.step,
+        provenance: Provenance {
+            tool: concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
+            study_digest: study.digest(),
+            seed: study.seed,
+            train_rows: train_rows as u64,
+            content_digest: "0".repeat(64),
+        },
+    };
+    let surrogate = Surrogate::new(metadata, scaling, layers).map_err(|source| Error::Surrogate { source })?;
+    seal(surrogate)
+}
+
+/// SHA-256 of the model file with sixty-four zeros in place of the digest itself, in hexadecimal digits.
+///
+/// # Errors
+/// [`Error::Surrogate`] if the surrogate cannot be written as a model file.
+pub fn content_digest(surrogate: &Surrogate) -> Result<String> {
+    let digest = |error: FormatError| Error::Surrogate { source: error };
+    let blank = surrogate.clone().with_content_digest("0".repeat(64)).map_err(digest)?;
+    let bytes = blank.to_bytes().map_err(digest)?;
+    Ok(Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+        // writing to a string does not fail
+        let _ = write!(text, "{byte:02x}");
+        text
+    }))
+}
+
+/// The surrogate with the digest of its content: the last step of making one.
+///
+/// # Errors
+/// As [`content_digest`].
+pub fn seal(surrogate: Surrogate) -> Result<Surrogate> {
+    let digest = content_digest(&surrogate)?;
+    surrogate.with_content_digest(digest).map_err(|source| Error::Surrogate { source })
+}
+
+/// Reads a model file and makes sure that its content is what was once written.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read, [`Error::Model`] if it is no valid model file, [`Error::Digest`] if its
+/// content was changed or it was never sealed.
+pub fn load(path: &Path) -> Result<Surrogate> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let model = |source| Error::Model { path: path.to_owned(), source };
+    let surrogate = Surrogate::from_bytes(&bytes).map_err(model)?;
+    let (found, expected) = (&surrogate.metadata().provenance.content_digest, content_digest(&surrogate)?);
+    if *found != expected {
+        return Err(Error::Digest { path: path.to_owned(), found: found.clone(), expected });
+    }
+    Ok(surrogate)
+}
+
+/// Writes a model file, whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be written, [`Error::Surrogate`] if the surrogate cannot be written as a model file.
+pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
+    let bytes = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
+    write_whole(path, &bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn a_sealed_surrogate_loads_as_it_was_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let surrogate = seal(example::surrogate()).unwrap();
+        save(&surrogate, &path).unwrap();
+        assert_eq!(load(&path).unwrap(), surrogate);
+        assert_eq!(seal(surrogate.clone()).unwrap(), surrogate, "sealing again changes nothing");
+    }
+
+    #[test]
+    fn a_changed_weight_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let mut bytes = seal(example::surrogate()).unwrap().to_bytes().unwrap();
+        // the last byte but three is the mantissa of some weight or scale
+        let place = bytes.len() - 4;
+        bytes[place] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        assert!(matches!(load(&path), Err(Error::Digest { .. })));
+    }
+
+    #[test]
+    fn a_file_that_is_cut_short_is_no_model_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let bytes = seal(example::surrogate()).unwrap().to_bytes().unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        assert!(matches!(load(&path), Err(Error::Model { .. })));
+        assert!(matches!(load(&folder.path().join("none")), Err(Error::Io { .. })));
+    }
+}
