@@ -96,13 +96,13 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub start: Vec<(String, f64)>,
     /// First communication point in seconds [default: the FMU's, else 0]
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub start_time: Option<f64>,
     /// Last communication point in seconds [default: the FMU's, else 1]
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub stop_time: Option<f64>,
-    /// Communication step size in seconds [default: the FMU's, else a hundredth of the run]
-    #[arg(long, value_name = "SECONDS")]
+    /// Communication step size in seconds [default: the FMU's, else a 500th of the run]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub step_size: Option<f64>,
     /// CSV file to write [default: stdout, unless there is a plot]
     #[arg(long, value_name = "FILE.csv")]
