@@ -11,20 +11,15 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
     let (surrogate, training) = train::stage(&job, &samples.train)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.test, &samples.record, &training)?;
     let size = export::stage(&job, &surrogate)?;
-    let report = validate(&job.fmu())?;
+    let report = validate(job.fmu())?;
     if job.json {
         print_json(&metrics)?;
     } else {
         print(&format!("\n{}\n", evaluate::table(&job, &metrics)))?;
         print(&files(&job, size))?;
     }
-    if report.problems.is_empty() {
-        eprintln!("{report}validated: no problem found");
-        Ok(Outcome::Fine)
-    } else {
-        eprint!("{report}");
-        Ok(Outcome::ProblemsFound)
-    }
+    eprint!("validated: {report}");
+    Ok(if report.problems.is_empty() { Outcome::Fine } else { Outcome::ProblemsFound })
 }
 
 /// Where the results are, the FMU first.

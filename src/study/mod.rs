@@ -144,11 +144,11 @@ impl Study {
         let TimeOptions { stop, step } = self.time;
         problems.expect_positive("time.stop", stop);
         problems.expect_positive("time.step", step);
-        if problems.0.is_empty() && ((stop / step).round() * step - stop).abs() > 1e-9 * stop || step > stop {
+        let steps = stop / step;
+        if steps > 1e7 {
+            problems.add("time.step", format!("{steps} rows a run, expected at most 10 million"));
+        } else if steps > 0.0 && (steps < 0.5 || (steps.round() - steps).abs() > 1e-9 * steps) {
             problems.add("time.step", format!("{step} s does not divide the stop time of {stop} s"));
-        }
-        if stop / step > 1e7 {
-            problems.add("time.step", format!("{} rows a run, expected at most 10 million", stop / step));
         }
     }
 
