@@ -1,7 +1,9 @@
 //! Built-in systems: those of Choi et al., *Data-driven simulation for general purpose multibody dynamics using deep
 //! neural networks*, Multibody System Dynamics (2021).
 
+mod double_pendulum;
 mod single_pendulum;
+mod slider_crank;
 
 /// A system with known equations.
 #[derive(Debug)]
@@ -48,4 +50,4 @@ pub struct SystemOutput {
 }
 
 /// Every built-in system.
-pub static SYSTEMS: &[&System] = &[&single_pendulum::SYSTEM];
+pub static SYSTEMS: &[&System] = &[&single_pendulum::SYSTEM, &double_pendulum::SYSTEM, &slider_crank::SYSTEM];
