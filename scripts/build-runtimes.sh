@@ -183,6 +183,8 @@ for tuple in "${only[@]}"; do
     aarch64-linux) (build "$tuple" aarch64-unknown-linux-gnu libfmu_template.so zigbuild) ;;
     x86_64-windows)
       need x86_64-w64-mingw32-gcc "install mingw-w64 (Debian: gcc-mingw-w64-x86-64-win32)"
+      # its dlltool splits them
+      [[ $work != *[[:space:]]* ]] || fail "mingw-w64 takes no folder with a space: $work"
       (build "$tuple" x86_64-pc-windows-gnu fmu_template.dll "cargo build" -Wl,--no-insert-timestamp)
       ;;
     x86_64-darwin) (darwin "$tuple" x86_64-apple-darwin) ;;
