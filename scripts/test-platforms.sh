@@ -73,7 +73,7 @@ library() { # TUPLE
 
 exports() { # TUPLE
   case $1 in
-    *-windows) x86_64-w64-mingw32-objdump -p "$(library "$1")" | sed -n 's/^\t\[ *[0-9]*\] \(.*[^ ]\) *$/\1/p' | awk '/^[A-Za-z_]/ { print $NF }' ;;
+    *-windows) x86_64-w64-mingw32-objdump -p "$(library "$1")" | sed -n 's/^\t\[ *[0-9]*\] \(.*[^ ]\) *$/\1/p' | awk '!/^[+]base/ { print $NF }' ;;
     *) nm -D --defined-only "$(library "$1")" | awk '{ print $NF }' ;;
   esac | sort
 }
