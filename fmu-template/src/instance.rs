@@ -335,7 +335,9 @@ impl Instance {
             Role::Parameter(Variability::Fixed) if state == State::StepComplete => {
                 Err(Refusal::SetFixed { name: name(), reference, state })
             }
-            Role::Parameter(_) | Role::Input if !value.is_finite() => Err(Refusal::ValueNotFinite { name: name(), reference, value }),
+            Role::Parameter(_) | Role::Input if !value.is_finite() => {
+                Err(Refusal::ValueNotFinite { name: name(), reference, value })
+            }
             Role::Parameter(_) | Role::Input => Ok(()),
         }
     }
