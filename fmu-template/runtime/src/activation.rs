@@ -77,8 +77,9 @@ fn exp_minus_one<T: Real, const FMA: bool>(x: T) -> T {
     let k = shifted - T::ROUND;
     let two_to_k = T::two_to_the(shifted);
     let r = fma::<T, FMA>(-k, T::LN2_LOW, fma::<T, FMA>(-k, T::LN2_HIGH, x));
-    let mut sum = T::ZERO;
-    for &coefficient in T::TAYLOR.iter().rev() {
+    let (first, others) = T::TAYLOR;
+    let mut sum = first;
+    for &coefficient in others {
         sum = fma::<T, FMA>(sum, r, coefficient);
     }
     let p = fma::<T, FMA>(r * r, sum, r);

@@ -33,6 +33,8 @@ pub enum Kind {
     BooleanOutput,
     /// A continuous dimensionless output (Real in FMI 2.0, Float64 in FMI 3.0), calculated, never negative.
     RealOutput,
+    /// The independent variable.
+    Time,
 }
 
 /// What to do outside the training ranges; see [`DomainPolicy`].
@@ -59,7 +61,10 @@ pub const DOMAIN_DISTANCE: Extra = Extra {
     kind: Kind::RealOutput,
 };
 
-/// All of them, by offset.
+/// The independent variable of a surrogate that has no time column, as FMI 3.0 asks for exactly one.
+pub const TIME: Extra = Extra { name: "time", offset: 3, description: "Simulation time", kind: Kind::Time };
+
+/// Those of every FMU, by offset; [`TIME`] comes on top where no column is the time.
 pub const ALL: [Extra; 3] = [DOMAIN_POLICY, IN_DOMAIN, DOMAIN_DISTANCE];
 
 /// Values of [`DOMAIN_POLICY`].

@@ -59,18 +59,24 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         output: &mut [Lanes<T, WIDTH>],
     ) {
         let input = &flat(input)[..self.inputs];
-        let weights = self.weights.as_chunks::<BLOCK>().0.chunks_exact(self.inputs);
+        let mut weights = self.weights.as_chunks::<BLOCK>().0;
         let bias = self.bias.as_chunks::<BLOCK>().0;
-        for ((result, bias), weights) in output.as_chunks_mut::<BLOCK>().0.iter_mut().zip(bias).zip(weights) {
-            let mut sum = if BIAS { *bias } else { [Lanes::ZERO; BLOCK] };
-            for (x, column) in input.iter().zip(weights) {
-                for (sum, column) in sum.iter_mut().zip(column) {
-                    for (sum, w) in sum.0.iter_mut().zip(&column.0) {
-                        *sum = fma::<T, FMA>(*w, *x, *sum);
-                    }
-                }
+        for (result, bias) in output.as_chunks_mut::<BLOCK>().0.iter_mut().zip(bias) {
+            let columns;
+            (columns, weights) = weights.split_at(self.inputs);
+            // even and odd columns apart: twice as many accumulators, as many as the latency asks for
+            let (mut even, mut odd) = (if BIAS { *bias } else { [Lanes::ZERO; BLOCK] }, [Lanes::ZERO; BLOCK]);
+            let (pairs, rest) = input.as_chunks::<2>();
+            let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
+            for ([x, y], [w, v]) in pairs.iter().zip(weight_pairs) {
+                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
+                accumulate::<T, FMA, WIDTH>(&mut odd, v, *y);
             }
-            *result = sum;
+            for (x, w) in rest.iter().zip(weight_rest) {
+                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
+            }
+            accumulate::<T, FMA, WIDTH>(&mut even, &odd, T::ONE);
+            *result = even;
         }
     }
 
@@ -131,6 +137,20 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
     }
 }
 
+/// `sum + column * x`
+#[inline(always)]
+fn accumulate<T: Real, const FMA: bool, const WIDTH: usize>(
+    sum: &mut [Lanes<T, WIDTH>; BLOCK],
+    column: &[Lanes<T, WIDTH>; BLOCK],
+    x: T,
+) {
+    for (sum, column) in sum.iter_mut().zip(column) {
+        for (sum, w) in sum.0.iter_mut().zip(&column.0) {
+            *sum = fma::<T, FMA>(*w, x, *sum);
+        }
+    }
+}
+
 #[inline(always)]
 fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
     let mut sums = [Lanes::<T, WIDTH>::ZERO; BLOCK];
@@ -141,9 +161,14 @@ fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &
             }
         }
     }
-    let [first, others @ ..] = &mut sums;
-    for other in others {
-        first.0.iter_mut().zip(&other.0).for_each(|(sum, other)| *sum = *sum + *other);
+    let [a, b, c, d] = sums;
+    let mut sum: [T; WIDTH] = std::array::from_fn(|lane| (a.0[lane] + b.0[lane]) + (c.0[lane] + d.0[lane]));
+    // by halves: one lane after the other would wait for each addition
+    let mut width = WIDTH;
+    while width > 1 {
+        width /= 2;
+        let (low, high) = sum.split_at_mut(width);
+        low.iter_mut().zip(high).for_each(|(low, high)| *low = *low + *high);
     }
-    first.0.iter().fold(T::ZERO, |sum, &term| sum + term)
+    sum[0]
 }

@@ -34,8 +34,8 @@ pub(crate) trait Real:
     const LN2_HIGH: Self;
     /// The rest of ln 2.
     const LN2_LOW: Self;
-    /// 1/2!, 1/3!, ..., as many as count in this precision for arguments up to ln(2) / 2.
-    const TAYLOR: &'static [Self];
+    /// 1/n! for falling n down to 2, the first one apart; as many as count for arguments up to ln(2) / 2.
+    const TAYLOR: (Self, &'static [Self]);
     /// From here on `tanh` rounds to one.
     const TANH_ONE: Self;
     /// `exp` of twice this is still finite.
@@ -58,21 +58,23 @@ impl Real for f64 {
     const LN2_HIGH: Self = 0.693_147_180_369_123_8;
     const LN2_LOW: Self = 1.908_214_929_270_587_7e-10;
     // the first omitted term is below 1e-18 of the sum
-    const TAYLOR: &'static [Self] = &[
-        1.0 / 2.0,
-        1.0 / 6.0,
-        1.0 / 24.0,
-        1.0 / 120.0,
-        1.0 / 720.0,
-        1.0 / 5_040.0,
-        1.0 / 40_320.0,
-        1.0 / 362_880.0,
-        1.0 / 3_628_800.0,
-        1.0 / 39_916_800.0,
-        1.0 / 479_001_600.0,
-        1.0 / 6_227_020_800.0,
+    const TAYLOR: (Self, &'static [Self]) = (
         1.0 / 87_178_291_200.0,
-    ];
+        &[
+            1.0 / 6_227_020_800.0,
+            1.0 / 479_001_600.0,
+            1.0 / 39_916_800.0,
+            1.0 / 3_628_800.0,
+            1.0 / 362_880.0,
+            1.0 / 40_320.0,
+            1.0 / 5_040.0,
+            1.0 / 720.0,
+            1.0 / 120.0,
+            1.0 / 24.0,
+            1.0 / 6.0,
+            1.0 / 2.0,
+        ],
+    );
     const TANH_ONE: Self = 22.0;
     const EXP_HALF_MAX: Self = 350.0;
 
@@ -111,7 +113,8 @@ impl Real for f32 {
     const LN2_HIGH: Self = 0.693_359_4;
     const LN2_LOW: Self = -2.121_944_4e-4;
     // the first omitted term is below 2e-8 of the sum
-    const TAYLOR: &'static [Self] = &[1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5_040.0];
+    const TAYLOR: (Self, &'static [Self]) =
+        (1.0 / 5_040.0, &[1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0]);
     const TANH_ONE: Self = 10.0;
     const EXP_HALF_MAX: Self = 43.0;
 

@@ -251,11 +251,12 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     if metadata.outputs.is_empty() {
         return Err(FormatError::NoVariables { what: "outputs" });
     }
+    let has_time = metadata.inputs.iter().any(|input| input.role == Role::Time);
     let mut names = HashSet::new();
     let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
     let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
     for (name, min, max) in inputs.chain(outputs) {
-        if extra::ALL.iter().any(|extra| extra.name == name) {
+        if extra::ALL.iter().any(|extra| extra.name == name) || (!has_time && extra::TIME.name == name) {
             return Err(FormatError::ReservedName { name: name.clone() });
         }
         if !names.insert(name) {
