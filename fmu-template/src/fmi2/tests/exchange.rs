@@ -81,7 +81,8 @@ fn there_are_no_states_and_no_indicators() {
 fn null_results_are_refused() {
     let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
     assert_eq!(unsafe { fmi2NewDiscreteStates(host.c, null_mut()) }, Status::Error);
-    for (event, end) in [(null_mut(), &raw mut *&mut 1), (&raw mut *&mut 1, null_mut())] {
+    let mut flag = 1;
+    for (event, end) in [(null_mut(), &raw mut flag), (&raw mut flag, null_mut())] {
         let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
         assert_eq!(unsafe { fmi2CompletedIntegratorStep(host.c, 1, event, end) }, Status::Error);
     }
