@@ -272,3 +272,63 @@ fn validate_finds_nothing_in_a_good_fmu_and_says_what_is_wrong_with_a_bad_one() 
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stdout(&output).contains("start"), "{}", stdout(&output));
 }
+
+#[test]
+fn export_writes_both_versions_with_one_network_and_simulate_runs_each_by_each_interface() {
+    let bench = Bench::built();
+    let output = bench.run(&["export", "study.toml", "--fmi", "both"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let paths = stdout(&output);
+    let mut tables = Vec::new();
+    for path in paths.lines() {
+        assert!(bench.run(&["validate", path]).status.success(), "{path}");
+        for interface in ["cs", "me"] {
+            let output = bench.run(&["simulate", path, "--interface", interface, "--stop-time", "0.4"]);
+            assert!(output.status.success(), "{}", stderr(&output));
+            tables.push(stdout(&output).lines().next().map(str::to_owned));
+        }
+    }
+    assert_eq!(tables.len(), 4, "{paths}");
+    assert!(tables.iter().all(|header| *header == tables[0]), "{tables:?}");
+    let output = bench.run(&["export", "study.toml", "--fmi", "3", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(json["fmu"].as_str().unwrap().ends_with("single-pendulum.fmu"), "{json}");
+}
+
+#[test]
+fn platforms_are_chosen_and_added_by_name() {
+    let bench = Bench::built();
+    let entries = |arguments: &[&str]| -> Vec<String> {
+        let output = bench.run(&[&["export", "study.toml"], arguments].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        let archive = zip::ZipArchive::new(fs::File::open(bench.path(FMU)).unwrap()).unwrap();
+        let names = archive.file_names().map(|name| name.unwrap().into_owned());
+        names.filter(|name| name.starts_with("binaries/")).collect()
+    };
+    // as much of a Windows library as is looked at
+    let library = [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0\x64\x86"].concat();
+    fs::write(bench.path("fmu.dll"), library).unwrap();
+    let with = entries(&["--binary", "x86_64-windows=fmu.dll"]);
+    assert!(with.len() >= 2 && with.contains(&"binaries/win64/single_pendulum.dll".to_owned()), "{with:?}");
+    let own = entries(&["--platform", own_tuple()]);
+    assert_eq!(own.len(), 1, "{own:?}");
+    bench.fails(&["export", "study.toml", "--platform", "amiga"], &["`amiga` is not embedded", own_tuple()]);
+    bench.fails(
+        &["export", "study.toml", "--binary", "aarch64-linux=fmu.dll"],
+        &["fmu.dll", "is a library for x86_64-windows, expected one for aarch64-linux"],
+    );
+    bench.fails(&["export", "study.toml", "--binary", "aarch64-linux=none.so"], &["none.so", "cannot read"]);
+}
+
+/// The platform the command was built for, which is always embedded.
+fn own_tuple() -> &'static str {
+    metafmu::fmu::Platform::CURRENT.tuple
+}
+
+#[test]
+fn inputs_that_cannot_be_are_refused() {
+    let bench = Bench::built();
+    fs::write(bench.path("inputs.csv"), "time,L\n0,0.1\n").unwrap();
+    bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &["variable `L`: is no input"]);
+    bench.fails(&["simulate", FMU, "--input", "absent.csv"], &["absent.csv", "cannot read"]);
+}

@@ -329,9 +329,8 @@ mod tests {
         let other = parse(&GOOD.replacen("epochs = ", "epochs = 1", 1));
         assert_ne!(study.digest(), other.digest());
         assert_eq!(study.sampling_digest(), other.sampling_digest());
-        let exported = |line: &str| parse(&GOOD.replacen("[export]", &format!("[export]\n{line}"), 1)).digest();
-        assert_eq!(study.digest(), exported("fmi = \"both\""));
-        assert_ne!(study.digest(), exported("precision = \"single\""));
+        assert_eq!(study.digest(), parse(&GOOD.replacen("fmi = \"2\"", "fmi = \"both\"", 1)).digest());
+        assert_ne!(study.digest(), parse(&GOOD.replacen("\"double\"", "\"single\"", 1)).digest());
     }
 
     #[test]
@@ -351,7 +350,8 @@ mod tests {
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
             ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
             ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
-            ("[export]", "[export]\nfmi = \"4\"", "[export]", "export.fmi", "unknown variant `4`"),
+            ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "unknown variant `4`"),
+            ("\"double\"", "\"half\"", "precision", "export.precision", "unknown variant `half`"),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));
