@@ -49,6 +49,7 @@ pub fn assemble(
         outputs: outputs.collect(),
         activation: study.network.activation,
         precision: study.export.precision,
+        arrays: Vec::new(),
         time_step: study.time.step,
         provenance: Provenance {
             tool: concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
