@@ -73,6 +73,7 @@ fn input_kind(input: &Input) -> ScalarVariable {
             (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
         }
         Role::Time => (Causality::Independent, Variability::Continuous, None),
+        Role::Input => (Causality::Input, Variability::Continuous, None),
     };
     ScalarVariable {
         name: input.name.clone(),
