@@ -4,6 +4,7 @@
 //! - [`pack`]: a surrogate becomes an FMU.
 //! - [`Fmu`] and [`Instance`]: load anyone's FMI 2.0 co-simulation FMU and run it; [`simulate`] does a whole run.
 //! - [`validate()`]: every problem of an FMU.
+//! - [`sources`]: the FMU as C source code.
 
 mod archive;
 mod describe;
@@ -11,6 +12,7 @@ pub mod host;
 pub mod model_description;
 mod package;
 mod platform;
+pub mod sources;
 #[cfg(test)]
 mod testing;
 pub mod unit;
