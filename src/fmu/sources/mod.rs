@@ -15,16 +15,8 @@
 
 mod data;
 
+use super::FmiVersion;
 use metafmu_runtime::Surrogate;
-
-/// Version of the standard whose functions the sources define.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Version {
-    /// FMI 2.0
-    Fmi2,
-    /// FMI 3.0
-    Fmi3,
-}
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -57,12 +49,12 @@ const FMI3: [(&str, &str); 3] = [
 /// same surrogate always gives the same bytes.
 ///
 /// `identifier` is the model identifier of the FMU.
-pub fn files(surrogate: &Surrogate, identifier: &str, version: Version) -> Vec<(String, Vec<u8>)> {
+pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Vec<(String, Vec<u8>)> {
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, identifier).into_bytes()));
     files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate).into_bytes()));
-    if version == Version::Fmi3 {
+    if version == FmiVersion::V3 {
         files.push((format!("{FOLDER}/buildDescription.xml"), build_description(identifier).into_bytes()));
     }
     files.sort();
@@ -70,7 +62,7 @@ pub fn files(surrogate: &Surrogate, identifier: &str, version: Version) -> Vec<(
 }
 
 /// Names of the files that are compiled, relative to the `sources/` folder, sorted: the `SourceFiles` of FMI 2.0.
-pub fn compiled(version: Version) -> Vec<&'static str> {
+pub fn compiled(version: FmiVersion) -> Vec<&'static str> {
     let mut names: Vec<&str> = fixed(version).map(|(name, _)| name).filter(|name| name.ends_with(".c")).collect();
     names.push(DATA);
     names.sort_unstable();
@@ -80,7 +72,7 @@ pub fn compiled(version: Version) -> Vec<&'static str> {
 /// `sources/buildDescription.xml` of FMI 3.0.
 fn build_description(identifier: &str) -> String {
     let sources: String =
-        compiled(Version::Fmi3).iter().map(|name| format!("      <SourceFile name=\"{name}\"/>\n")).collect();
+        compiled(FmiVersion::V3).iter().map(|name| format!("      <SourceFile name=\"{name}\"/>\n")).collect();
     // the identifier is one of C and the names are ours: nothing to escape
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
@@ -94,10 +86,10 @@ fn build_description(identifier: &str) -> String {
     )
 }
 
-fn fixed(version: Version) -> impl Iterator<Item = (&'static str, &'static str)> {
+fn fixed(version: FmiVersion) -> impl Iterator<Item = (&'static str, &'static str)> {
     let adapter: &[_] = match version {
-        Version::Fmi2 => &FMI2,
-        Version::Fmi3 => &FMI3,
+        FmiVersion::V2 => &FMI2,
+        FmiVersion::V3 => &FMI3,
     };
     COMMON.into_iter().chain(adapter.iter().copied())
 }

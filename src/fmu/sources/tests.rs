@@ -1,17 +1,18 @@
 use super::*;
 use crate::{
-    fmu::{Fmu, ModelDescription, Platform, SimulationOptions, model_identifier, pack, simulate, validate},
+    fmu::{
+        Binary, Contents, Fmu, InterfaceKind, Platform, SimulationOptions, model_identifier, pack, simulate, validate,
+    },
     study::ExportOptions,
     surrogate::seal,
 };
 use metafmu_runtime::{Activation, Evaluator, example};
 use std::{
     fs,
-    io::{Cursor, Read, Write},
+    io::Write,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
-use zip::{ZipArchive, ZipWriter, write::SimpleFileOptions};
 
 /// Every warning is an error, as it is where real-time code is certified.
 const FLAGS: [&str; 7] = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"];
@@ -24,7 +25,7 @@ fn compiler() -> Command {
 }
 
 /// Writes the sources of a surrogate into a folder.
-fn write_sources(folder: &Path, surrogate: &Surrogate, version: Version) {
+fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
     fs::create_dir_all(folder.join(FOLDER)).unwrap();
     for (name, bytes) in files(surrogate, &model_identifier(&surrogate.metadata().name), version) {
         fs::write(folder.join(name), bytes).unwrap();
@@ -32,7 +33,7 @@ fn write_sources(folder: &Path, surrogate: &Surrogate, version: Version) {
 }
 
 /// Compiles what the FMU says is to be compiled, and further files.
-fn compile(folder: &Path, version: Version, arguments: &[&str], target: &str) -> PathBuf {
+fn compile(folder: &Path, version: FmiVersion, arguments: &[&str], target: &str) -> PathBuf {
     let target = folder.join(target);
     let sources = folder.join(FOLDER);
     let output = compiler()
@@ -50,35 +51,38 @@ fn compile(folder: &Path, version: Version, arguments: &[&str], target: &str) ->
     target
 }
 
-fn library(folder: &Path, surrogate: &Surrogate) -> Vec<u8> {
-    write_sources(folder, surrogate, Version::Fmi2);
-    fs::read(compile(folder, Version::Fmi2, &["-fPIC", "-shared"], "library")).unwrap()
-}
-
-/// The FMU of a surrogate with the library compiled from its sources, and without resources.
-fn c_fmu(folder: &Path, surrogate: &Surrogate) -> PathBuf {
-    let mut packed = ZipArchive::new(Cursor::new(pack(surrogate, &ExportOptions::default()).unwrap())).unwrap();
-    let mut description = Vec::new();
-    packed.by_name("modelDescription.xml").unwrap().read_to_end(&mut description).unwrap();
-    let binary = Platform::CURRENT.binary(&model_identifier(&surrogate.metadata().name));
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, bytes) in [("modelDescription.xml".to_owned(), description), (binary, library(folder, surrogate))] {
-        zip.start_file(name, SimpleFileOptions::default()).unwrap();
-        zip.write_all(&bytes).unwrap();
-    }
-    let path = folder.join("c.fmu");
-    fs::write(&path, zip.finish().unwrap().into_inner()).unwrap();
+/// Packs a surrogate with the given library.
+fn fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion, name: &str, binary: Binary) -> PathBuf {
+    let about = ExportOptions::default();
+    let contents = Contents { version, about: &about, binaries: &[binary], accuracy: None };
+    let path = folder.join(name);
+    fs::write(&path, pack(surrogate, &contents).unwrap()).unwrap();
     path
 }
 
-fn rust_fmu(folder: &Path, surrogate: &Surrogate) -> PathBuf {
-    let path = folder.join("rust.fmu");
-    fs::write(&path, pack(surrogate, &ExportOptions::default()).unwrap()).unwrap();
-    path
+/// The FMU of a surrogate with the library compiled from its sources.
+fn c_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
+    write_sources(folder, surrogate, version);
+    let library = compile(folder, version, &["-fPIC", "-shared"], "library");
+    let binary = Binary { platform: Platform::CURRENT, bytes: fs::read(library).unwrap().into() };
+    fmu(folder, surrogate, version, "c.fmu", binary)
+}
+
+fn rust_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
+    let mut binaries = Binary::embedded();
+    binaries.retain(|binary| binary.platform == Platform::CURRENT);
+    fmu(folder, surrogate, version, "rust.fmu", binaries.remove(0))
 }
 
 /// Runs a program of the `tests` folder, linked with the sources, and returns what it prints.
-fn run(folder: &Path, surrogate: &Surrogate, version: Version, program: &str, flags: &[&str], input: &str) -> String {
+fn run(
+    folder: &Path,
+    surrogate: &Surrogate,
+    version: FmiVersion,
+    program: &str,
+    flags: &[&str],
+    input: &str,
+) -> String {
     let source = folder.join("program.c");
     write_sources(folder, surrogate, version);
     fs::write(&source, program).unwrap();
@@ -117,7 +121,7 @@ fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let points = points(surrogate);
     let input: String = points.iter().flatten().map(|value| format!("{value:e}\n")).collect();
-    let text = run(folder.path(), surrogate, Version::Fmi2, include_str!("tests/points.c"), flags, &input);
+    let text = run(folder.path(), surrogate, FmiVersion::V2, include_str!("tests/points.c"), flags, &input);
     let rows: Vec<Vec<f64>> =
         text.lines().map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect()).collect();
     assert_eq!(rows.len(), points.len());
@@ -170,29 +174,43 @@ fn fused_multiply_add_changes_no_more_than_rounding() {
     );
 }
 
+const KINDS: [(FmiVersion, InterfaceKind); 4] = [
+    (FmiVersion::V2, InterfaceKind::CoSimulation),
+    (FmiVersion::V2, InterfaceKind::ModelExchange),
+    (FmiVersion::V3, InterfaceKind::CoSimulation),
+    (FmiVersion::V3, InterfaceKind::ModelExchange),
+];
+
 #[test]
 fn a_whole_run_is_that_of_the_packed_library() {
-    let folder = tempfile::tempdir().unwrap();
     let surrogate = seal(example::with_network(&[20, 20], Activation::Tanh)).unwrap();
-    let c = Fmu::open(c_fmu(folder.path(), &surrogate)).unwrap();
-    let rust = Fmu::open(rust_fmu(folder.path(), &surrogate)).unwrap();
-    for start_values in [vec![], vec![("length".to_owned(), 0.13), ("speed".to_owned(), 4.5)]] {
-        let options = SimulationOptions { start_values, step: Some(0.013), ..SimulationOptions::default() };
-        let [found, expected] =
-            [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
-        assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
-        assert_eq!(found.rows.len(), 155);
-        for (found, expected) in found.rows.iter().zip(&expected.rows) {
-            assert_close(found, expected, 6.0, "run");
+    for (version, interface) in KINDS {
+        let folder = tempfile::tempdir().unwrap();
+        let c = Fmu::open_for(c_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        let rust = Fmu::open_for(rust_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        // inside the domain, and outside with each policy that goes on
+        for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
+            let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
+            let start_values = start_values.map(|(name, value)| (name.to_owned(), value)).into();
+            let options = SimulationOptions { start_values, step: Some(0.013), ..SimulationOptions::default() };
+            let [found, expected] =
+                [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
+            assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
+            assert_eq!((found.rows.len(), found.columns.len()), (155, 4));
+            for (found, expected) in found.rows.iter().zip(&expected.rows) {
+                assert_close(found, expected, 6.0, "run");
+            }
         }
     }
 }
 
 #[test]
 fn the_validator_finds_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let report = validate(&c_fmu(folder.path(), &seal(example::surrogate()).unwrap())).unwrap();
-    assert!(report.problems.is_empty(), "{report}");
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let report = validate(c_fmu(folder.path(), &seal(example::with_input()).unwrap(), version)).unwrap();
+        assert!(report.problems.is_empty(), "{report}");
+    }
 }
 
 /// A program in C that calls everything: right, wrong, and with null pointers.
@@ -201,7 +219,7 @@ fn the_functions_of_fmi_2_answer_as_the_standard_says() {
     let folder = tempfile::tempdir().unwrap();
     let surrogate = seal(example::with_input()).unwrap();
     let program = include_str!("tests/fmi2_calls.c");
-    run(folder.path(), &surrogate, Version::Fmi2, program, &SANITIZERS, "");
+    run(folder.path(), &surrogate, FmiVersion::V2, program, &SANITIZERS, "");
 }
 
 #[test]
@@ -209,7 +227,7 @@ fn the_functions_of_fmi_3_answer_as_the_standard_says() {
     let folder = tempfile::tempdir().unwrap();
     let surrogate = seal(example::with_input()).unwrap();
     let program = include_str!("tests/fmi3_calls.c");
-    run(folder.path(), &surrogate, Version::Fmi3, program, &SANITIZERS, "");
+    run(folder.path(), &surrogate, FmiVersion::V3, program, &SANITIZERS, "");
 }
 
 #[test]
@@ -217,9 +235,9 @@ fn several_fmus_can_be_linked_into_one_library() {
     let folder = tempfile::tempdir().unwrap();
     let mut objects = Vec::new();
     for (name, version, prefix) in [
-        ("one", Version::Fmi2, "-DFMI2_FUNCTION_PREFIX=one_"),
-        ("two", Version::Fmi2, "-DFMI2_FUNCTION_PREFIX=two_"),
-        ("three", Version::Fmi3, "-DFMI3_FUNCTION_PREFIX=three_"),
+        ("one", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=one_"),
+        ("two", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=two_"),
+        ("three", FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=three_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();
@@ -242,7 +260,7 @@ fn several_fmus_can_be_linked_into_one_library() {
 #[test]
 fn the_files_are_sorted_reproducible_and_listed() {
     let surrogate = example::surrogate();
-    for version in [Version::Fmi2, Version::Fmi3] {
+    for version in [FmiVersion::V2, FmiVersion::V3] {
         let found = files(&surrogate, "example", version);
         assert_eq!(found, files(&surrogate, "example", version));
         assert!(found.is_sorted());
@@ -250,10 +268,9 @@ fn the_files_are_sorted_reproducible_and_listed() {
         for name in compiled(version) {
             assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
         }
-        assert_eq!(names.contains(&"sources/buildDescription.xml"), version == Version::Fmi3);
+        assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
     }
     let description = build_description("example");
     assert!(description.contains("<BuildConfiguration modelIdentifier=\"example\">"));
     assert!(description.contains("<SourceFile name=\"model_data.c\"/>"));
-    assert!(ModelDescription::of_surrogate(&surrogate).co_simulation.unwrap().interface.model_identifier == "example");
 }
