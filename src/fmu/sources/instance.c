@@ -1,4 +1,5 @@
 #include "instance.h"
+#include <float.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -239,6 +240,11 @@ Status instance_no_variables(Instance *instance, const char *type, size_t count)
                          (unsigned long)count, type);
 }
 
+static bool is_finite(double value)
+{
+    return fabs(value) <= DBL_MAX; /* not the macro, which warns of conversions on some platforms */
+}
+
 static Status not_finite(Instance *instance, const char *argument, double value)
 {
     return instance_tell(instance, STATUS_ERROR, "argument `%s`: %g is not finite", argument, value);
@@ -372,7 +378,7 @@ static double extrapolated(const Instance *instance, size_t index, double size)
     const double value = instance->now.columns[index];
     const double rate = instance->now.rates[0][index] + 0.5 * size * instance->now.rates[1][index];
     const double later = value + size * rate;
-    return isfinite(later) ? later : value;
+    return is_finite(later) ? later : value;
 }
 
 static bool forbids_inputs(Instance *instance, double size, Status status)
@@ -407,10 +413,10 @@ Status instance_do_step(Instance *instance, double from, double size)
     const Status refused = instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
     const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
     const double time = from + size;
-    if (!isfinite(from)) {
+    if (!is_finite(from)) {
         return not_finite(instance, "currentCommunicationPoint", from);
     }
-    if (!isfinite(size)) {
+    if (!is_finite(size)) {
         return not_finite(instance, "communicationStepSize", size);
     }
     if (size < 0.0) {
@@ -421,7 +427,7 @@ Status instance_do_step(Instance *instance, double from, double size)
                              "current communication point is %.17g, expected %.17g, where the last step ended", from,
                              instance->now.time);
     }
-    if (!isfinite(time)) {
+    if (!is_finite(time)) {
         return not_finite(instance, "currentCommunicationPoint + communicationStepSize", time);
     }
     /* "if the environment tries to compute past stopTime the FMU has to return fmi2Error" */
@@ -440,7 +446,7 @@ Status instance_set_solver_time(Instance *instance, double time)
 {
     const double earliest = instance->now.earliest;
     const double magnitude = fabs(earliest) > model_time_step ? fabs(earliest) : model_time_step;
-    if (!isfinite(time)) {
+    if (!is_finite(time)) {
         return not_finite(instance, "time", time);
     }
     if (time < earliest - 1e-9 * magnitude) {
@@ -454,10 +460,10 @@ Status instance_set_solver_time(Instance *instance, double time)
 
 Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop)
 {
-    if (!isfinite(start)) {
+    if (!is_finite(start)) {
         return not_finite(instance, "startTime", start);
     }
-    if (stop_defined && !isfinite(stop)) {
+    if (stop_defined && !is_finite(stop)) {
         return not_finite(instance, "stopTime", stop);
     }
     if (stop_defined && stop <= start) {
@@ -688,7 +694,7 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
         if (check_settable(instance, references[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
-        if (!isfinite(values[i])) {
+        if (!is_finite(values[i])) {
             return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
@@ -812,7 +818,7 @@ static Status check_sensitivity(Instance *instance, const uint32_t unknowns[], s
 static Status check_seed(Instance *instance, const double seed[], size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        if (!isfinite(seed[i])) {
+        if (!is_finite(seed[i])) {
             return not_finite(instance, "seed", seed[i]);
         }
     }
@@ -942,7 +948,7 @@ Status instance_set_input_derivatives(Instance *instance, const uint32_t referen
         if (check_input(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
-        if (!isfinite(values[i])) {
+        if (!is_finite(values[i])) {
             return not_finite(instance, "value", values[i]);
         }
     }

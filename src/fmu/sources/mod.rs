@@ -6,7 +6,8 @@
 //! numbers.
 //!
 //! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals, and as
-//! doubles: widening singles at every use costs more than reading twice the memory.
+//! doubles: widening singles at every use costs more than reading twice the memory. The C code computes in doubles
+//! whatever the surrogate's precision is.
 //!
 //! # What modelDescription.xml has to say
 //! - FMI 2.0: in each interface element (`CoSimulation`, `ModelExchange`), as its first child,
