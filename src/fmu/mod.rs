@@ -4,6 +4,7 @@
 //! - [`pack`]: a surrogate becomes an FMU; [`Binary`]: the library for a platform.
 //! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
 //! - [`validate()`]: every problem of an FMU.
+//! - [`sources`]: the FMU as C source code.
 
 mod archive;
 mod binary;
@@ -14,6 +15,7 @@ pub mod model_description;
 mod package;
 mod platform;
 mod reference;
+pub mod sources;
 #[cfg(test)]
 mod testing;
 pub mod unit;

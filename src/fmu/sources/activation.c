@@ -1,0 +1,157 @@
+#include "activation.h"
+#include "model.h"
+#include <math.h>
+#include <string.h>
+
+/*
+ * Magnitudes below it become zero in hidden values: products of what is left are never denormal, which processors
+ * compute at a fraction of the speed.
+ */
+static const double NEGLIGIBLE = 1e-100;
+static const double TANH_ONE = 22.0;      /* from here on tanh rounds to one */
+static const double EXP_HALF_MAX = 350.0; /* exp of twice this is still finite */
+
+/* 2^k of the integer k in the low bits of 1.5 * 2^52 + k: they become the exponent. */
+static inline double two_to_the(double shifted)
+{
+    uint64_t bits;
+    double power;
+    memcpy(&bits, &shifted, sizeof bits);
+    bits = (bits << 52) + ((uint64_t)1023 << 52);
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
+/*
+ * exp(2 x) - 1 for 0 <= x <= EXP_HALF_MAX: 2 x = k ln 2 + r with |r| <= ln(2) / 2, a Taylor polynomial in r, scaled by
+ * 2^k. The first omitted term is below 1e-18 of the sum. To be inlined, or the loops around it become no SIMD code.
+ */
+static inline double exp_minus_one(double x)
+{
+    const double round = 6755399441055744.0; /* 1.5 * 2^52: a number added to it is rounded to an integer */
+    const double shifted = x * (2.0 * 1.4426950408889634) + round;
+    const double k = shifted - round;
+    const double two_to_k = two_to_the(shifted);
+    /* ln 2 in two parts, the first with so few bits that its small multiples are exact */
+    const double r = ((x + x) - k * 0.6931471803691238) - k * 1.9082149292705877e-10;
+    double sum = 1.0 / 87178291200.0; /* 1 / 14! */
+    sum = sum * r + 1.0 / 6227020800.0;
+    sum = sum * r + 1.0 / 479001600.0;
+    sum = sum * r + 1.0 / 39916800.0;
+    sum = sum * r + 1.0 / 3628800.0;
+    sum = sum * r + 1.0 / 362880.0;
+    sum = sum * r + 1.0 / 40320.0;
+    sum = sum * r + 1.0 / 5040.0;
+    sum = sum * r + 1.0 / 720.0;
+    sum = sum * r + 1.0 / 120.0;
+    sum = sum * r + 1.0 / 24.0;
+    sum = sum * r + 1.0 / 6.0;
+    sum = sum * r + 1.0 / 2.0;
+    return two_to_k * (r * r * sum + r) + (two_to_k - 1.0);
+}
+
+/* Magnitudes, limited; in a loop of its own, since compilers make a branch of the limit otherwise. NaN stays NaN. */
+static void limit_magnitudes(const double x[BLOCK], double limit, double magnitude[BLOCK])
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        const double absolute = fabs(x[i]);
+        magnitude[i] = absolute > limit ? limit : absolute;
+    }
+}
+
+/* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2), which loses nothing near zero. Absolute error below 3e-16. */
+static void tanh_block(double x[BLOCK])
+{
+    double magnitude[BLOCK];
+    limit_magnitudes(x, TANH_ONE, magnitude);
+    for (size_t i = 0; i < BLOCK; i++) {
+        const double e = exp_minus_one(magnitude[i]);
+        const double y = copysign(e / (e + 2.0), x[i]);
+        x[i] = fabs(y) < NEGLIGIBLE ? 0.0 : y;
+    }
+}
+
+/* 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2 */
+static void sigmoid_block(double x[BLOCK])
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] *= 0.5;
+    }
+    tanh_block(x);
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] = 0.5 * x[i] + 0.5;
+    }
+}
+
+static void relu_block(double x[BLOCK])
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] = x[i] < NEGLIGIBLE ? 0.0 : x[i];
+    }
+}
+
+/* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x it keeps its digits where tanh saturates. */
+static void tanh_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+{
+    double magnitude[BLOCK];
+    limit_magnitudes(x, EXP_HALF_MAX, magnitude);
+    for (size_t i = 0; i < BLOCK; i++) {
+        const double e = exp_minus_one(magnitude[i]);
+        x[i] = copysign(e / (e + 2.0), x[i]);
+        slope[i] = 4.0 * ((e + 1.0) / (e + 2.0)) / (e + 2.0);
+        curvature[i] = -2.0 * x[i] * slope[i];
+    }
+}
+
+static void sigmoid_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] *= 0.5;
+    }
+    tanh_series(x, slope, curvature);
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] = 0.5 * x[i] + 0.5;
+        slope[i] *= 0.25;
+        curvature[i] *= 0.125;
+    }
+}
+
+/* The slope is zero at the kink. */
+static void relu_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        slope[i] = x[i] > 0.0 ? 1.0 : 0.0;
+        x[i] = x[i] < 0.0 ? 0.0 : x[i];
+        curvature[i] = 0.0;
+    }
+}
+
+void activate(double x[BLOCK])
+{
+    switch (ACTIVATION) {
+    case ACTIVATION_TANH:
+        tanh_block(x);
+        break;
+    case ACTIVATION_SIGMOID:
+        sigmoid_block(x);
+        break;
+    default:
+        relu_block(x);
+        break;
+    }
+}
+
+void activate_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+{
+    switch (ACTIVATION) {
+    case ACTIVATION_TANH:
+        tanh_series(x, slope, curvature);
+        break;
+    case ACTIVATION_SIGMOID:
+        sigmoid_series(x, slope, curvature);
+        break;
+    default:
+        relu_series(x, slope, curvature);
+        break;
+    }
+}

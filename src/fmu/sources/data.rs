@@ -1,0 +1,269 @@
+//! The generated files: sizes, names for the linker, and the surrogate's numbers.
+
+use metafmu_runtime::{Activation, Input, Layer, Metadata, Role, Scaling, Surrogate, Variability};
+use std::fmt::Write;
+
+/// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
+const BLOCK: usize = 16;
+
+/// External names of the C code but the FMI functions.
+const EXTERNAL_NAMES: &[&str] = &[
+    "activate",
+    "activate_series",
+    "instance_adjoint_derivative",
+    "instance_begin",
+    "instance_count_dependencies",
+    "instance_dependency",
+    "instance_deserialize",
+    "instance_directional_derivative",
+    "instance_do_step",
+    "instance_enter_event_mode",
+    "instance_enter_initialization_mode",
+    "instance_exit_initialization_mode",
+    "instance_get_boolean",
+    "instance_get_integer",
+    "instance_get_real",
+    "instance_initialize",
+    "instance_lacks",
+    "instance_miscounts",
+    "instance_no_variables",
+    "instance_output_derivatives",
+    "instance_reset",
+    "instance_restore",
+    "instance_save",
+    "instance_serialize",
+    "instance_set_boolean",
+    "instance_set_input_derivatives",
+    "instance_set_integer",
+    "instance_set_real",
+    "instance_set_solver_time",
+    "instance_set_up_experiment",
+    "instance_switch_logging",
+    "instance_tell",
+    "network_adjoint",
+    "network_along_curve",
+    "network_directional",
+    "network_evaluate",
+    "snapshot_size",
+    "model_columns",
+    "model_description",
+    "model_hidden",
+    "model_hidden_count",
+    "model_last_bias",
+    "model_last_weights",
+    "model_outputs",
+    "model_time_step",
+    "model_token",
+];
+
+const NOTICE: &str = "/* Generated. */\n";
+
+fn padded(count: usize) -> usize {
+    count.next_multiple_of(BLOCK)
+}
+
+/// `model_data.h`
+pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
+    let (last, hidden) = split(surrogate);
+    let hidden: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
+    let columns = surrogate.inputs().len();
+    let width = hidden.iter().copied().fold(padded(columns), usize::max);
+    let activation = match surrogate.metadata().activation {
+        Activation::Tanh => "ACTIVATION_TANH",
+        Activation::Sigmoid => "ACTIVATION_SIGMOID",
+        Activation::Relu => "ACTIVATION_RELU",
+    };
+    let mut text = format!(
+        "{NOTICE}#ifndef MODEL_DATA_H\n#define MODEL_DATA_H\n\n\
+         /* External names begin with the model identifier, so that several FMUs can be linked into one program. */\n"
+    );
+    for name in EXTERNAL_NAMES {
+        push(&mut text, format_args!("#define {name} {identifier}_{name}\n"));
+    }
+    push(
+        &mut text,
+        format_args!(
+            "\nenum {{ ACTIVATION_TANH, ACTIVATION_SIGMOID, ACTIVATION_RELU, ACTIVATION = {activation} }};\n\n\
+             enum {{\n    \
+                 COLUMN_COUNT = {columns},\n    \
+                 OUTPUT_COUNT = {outputs},\n    \
+                 BLOCK = {BLOCK}, /* rows of a layer that are computed together */\n    \
+                 WIDTH = {width}, /* of the widest layer, in whole blocks */\n    \
+                 SLOPE_COUNT = {slopes}, /* of all hidden layers, in whole blocks */\n    \
+                 LAST_COLUMNS = {last_columns} /* of the last layer, in whole blocks */\n\
+             }};\n\n#endif\n",
+            outputs = surrogate.outputs().len(),
+            slopes = hidden.iter().sum::<usize>().max(1),
+            last_columns = padded(last.inputs),
+        ),
+    );
+    text
+}
+
+/// `model_data.c`
+pub fn source(surrogate: &Surrogate) -> String {
+    let Metadata { name, inputs, outputs, provenance, time_step, .. } = surrogate.metadata();
+    let description =
+        format!("surrogate `{name}` of {}, {} inputs, {} outputs", provenance.tool, inputs.len(), outputs.len());
+    let mut text = format!(
+        "{NOTICE}#include \"model.h\"\n\nconst char model_token[] = {};\nconst char model_description[] = {};\n\
+         const double model_time_step = {};\n",
+        string(&surrogate.instantiation_token()),
+        string(&description),
+        real(*time_step),
+    );
+    columns(&mut text, surrogate);
+    let (last, hidden) = split(surrogate);
+    for (index, layer) in hidden.iter().enumerate() {
+        array(&mut text, &format!("static const double weights_{index}"), &in_blocks(layer));
+        array(&mut text, &format!("static const double bias_{index}"), &padded_to_block(&layer.bias));
+    }
+    push(
+        &mut text,
+        format_args!("\nconst size_t model_hidden_count = {};\nconst Layer model_hidden[] = {{\n", hidden.len()),
+    );
+    for (index, layer) in hidden.iter().enumerate() {
+        let blocks = layer.outputs.div_ceil(BLOCK);
+        push(&mut text, format_args!("    {{{}, {blocks}, weights_{index}, bias_{index}}},\n", layer.inputs));
+    }
+    if hidden.is_empty() {
+        text.push_str("    {0, 0, NULL, NULL}, /* C has no empty arrays */\n");
+    }
+    text.push_str("};\n");
+    array(&mut text, "const double model_last_weights", &in_rows(last));
+    array(&mut text, "const double model_last_bias", &last.bias.iter().map(|&bias| flushed(bias)).collect::<Vec<_>>());
+    text
+}
+
+fn columns(text: &mut String, surrogate: &Surrogate) {
+    let Scaling { input_mean, input_scale, output_mean, output_scale } = surrogate.scaling();
+    text.push_str("\nconst Column model_columns[COLUMN_COUNT] = {\n");
+    for ((input, &mean), &scale) in surrogate.inputs().iter().zip(input_mean).zip(input_scale) {
+        let Input { name, min, max, start, .. } = input;
+        let numbers = [*start, *min, *max, range_width(*min, *max), mean, scale].map(real).join(", ");
+        push(text, format_args!("    {{{}, {}, {numbers}}},\n", string(name), role(input.role)));
+    }
+    text.push_str("};\n\nconst Output model_outputs[OUTPUT_COUNT] = {\n");
+    for ((output, &mean), &scale) in surrogate.outputs().iter().zip(output_mean).zip(output_scale) {
+        push(text, format_args!("    {{{}, {}, {}}},\n", string(&output.name), real(mean), real(scale)));
+    }
+    text.push_str("};\n");
+}
+
+/// What distances from a range are relative to, as in [`metafmu_runtime::Domain`].
+fn range_width(min: f64, max: f64) -> f64 {
+    [max - min, max.abs()].into_iter().find(|&width| width > 0.0).unwrap_or(1.0)
+}
+
+fn role(role: Role) -> &'static str {
+    match role {
+        Role::Parameter(Variability::Fixed) => "ROLE_FIXED_PARAMETER",
+        Role::Parameter(Variability::Tunable) => "ROLE_TUNABLE_PARAMETER",
+        Role::Time => "ROLE_TIME",
+        Role::Input => "ROLE_INPUT",
+    }
+}
+
+/// The last layer and those before it; a surrogate has at least one layer.
+fn split(surrogate: &Surrogate) -> (&Layer, &[Layer]) {
+    let layers = surrogate.layers();
+    (&layers[layers.len() - 1], &layers[..layers.len() - 1])
+}
+
+/// `weights[(block * inputs + column) * BLOCK + row]`
+fn in_blocks(layer: &Layer) -> Vec<f64> {
+    let mut weights = vec![0.0; padded(layer.outputs) * layer.inputs];
+    for (row, values) in layer.weight.chunks_exact(layer.inputs).enumerate() {
+        for (column, &value) in values.iter().enumerate() {
+            weights[(row / BLOCK * layer.inputs + column) * BLOCK + row % BLOCK] = flushed(value);
+        }
+    }
+    weights
+}
+
+/// Row by row, with the columns padded to whole blocks.
+fn in_rows(layer: &Layer) -> Vec<f64> {
+    layer.weight.chunks_exact(layer.inputs).flat_map(padded_to_block).collect()
+}
+
+fn padded_to_block(values: &[f32]) -> Vec<f64> {
+    let mut padded_values: Vec<f64> = values.iter().map(|&value| flushed(value)).collect();
+    padded_values.resize(padded(values.len()), 0.0);
+    padded_values
+}
+
+/// As the evaluator has it: without weights so small that products with them would be denormal.
+fn flushed(value: f32) -> f64 {
+    let value = f64::from(value);
+    if value.abs() < 1e-100 { 0.0 } else { value }
+}
+
+fn array(text: &mut String, declaration: &str, values: &[f64]) {
+    push(text, format_args!("\n{declaration}[{}] = {{\n", values.len()));
+    for line in values.chunks(8) {
+        push(text, format_args!("    {},\n", line.iter().map(|&value| real(value)).collect::<Vec<_>>().join(", ")));
+    }
+    text.push_str("};\n");
+}
+
+/// An exact literal: an integer with a decimal point if it is short, else hexadecimal.
+fn real(value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 1e6 {
+        return format!("{value:.1}");
+    }
+    let bits = value.to_bits();
+    let sign = if value.is_sign_negative() { "-" } else { "" };
+    let (exponent, mantissa) = ((bits >> 52) as i64 & 0x7ff, bits & ((1 << 52) - 1));
+    let digits = format!("{mantissa:013x}");
+    let digits = digits.trim_end_matches('0');
+    let point = if digits.is_empty() { "" } else { "." };
+    // denormal numbers have no leading one
+    let (leading, power) = if exponent == 0 { (0, -1022) } else { (1, exponent - 1023) };
+    format!("{sign}0x{leading}{point}{digits}p{power}")
+}
+
+/// A C string literal, with an octal escape for every byte that is not plain.
+fn string(text: &str) -> String {
+    let mut literal = String::from("\"");
+    for byte in text.bytes() {
+        match byte {
+            b'"' | b'\\' => push(&mut literal, format_args!("\\{}", char::from(byte))),
+            // `??` would begin a trigraph
+            b' '..=b'~' if byte != b'?' => literal.push(char::from(byte)),
+            _ => push(&mut literal, format_args!("\\{byte:03o}")),
+        }
+    }
+    literal.push('"');
+    literal
+}
+
+fn push(text: &mut String, arguments: std::fmt::Arguments) {
+    // writing to a string does not fail
+    let _ = text.write_fmt(arguments);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_exactly() {
+        for (value, text) in [
+            (0.0, "0.0"),
+            (-0.0, "-0.0"),
+            (12.0, "12.0"),
+            (0.5, "0x1p-1"),
+            (0.1, "0x1.999999999999ap-4"),
+            (-1e300, "-0x1.7e43c8800759cp996"),
+            (f64::MIN_POSITIVE / 4.0, "0x0.4p-1022"),
+            (f64::MAX, "0x1.fffffffffffffp1023"),
+        ] {
+            assert_eq!(real(value), text);
+        }
+    }
+
+    #[test]
+    fn text_becomes_a_plain_c_literal() {
+        assert_eq!(string("a\"b\\c\n\u{e4}??="), r#""a\"b\\c\012\303\244\077\077=""#);
+    }
+}

@@ -1,0 +1,532 @@
+/*
+ * FMI 2.0: co-simulation and model exchange. Each function checks whether the state allows the call and its pointers
+ * are there, and asks the instance.
+ */
+#include "fmi2.h"
+#include <stdlib.h>
+#include <string.h>
+
+enum { KIND_MODEL_EXCHANGE, KIND_CO_SIMULATION };           /* fmi2Type */
+enum { LAST_SUCCESSFUL_TIME = 2, STATUS_OF_TERMINATION = 3 }; /* fmi2StatusKind */
+
+/* The tables of sections 3.2.3 (model exchange) and 4.2.4 (co-simulation), where several functions have the same. */
+enum {
+    GET = ANY_INTERFACE | STATE_INITIALIZATION | INITIALIZED | ENDED,
+    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED,
+    SET_DISCRETE = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_EVENT | STATE_STEP,
+    GET_STATES = MODEL_EXCHANGE | STATE_INITIALIZATION | STATE_EVENT | STATE_CONTINUOUS_TIME | ENDED,
+    GET_STATUS = CO_SIMULATION | STATE_STEP | STATE_TERMINATED
+};
+
+/* What fmi2Component points to. */
+typedef struct {
+    Instance instance; /* first, so that a pointer to it is one to the component */
+    fmi2CallbackLogger logger;
+    void *environment;
+    void *(*allocate)(size_t count, size_t size);
+    void (*release)(void *memory);
+    char name[];
+} Component;
+
+static void send_message(const Instance *instance, Status status, const char *category, const char *message)
+{
+    const Component *component = (const Component *)instance;
+    component->logger(component->environment, component->name, (int)status, category, "%s", message);
+}
+
+/* ---- Version, instances, logging ---- */
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return "default";
+}
+
+const char *fmi2GetVersion(void)
+{
+    return "2.0";
+}
+
+/* Memory comes from the host if it offers functions for it. */
+static Component *new_component(const char *name, const fmi2CallbackFunctions *functions)
+{
+    const bool offered = functions->allocateMemory != NULL && functions->freeMemory != NULL;
+    void *(*const allocate)(size_t, size_t) = offered ? functions->allocateMemory : calloc;
+    const size_t length = name == NULL ? 0 : strlen(name);
+    Component *component = allocate(1, sizeof(Component) + length + 1);
+    if (component != NULL) {
+        component->allocate = allocate;
+        component->release = offered ? functions->freeMemory : free;
+        component->logger = functions->logger;
+        component->environment = functions->componentEnvironment;
+        memcpy(component->name, length == 0 ? "" : name, length + 1);
+    }
+    return component;
+}
+
+void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID, const char *fmuResourceLocation,
+                      const fmi2CallbackFunctions *functions, int visible, int loggingOn)
+{
+    (void)fmuResourceLocation; /* everything is compiled in */
+    (void)visible;
+    if (functions == NULL || functions->logger == NULL) {
+        return NULL;
+    }
+    Component *component = new_component(instanceName, functions);
+    if (component == NULL) {
+        return NULL;
+    }
+    Instance *instance = &component->instance;
+    instance->fmi_version = 2;
+    instance->interface = fmuType == KIND_MODEL_EXCHANGE ? MODEL_EXCHANGE : CO_SIMULATION;
+    instance->event_mode = false;
+    instance->send = send_message;
+    /*
+     * loggingOn governs debug messages only: the standard defines fmi2Error and fmi2Warning by "function logger was
+     * called". fmi2SetDebugLogging can turn each category off.
+     */
+    instance->log_errors = true;
+    instance->log_warnings = true;
+    instance->log_everything = loggingOn != 0;
+    bool good = instance_initialize(instance, "fmi2Instantiate", instanceName, fmuGUID);
+    if (good && fmuType != KIND_MODEL_EXCHANGE && fmuType != KIND_CO_SIMULATION) {
+        instance_tell(instance, STATUS_ERROR, "FMU type is %d, expected 0 (model exchange) or 1 (co-simulation)",
+                      fmuType);
+        good = false;
+    }
+    if (!good) {
+        component->release(component);
+        return NULL;
+    }
+    return component;
+}
+
+void fmi2FreeInstance(void *c)
+{
+    Component *component = c;
+    if (component != NULL) {
+        component->release(component);
+    }
+}
+
+Status fmi2SetDebugLogging(void *c, int loggingOn, size_t nCategories, const char *const categories[])
+{
+    if (!instance_begin(c, "fmi2SetDebugLogging", ANYWHERE)) {
+        return STATUS_ERROR;
+    }
+    return instance_switch_logging(c, loggingOn != 0, nCategories, categories);
+}
+
+/* ---- Modes ---- */
+
+Status fmi2SetupExperiment(void *c, int toleranceDefined, double tolerance, double startTime, int stopTimeDefined,
+                           double stopTime)
+{
+    (void)toleranceDefined; /* nothing is iterated here */
+    (void)tolerance;
+    if (!instance_begin(c, "fmi2SetupExperiment", ANY_INTERFACE | STATE_INSTANTIATED)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_up_experiment(c, startTime, stopTimeDefined != 0, stopTime);
+}
+
+Status fmi2EnterInitializationMode(void *c)
+{
+    if (!instance_begin(c, "fmi2EnterInitializationMode", ANY_INTERFACE | STATE_INSTANTIATED)) {
+        return STATUS_ERROR;
+    }
+    return instance_enter_initialization_mode(c);
+}
+
+Status fmi2ExitInitializationMode(void *c)
+{
+    if (!instance_begin(c, "fmi2ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
+        return STATUS_ERROR;
+    }
+    instance_exit_initialization_mode(c);
+    return STATUS_OK;
+}
+
+Status fmi2Terminate(void *c)
+{
+    Instance *instance = c;
+    if (!instance_begin(instance, "fmi2Terminate", ANY_INTERFACE | INITIALIZED)) {
+        return STATUS_ERROR;
+    }
+    instance->now.state = STATE_TERMINATED;
+    return STATUS_OK;
+}
+
+Status fmi2Reset(void *c)
+{
+    if (!instance_begin(c, "fmi2Reset", ANYWHERE)) {
+        return STATUS_ERROR;
+    }
+    instance_reset(c);
+    return STATUS_OK;
+}
+
+/* ---- Values ---- */
+
+Status fmi2GetReal(void *c, const uint32_t vr[], size_t nvr, double value[])
+{
+    if (!instance_begin(c, "fmi2GetReal", GET) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_get_real(c, vr, nvr, value);
+}
+
+Status fmi2GetInteger(void *c, const uint32_t vr[], size_t nvr, int32_t value[])
+{
+    if (!instance_begin(c, "fmi2GetInteger", GET) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_get_integer(c, vr, nvr, value);
+}
+
+Status fmi2GetBoolean(void *c, const uint32_t vr[], size_t nvr, int value[])
+{
+    bool in_domain;
+    if (!instance_begin(c, "fmi2GetBoolean", GET) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value") || instance_get_boolean(c, vr, nvr, &in_domain) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < nvr; i++) {
+        value[i] = in_domain ? 1 : 0;
+    }
+    return STATUS_OK;
+}
+
+Status fmi2GetString(void *c, const uint32_t vr[], size_t nvr, const char *value[])
+{
+    (void)vr;
+    (void)value;
+    if (!instance_begin(c, "fmi2GetString", GET)) {
+        return STATUS_ERROR;
+    }
+    return instance_no_variables(c, "String", nvr);
+}
+
+Status fmi2SetReal(void *c, const uint32_t vr[], size_t nvr, const double value[])
+{
+    if (!instance_begin(c, "fmi2SetReal", SET) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_real(c, vr, nvr, value);
+}
+
+Status fmi2SetInteger(void *c, const uint32_t vr[], size_t nvr, const int32_t value[])
+{
+    if (!instance_begin(c, "fmi2SetInteger", SET_DISCRETE) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_integer(c, vr, nvr, value);
+}
+
+Status fmi2SetBoolean(void *c, const uint32_t vr[], size_t nvr, const int value[])
+{
+    (void)value;
+    if (!instance_begin(c, "fmi2SetBoolean", SET_DISCRETE) || instance_lacks(c, vr, nvr, "vr")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_boolean(c, vr, nvr);
+}
+
+Status fmi2SetString(void *c, const uint32_t vr[], size_t nvr, const char *const value[])
+{
+    (void)vr;
+    (void)value;
+    if (!instance_begin(c, "fmi2SetString", SET_DISCRETE)) {
+        return STATUS_ERROR;
+    }
+    return instance_no_variables(c, "String", nvr);
+}
+
+/* ---- FMU state ---- */
+
+/* The state where FMUstate points to, a new one if there is none; null after a message if there is no memory. */
+static Snapshot *state_at(Component *component, void **FMUstate)
+{
+    if (instance_lacks(&component->instance, FMUstate, 1, "FMUstate")) {
+        return NULL;
+    }
+    if (*FMUstate == NULL) {
+        *FMUstate = component->allocate(1, sizeof(Snapshot));
+    }
+    if (*FMUstate == NULL) {
+        instance_tell(&component->instance, STATUS_ERROR, "no memory for a state");
+    }
+    return *FMUstate;
+}
+
+Status fmi2GetFMUstate(void *c, void **FMUstate)
+{
+    if (!instance_begin(c, "fmi2GetFMUstate", ANYWHERE)) {
+        return STATUS_ERROR;
+    }
+    Snapshot *state = state_at(c, FMUstate);
+    if (state == NULL) {
+        return STATUS_ERROR;
+    }
+    instance_save(c, state);
+    return STATUS_OK;
+}
+
+Status fmi2SetFMUstate(void *c, void *FMUstate)
+{
+    if (!instance_begin(c, "fmi2SetFMUstate", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
+        return STATUS_ERROR;
+    }
+    return instance_restore(c, FMUstate);
+}
+
+Status fmi2FreeFMUstate(void *c, void **FMUstate)
+{
+    const Component *component = c;
+    if (!instance_begin(c, "fmi2FreeFMUstate", ANYWHERE)) {
+        return STATUS_ERROR;
+    }
+    if (FMUstate != NULL && *FMUstate != NULL) {
+        component->release(*FMUstate);
+        *FMUstate = NULL;
+    }
+    return STATUS_OK;
+}
+
+Status fmi2SerializedFMUstateSize(void *c, void *FMUstate, size_t *size)
+{
+    if (!instance_begin(c, "fmi2SerializedFMUstateSize", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate") ||
+        instance_lacks(c, size, 1, "size")) {
+        return STATUS_ERROR;
+    }
+    *size = snapshot_size();
+    return STATUS_OK;
+}
+
+Status fmi2SerializeFMUstate(void *c, void *FMUstate, char serializedState[], size_t size)
+{
+    if (!instance_begin(c, "fmi2SerializeFMUstate", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
+        return STATUS_ERROR;
+    }
+    return instance_serialize(c, FMUstate, (uint8_t *)serializedState, size);
+}
+
+Status fmi2DeSerializeFMUstate(void *c, const char serializedState[], size_t size, void **FMUstate)
+{
+    Snapshot state;
+    if (!instance_begin(c, "fmi2DeSerializeFMUstate", ANYWHERE) ||
+        instance_lacks(c, serializedState, size, "serializedState") ||
+        instance_deserialize(c, (const uint8_t *)serializedState, size, &state) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    Snapshot *to = state_at(c, FMUstate);
+    if (to == NULL) {
+        return STATUS_ERROR;
+    }
+    *to = state;
+    return STATUS_OK;
+}
+
+/* ---- Derivatives ---- */
+
+Status fmi2GetDirectionalDerivative(void *c, const uint32_t vUnknown_ref[], size_t nUnknown,
+                                    const uint32_t vKnown_ref[], size_t nKnown, const double dvKnown[],
+                                    double dvUnknown[])
+{
+    if (!instance_begin(c, "fmi2GetDirectionalDerivative", GET) ||
+        instance_lacks(c, vUnknown_ref, nUnknown, "vUnknown_ref") ||
+        instance_lacks(c, vKnown_ref, nKnown, "vKnown_ref") || instance_lacks(c, dvKnown, nKnown, "dvKnown") ||
+        instance_lacks(c, dvUnknown, nUnknown, "dvUnknown")) {
+        return STATUS_ERROR;
+    }
+    return instance_directional_derivative(c, vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown);
+}
+
+Status fmi2SetRealInputDerivatives(void *c, const uint32_t vr[], size_t nvr, const int32_t order[],
+                                   const double value[])
+{
+    const unsigned allowed = CO_SIMULATION | STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_STEP;
+    if (!instance_begin(c, "fmi2SetRealInputDerivatives", allowed) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, order, nvr, "order") || instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_input_derivatives(c, vr, nvr, order, value);
+}
+
+Status fmi2GetRealOutputDerivatives(void *c, const uint32_t vr[], size_t nvr, const int32_t order[], double value[])
+{
+    if (!instance_begin(c, "fmi2GetRealOutputDerivatives", CO_SIMULATION | STATE_STEP | ENDED) ||
+        instance_lacks(c, vr, nvr, "vr") || instance_lacks(c, order, nvr, "order") ||
+        instance_lacks(c, value, nvr, "value")) {
+        return STATUS_ERROR;
+    }
+    return instance_output_derivatives(c, vr, nvr, order, value);
+}
+
+/* ---- Model exchange: neither states nor events ---- */
+
+Status fmi2EnterEventMode(void *c)
+{
+    if (!instance_begin(c, "fmi2EnterEventMode", MODEL_EXCHANGE | STATE_EVENT | STATE_CONTINUOUS_TIME)) {
+        return STATUS_ERROR;
+    }
+    return instance_enter_event_mode(c);
+}
+
+Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *eventInfo)
+{
+    if (!instance_begin(c, "fmi2NewDiscreteStates", MODEL_EXCHANGE | STATE_EVENT) ||
+        instance_lacks(c, eventInfo, 1, "eventInfo")) {
+        return STATUS_ERROR;
+    }
+    *eventInfo = (fmi2EventInfo){0, 0, 0, 0, 0, 0.0};
+    return STATUS_OK;
+}
+
+Status fmi2EnterContinuousTimeMode(void *c)
+{
+    Instance *instance = c;
+    if (!instance_begin(instance, "fmi2EnterContinuousTimeMode", MODEL_EXCHANGE | STATE_EVENT)) {
+        return STATUS_ERROR;
+    }
+    instance->now.state = STATE_CONTINUOUS_TIME;
+    return STATUS_OK;
+}
+
+Status fmi2CompletedIntegratorStep(void *c, int noSetFMUStatePriorToCurrentPoint, int *enterEventMode,
+                                   int *terminateSimulation)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (!instance_begin(c, "fmi2CompletedIntegratorStep", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+        instance_lacks(c, enterEventMode, 1, "enterEventMode") ||
+        instance_lacks(c, terminateSimulation, 1, "terminateSimulation")) {
+        return STATUS_ERROR;
+    }
+    *enterEventMode = 0;
+    *terminateSimulation = 0;
+    return STATUS_OK;
+}
+
+Status fmi2SetTime(void *c, double time)
+{
+    if (!instance_begin(c, "fmi2SetTime", MODEL_EXCHANGE | STATE_EVENT | STATE_CONTINUOUS_TIME)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_solver_time(c, time);
+}
+
+static Status none(void *c, const char *function, unsigned allowed, size_t count, const char *argument)
+{
+    if (!instance_begin(c, function, allowed) || instance_miscounts(c, count, 0, argument)) {
+        return STATUS_ERROR;
+    }
+    return STATUS_OK;
+}
+
+Status fmi2SetContinuousStates(void *c, const double x[], size_t nx)
+{
+    (void)x;
+    return none(c, "fmi2SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME, nx, "x");
+}
+
+Status fmi2GetDerivatives(void *c, double derivatives[], size_t nx)
+{
+    (void)derivatives;
+    return none(c, "fmi2GetDerivatives", GET_STATES, nx, "derivatives");
+}
+
+Status fmi2GetEventIndicators(void *c, double eventIndicators[], size_t ni)
+{
+    (void)eventIndicators;
+    return none(c, "fmi2GetEventIndicators", GET_STATES, ni, "eventIndicators");
+}
+
+Status fmi2GetContinuousStates(void *c, double x[], size_t nx)
+{
+    (void)x;
+    return none(c, "fmi2GetContinuousStates", GET_STATES, nx, "x");
+}
+
+Status fmi2GetNominalsOfContinuousStates(void *c, double x_nominal[], size_t nx)
+{
+    (void)x_nominal;
+    return none(c, "fmi2GetNominalsOfContinuousStates", GET_STATES | STATE_INSTANTIATED, nx, "x_nominal");
+}
+
+/* ---- Co-simulation: steps are synchronous and always complete ---- */
+
+Status fmi2DoStep(void *c, double currentCommunicationPoint, double communicationStepSize,
+                  int noSetFMUStatePriorToCurrentPoint)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (!instance_begin(c, "fmi2DoStep", CO_SIMULATION | STATE_STEP)) {
+        return STATUS_ERROR;
+    }
+    return instance_do_step(c, currentCommunicationPoint, communicationStepSize);
+}
+
+/* Allowed only while a step runs asynchronously, which none does. */
+Status fmi2CancelStep(void *c)
+{
+    instance_begin(c, "fmi2CancelStep", NOWHERE);
+    return STATUS_ERROR;
+}
+
+/* "If a status is required which cannot be retrieved by the slave it returns fmi2Discard." */
+static Status no_status(void *c, int kind)
+{
+    return instance_tell(c, STATUS_DISCARD,
+                         "status information %d is not available: steps are synchronous and always complete", kind);
+}
+
+Status fmi2GetStatus(void *c, int s, Status *value)
+{
+    (void)value;
+    return instance_begin(c, "fmi2GetStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+}
+
+Status fmi2GetRealStatus(void *c, int s, double *value)
+{
+    const Instance *instance = c;
+    if (!instance_begin(c, "fmi2GetRealStatus", GET_STATUS)) {
+        return STATUS_ERROR;
+    }
+    if (s != LAST_SUCCESSFUL_TIME) {
+        return no_status(c, s);
+    }
+    if (instance_lacks(c, value, 1, "value")) {
+        return STATUS_ERROR;
+    }
+    *value = instance->now.time;
+    return STATUS_OK;
+}
+
+Status fmi2GetIntegerStatus(void *c, int s, int *value)
+{
+    (void)value;
+    return instance_begin(c, "fmi2GetIntegerStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+}
+
+Status fmi2GetBooleanStatus(void *c, int s, int *value)
+{
+    if (!instance_begin(c, "fmi2GetBooleanStatus", GET_STATUS)) {
+        return STATUS_ERROR;
+    }
+    if (s != STATUS_OF_TERMINATION) {
+        return no_status(c, s);
+    }
+    if (instance_lacks(c, value, 1, "value")) {
+        return STATUS_ERROR;
+    }
+    *value = 0;
+    return STATUS_OK;
+}
+
+Status fmi2GetStringStatus(void *c, int s, const char **value)
+{
+    (void)value;
+    return instance_begin(c, "fmi2GetStringStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+}

@@ -1,0 +1,567 @@
+/*
+ * FMI 3.0: co-simulation and model exchange. Each function checks whether the state allows the call and its pointers
+ * are there, and asks the instance. Functions for what the FMU does not have are in fmi3_absent.c.
+ */
+#include "fmi3.h"
+#include <stdlib.h>
+
+enum { DEPENDENT = 5 }; /* fmi3DependencyKind */
+
+/* The "allowed function calls" of sections 2.3, 3.2 and 4.2, where several functions have the same. */
+enum {
+    ALWAYS = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
+    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED,
+    DIFFERENTIATE = ANY_INTERFACE | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
+    GET_STATES = MODEL_EXCHANGE | STATE_INITIALIZATION | STATE_EVENT | STATE_CONTINUOUS_TIME | STATE_TERMINATED
+};
+
+/* What fmi3Instance points to. */
+typedef struct {
+    Instance instance; /* first, so that a pointer to it is one to the component */
+    fmi3LogMessageCallback logger;
+    void *environment;
+} Component;
+
+static void send_message(const Instance *instance, Status status, const char *category, const char *message)
+{
+    const Component *component = (const Component *)instance;
+    if (component->logger != NULL) {
+        component->logger(component->environment, (int)status, category, message);
+    }
+}
+
+/* ---- Version, instances, logging ---- */
+
+const char *fmi3GetVersion(void)
+{
+    return "3.0";
+}
+
+static Component *new_component(Interface interface, bool event_mode, bool logging, void *environment,
+                                fmi3LogMessageCallback logger)
+{
+    Component *component = calloc(1, sizeof(Component));
+    if (component != NULL) {
+        component->logger = logger;
+        component->environment = environment;
+        component->instance.fmi_version = 3;
+        component->instance.interface = interface;
+        component->instance.event_mode = event_mode;
+        component->instance.send = send_message;
+        component->instance.log_errors = logging;
+        component->instance.log_warnings = logging;
+        component->instance.log_everything = logging;
+    }
+    return component;
+}
+
+static Component *checked(Component *component, const char *function, const char *name, const char *token)
+{
+    if (component == NULL || instance_initialize(&component->instance, function, name, token)) {
+        return component;
+    }
+    free(component);
+    return NULL;
+}
+
+void *fmi3InstantiateModelExchange(const char *instanceName, const char *instantiationToken, const char *resourcePath,
+                                   bool visible, bool loggingOn, void *instanceEnvironment,
+                                   fmi3LogMessageCallback logMessage)
+{
+    (void)resourcePath; /* everything is compiled in */
+    (void)visible;
+    Component *component = new_component(MODEL_EXCHANGE, true, loggingOn, instanceEnvironment, logMessage);
+    return checked(component, "fmi3InstantiateModelExchange", instanceName, instantiationToken);
+}
+
+/* Neither returns early nor updates in between: a step is one evaluation. So both offers of the host go unused. */
+void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instantiationToken, const char *resourcePath,
+                                  bool visible, bool loggingOn, bool eventModeUsed, bool earlyReturnAllowed,
+                                  const uint32_t requiredIntermediateVariables[],
+                                  size_t nRequiredIntermediateVariables, void *instanceEnvironment,
+                                  fmi3LogMessageCallback logMessage,
+                                  fmi3IntermediateUpdateCallback intermediateUpdate)
+{
+    (void)resourcePath; /* everything is compiled in */
+    (void)visible;
+    (void)earlyReturnAllowed;
+    (void)requiredIntermediateVariables;
+    (void)nRequiredIntermediateVariables;
+    (void)intermediateUpdate;
+    Component *component = new_component(CO_SIMULATION, eventModeUsed, loggingOn, instanceEnvironment, logMessage);
+    return checked(component, "fmi3InstantiateCoSimulation", instanceName, instantiationToken);
+}
+
+void *fmi3InstantiateScheduledExecution(const char *instanceName, const char *instantiationToken,
+                                        const char *resourcePath, bool visible, bool loggingOn,
+                                        void *instanceEnvironment, fmi3LogMessageCallback logMessage,
+                                        fmi3ClockUpdateCallback clockUpdate, fmi3PreemptionCallback lockPreemption,
+                                        fmi3PreemptionCallback unlockPreemption)
+{
+    (void)instanceName;
+    (void)instantiationToken;
+    (void)resourcePath;
+    (void)visible;
+    (void)loggingOn;
+    (void)clockUpdate;
+    (void)lockPreemption;
+    (void)unlockPreemption;
+    if (logMessage != NULL) {
+        logMessage(instanceEnvironment, (int)STATUS_ERROR, "logStatusError",
+                   "fmi3InstantiateScheduledExecution: scheduled execution is not offered");
+    }
+    return NULL;
+}
+
+void fmi3FreeInstance(void *instance)
+{
+    free(instance);
+}
+
+Status fmi3SetDebugLogging(void *instance, bool loggingOn, size_t nCategories, const char *const categories[])
+{
+    if (!instance_begin(instance, "fmi3SetDebugLogging", ALWAYS)) {
+        return STATUS_ERROR;
+    }
+    return instance_switch_logging(instance, loggingOn, nCategories, categories);
+}
+
+/* ---- Modes ---- */
+
+Status fmi3EnterInitializationMode(void *instance, bool toleranceDefined, double tolerance, double startTime,
+                                   bool stopTimeDefined, double stopTime)
+{
+    (void)toleranceDefined; /* nothing is iterated here */
+    (void)tolerance;
+    if (!instance_begin(instance, "fmi3EnterInitializationMode", ANY_INTERFACE | STATE_INSTANTIATED)) {
+        return STATUS_ERROR;
+    }
+    const Status status = instance_set_up_experiment(instance, startTime, stopTimeDefined, stopTime);
+    if (status == STATUS_ERROR || instance_enter_initialization_mode(instance) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    return status;
+}
+
+Status fmi3ExitInitializationMode(void *instance)
+{
+    if (!instance_begin(instance, "fmi3ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
+        return STATUS_ERROR;
+    }
+    instance_exit_initialization_mode(instance);
+    return STATUS_OK;
+}
+
+Status fmi3EnterEventMode(void *instance)
+{
+    if (!instance_begin(instance, "fmi3EnterEventMode", ANY_INTERFACE | STATE_CONTINUOUS_TIME | STATE_STEP)) {
+        return STATUS_ERROR;
+    }
+    return instance_enter_event_mode(instance);
+}
+
+/* For calls that do nothing but change the state. */
+static Status change_state(Instance *instance, const char *function, unsigned allowed, State state)
+{
+    if (!instance_begin(instance, function, allowed)) {
+        return STATUS_ERROR;
+    }
+    instance->now.state = state;
+    return STATUS_OK;
+}
+
+Status fmi3EnterContinuousTimeMode(void *instance)
+{
+    return change_state(instance, "fmi3EnterContinuousTimeMode", MODEL_EXCHANGE | STATE_EVENT, STATE_CONTINUOUS_TIME);
+}
+
+Status fmi3EnterStepMode(void *instance)
+{
+    return change_state(instance, "fmi3EnterStepMode", CO_SIMULATION | STATE_EVENT, STATE_STEP);
+}
+
+Status fmi3Terminate(void *instance)
+{
+    return change_state(instance, "fmi3Terminate", ANY_INTERFACE | INITIALIZED, STATE_TERMINATED);
+}
+
+Status fmi3Reset(void *instance)
+{
+    if (!instance_begin(instance, "fmi3Reset", ALWAYS)) {
+        return STATUS_ERROR;
+    }
+    instance_reset(instance);
+    return STATUS_OK;
+}
+
+Status fmi3EvaluateDiscreteStates(void *instance)
+{
+    return change_state(instance, "fmi3EvaluateDiscreteStates", ANY_INTERFACE | STATE_EVENT, STATE_EVENT);
+}
+
+/* There are neither states nor events. */
+Status fmi3UpdateDiscreteStates(void *instance, bool *discreteStatesNeedUpdate, bool *terminateSimulation,
+                                bool *nominalsOfContinuousStatesChanged, bool *valuesOfContinuousStatesChanged,
+                                bool *nextEventTimeDefined, double *nextEventTime)
+{
+    if (!instance_begin(instance, "fmi3UpdateDiscreteStates", ANY_INTERFACE | STATE_EVENT) ||
+        instance_lacks(instance, discreteStatesNeedUpdate, 1, "discreteStatesNeedUpdate") ||
+        instance_lacks(instance, terminateSimulation, 1, "terminateSimulation") ||
+        instance_lacks(instance, nominalsOfContinuousStatesChanged, 1, "nominalsOfContinuousStatesChanged") ||
+        instance_lacks(instance, valuesOfContinuousStatesChanged, 1, "valuesOfContinuousStatesChanged") ||
+        instance_lacks(instance, nextEventTimeDefined, 1, "nextEventTimeDefined") ||
+        instance_lacks(instance, nextEventTime, 1, "nextEventTime")) {
+        return STATUS_ERROR;
+    }
+    *discreteStatesNeedUpdate = false;
+    *terminateSimulation = false;
+    *nominalsOfContinuousStatesChanged = false;
+    *valuesOfContinuousStatesChanged = false;
+    *nextEventTimeDefined = false;
+    *nextEventTime = 0.0;
+    return STATUS_OK;
+}
+
+/* ---- Values: all variables are scalars ---- */
+
+/* Whether the arguments of a call for values cannot be; the host is told. */
+static bool bad_arguments(Instance *instance, const uint32_t references[], size_t reference_count, const void *values,
+                          size_t value_count)
+{
+    return instance_miscounts(instance, value_count, reference_count, "values") ||
+           instance_lacks(instance, references, reference_count, "valueReferences") ||
+           instance_lacks(instance, values, value_count, "values");
+}
+
+Status fmi3GetFloat64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double values[],
+                      size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3GetFloat64", ALWAYS) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        return STATUS_ERROR;
+    }
+    return instance_get_real(instance, valueReferences, nValueReferences, values);
+}
+
+Status fmi3GetInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int32_t values[],
+                    size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3GetInt32", ALWAYS) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        return STATUS_ERROR;
+    }
+    return instance_get_integer(instance, valueReferences, nValueReferences, values);
+}
+
+Status fmi3GetBoolean(void *instance, const uint32_t valueReferences[], size_t nValueReferences, bool values[],
+                      size_t nValues)
+{
+    bool in_domain;
+    if (!instance_begin(instance, "fmi3GetBoolean", ALWAYS) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
+        instance_get_boolean(instance, valueReferences, nValueReferences, &in_domain) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < nValues; i++) {
+        values[i] = in_domain;
+    }
+    return STATUS_OK;
+}
+
+Status fmi3SetFloat64(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
+                      const double values[], size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3SetFloat64", SET) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_real(instance, valueReferences, nValueReferences, values);
+}
+
+Status fmi3SetInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int32_t values[],
+                    size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3SetInt32", SET) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_integer(instance, valueReferences, nValueReferences, values);
+}
+
+Status fmi3SetBoolean(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const bool values[],
+                      size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3SetBoolean", SET) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_boolean(instance, valueReferences, nValueReferences);
+}
+
+/* ---- Dependencies and derivatives ---- */
+
+Status fmi3GetNumberOfVariableDependencies(void *instance, uint32_t valueReference, size_t *nDependencies)
+{
+    if (!instance_begin(instance, "fmi3GetNumberOfVariableDependencies", ALWAYS) ||
+        instance_lacks(instance, nDependencies, 1, "nDependencies")) {
+        return STATUS_ERROR;
+    }
+    return instance_count_dependencies(instance, valueReference, nDependencies);
+}
+
+Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t elementIndicesOfDependent[],
+                                   uint32_t independents[], size_t elementIndicesOfIndependents[],
+                                   int dependencyKinds[], size_t nDependencies)
+{
+    size_t count;
+    if (!instance_begin(instance, "fmi3GetVariableDependencies", ALWAYS) ||
+        instance_count_dependencies(instance, dependent, &count) != STATUS_OK ||
+        instance_miscounts(instance, nDependencies, count, "independents") ||
+        instance_lacks(instance, elementIndicesOfDependent, count, "elementIndicesOfDependent") ||
+        instance_lacks(instance, independents, count, "independents") ||
+        instance_lacks(instance, elementIndicesOfIndependents, count, "elementIndicesOfIndependents") ||
+        instance_lacks(instance, dependencyKinds, count, "dependencyKinds")) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < count; i++) {
+        /* zero: all elements of a variable, which is the only one of a scalar */
+        elementIndicesOfDependent[i] = 0;
+        elementIndicesOfIndependents[i] = 0;
+        independents[i] = instance_dependency(i);
+        dependencyKinds[i] = DEPENDENT;
+    }
+    return STATUS_OK;
+}
+
+Status fmi3GetDirectionalDerivative(void *instance, const uint32_t unknowns[], size_t nUnknowns,
+                                    const uint32_t knowns[], size_t nKnowns, const double seed[], size_t nSeed,
+                                    double sensitivity[], size_t nSensitivity)
+{
+    if (!instance_begin(instance, "fmi3GetDirectionalDerivative", DIFFERENTIATE) ||
+        instance_miscounts(instance, nSeed, nKnowns, "seed") ||
+        instance_miscounts(instance, nSensitivity, nUnknowns, "sensitivity") ||
+        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
+        instance_lacks(instance, knowns, nKnowns, "knowns") || instance_lacks(instance, seed, nSeed, "seed") ||
+        instance_lacks(instance, sensitivity, nSensitivity, "sensitivity")) {
+        return STATUS_ERROR;
+    }
+    return instance_directional_derivative(instance, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity);
+}
+
+Status fmi3GetAdjointDerivative(void *instance, const uint32_t unknowns[], size_t nUnknowns, const uint32_t knowns[],
+                                size_t nKnowns, const double seed[], size_t nSeed, double sensitivity[],
+                                size_t nSensitivity)
+{
+    if (!instance_begin(instance, "fmi3GetAdjointDerivative", DIFFERENTIATE) ||
+        instance_miscounts(instance, nSeed, nUnknowns, "seed") ||
+        instance_miscounts(instance, nSensitivity, nKnowns, "sensitivity") ||
+        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
+        instance_lacks(instance, knowns, nKnowns, "knowns") || instance_lacks(instance, seed, nSeed, "seed") ||
+        instance_lacks(instance, sensitivity, nSensitivity, "sensitivity")) {
+        return STATUS_ERROR;
+    }
+    return instance_adjoint_derivative(instance, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity);
+}
+
+Status fmi3GetOutputDerivatives(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
+                                const int32_t orders[], double values[], size_t nValues)
+{
+    if (!instance_begin(instance, "fmi3GetOutputDerivatives", CO_SIMULATION | STATE_STEP | STATE_TERMINATED) ||
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
+        instance_lacks(instance, orders, nValueReferences, "orders")) {
+        return STATUS_ERROR;
+    }
+    return instance_output_derivatives(instance, valueReferences, nValueReferences, orders, values);
+}
+
+/* ---- FMU state ---- */
+
+/* The state where FMUState points to, a new one if there is none; null after a message if there is no memory. */
+static Snapshot *state_at(Instance *instance, void **FMUState)
+{
+    if (instance_lacks(instance, FMUState, 1, "FMUState")) {
+        return NULL;
+    }
+    if (*FMUState == NULL) {
+        *FMUState = calloc(1, sizeof(Snapshot));
+    }
+    if (*FMUState == NULL) {
+        instance_tell(instance, STATUS_ERROR, "no memory for a state");
+    }
+    return *FMUState;
+}
+
+Status fmi3GetFMUState(void *instance, void **FMUState)
+{
+    if (!instance_begin(instance, "fmi3GetFMUState", ALWAYS)) {
+        return STATUS_ERROR;
+    }
+    Snapshot *state = state_at(instance, FMUState);
+    if (state == NULL) {
+        return STATUS_ERROR;
+    }
+    instance_save(instance, state);
+    return STATUS_OK;
+}
+
+Status fmi3SetFMUState(void *instance, void *FMUState)
+{
+    if (!instance_begin(instance, "fmi3SetFMUState", ALWAYS) || instance_lacks(instance, FMUState, 1, "FMUState")) {
+        return STATUS_ERROR;
+    }
+    return instance_restore(instance, FMUState);
+}
+
+Status fmi3FreeFMUState(void *instance, void **FMUState)
+{
+    if (!instance_begin(instance, "fmi3FreeFMUState", ALWAYS)) {
+        return STATUS_ERROR;
+    }
+    if (FMUState != NULL) {
+        free(*FMUState);
+        *FMUState = NULL;
+    }
+    return STATUS_OK;
+}
+
+Status fmi3SerializedFMUStateSize(void *instance, void *FMUState, size_t *size)
+{
+    if (!instance_begin(instance, "fmi3SerializedFMUStateSize", ALWAYS) ||
+        instance_lacks(instance, FMUState, 1, "FMUState") || instance_lacks(instance, size, 1, "size")) {
+        return STATUS_ERROR;
+    }
+    *size = snapshot_size();
+    return STATUS_OK;
+}
+
+Status fmi3SerializeFMUState(void *instance, void *FMUState, uint8_t serializedState[], size_t size)
+{
+    if (!instance_begin(instance, "fmi3SerializeFMUState", ALWAYS) ||
+        instance_lacks(instance, FMUState, 1, "FMUState")) {
+        return STATUS_ERROR;
+    }
+    return instance_serialize(instance, FMUState, serializedState, size);
+}
+
+Status fmi3DeserializeFMUState(void *instance, const uint8_t serializedState[], size_t size, void **FMUState)
+{
+    Snapshot state;
+    if (!instance_begin(instance, "fmi3DeserializeFMUState", ALWAYS) ||
+        instance_lacks(instance, serializedState, size, "serializedState") ||
+        instance_deserialize(instance, serializedState, size, &state) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    Snapshot *to = state_at(instance, FMUState);
+    if (to == NULL) {
+        return STATUS_ERROR;
+    }
+    *to = state;
+    return STATUS_OK;
+}
+
+/* ---- Model exchange: neither states nor events ---- */
+
+Status fmi3CompletedIntegratorStep(void *instance, bool noSetFMUStatePriorToCurrentPoint, bool *enterEventMode,
+                                   bool *terminateSimulation)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (!instance_begin(instance, "fmi3CompletedIntegratorStep", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+        instance_lacks(instance, enterEventMode, 1, "enterEventMode") ||
+        instance_lacks(instance, terminateSimulation, 1, "terminateSimulation")) {
+        return STATUS_ERROR;
+    }
+    *enterEventMode = false;
+    *terminateSimulation = false;
+    return STATUS_OK;
+}
+
+Status fmi3SetTime(void *instance, double time)
+{
+    if (!instance_begin(instance, "fmi3SetTime", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME)) {
+        return STATUS_ERROR;
+    }
+    return instance_set_solver_time(instance, time);
+}
+
+static Status none(Instance *instance, const char *function, unsigned allowed, size_t count, const char *argument)
+{
+    if (!instance_begin(instance, function, allowed) || instance_miscounts(instance, count, 0, argument)) {
+        return STATUS_ERROR;
+    }
+    return STATUS_OK;
+}
+
+Status fmi3SetContinuousStates(void *instance, const double continuousStates[], size_t nContinuousStates)
+{
+    (void)continuousStates;
+    return none(instance, "fmi3SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME, nContinuousStates,
+                "continuousStates");
+}
+
+Status fmi3GetContinuousStateDerivatives(void *instance, double derivatives[], size_t nContinuousStates)
+{
+    (void)derivatives;
+    return none(instance, "fmi3GetContinuousStateDerivatives", GET_STATES, nContinuousStates, "derivatives");
+}
+
+Status fmi3GetEventIndicators(void *instance, double eventIndicators[], size_t nEventIndicators)
+{
+    (void)eventIndicators;
+    return none(instance, "fmi3GetEventIndicators", GET_STATES, nEventIndicators, "eventIndicators");
+}
+
+Status fmi3GetContinuousStates(void *instance, double continuousStates[], size_t nContinuousStates)
+{
+    (void)continuousStates;
+    return none(instance, "fmi3GetContinuousStates", GET_STATES, nContinuousStates, "continuousStates");
+}
+
+Status fmi3GetNominalsOfContinuousStates(void *instance, double nominals[], size_t nContinuousStates)
+{
+    (void)nominals;
+    return none(instance, "fmi3GetNominalsOfContinuousStates", GET_STATES, nContinuousStates, "nominals");
+}
+
+static Status count_none(Instance *instance, const char *function, size_t *count, const char *argument)
+{
+    /* the standard: Instantiated and Event Mode; hosts ask where they please */
+    if (!instance_begin(instance, function, GET_STATES | STATE_INSTANTIATED) ||
+        instance_lacks(instance, count, 1, argument)) {
+        return STATUS_ERROR;
+    }
+    *count = 0;
+    return STATUS_OK;
+}
+
+Status fmi3GetNumberOfEventIndicators(void *instance, size_t *nEventIndicators)
+{
+    return count_none(instance, "fmi3GetNumberOfEventIndicators", nEventIndicators, "nEventIndicators");
+}
+
+Status fmi3GetNumberOfContinuousStates(void *instance, size_t *nContinuousStates)
+{
+    return count_none(instance, "fmi3GetNumberOfContinuousStates", nContinuousStates, "nContinuousStates");
+}
+
+/* ---- Co-simulation ---- */
+
+Status fmi3DoStep(void *instance, double currentCommunicationPoint, double communicationStepSize,
+                  bool noSetFMUStatePriorToCurrentPoint, bool *eventHandlingNeeded, bool *terminateSimulation,
+                  bool *earlyReturn, double *lastSuccessfulTime)
+{
+    const Component *component = instance;
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (!instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ||
+        instance_lacks(instance, eventHandlingNeeded, 1, "eventHandlingNeeded") ||
+        instance_lacks(instance, terminateSimulation, 1, "terminateSimulation") ||
+        instance_lacks(instance, earlyReturn, 1, "earlyReturn") ||
+        instance_lacks(instance, lastSuccessfulTime, 1, "lastSuccessfulTime")) {
+        return STATUS_ERROR;
+    }
+    *eventHandlingNeeded = false;
+    *terminateSimulation = false;
+    *earlyReturn = false;
+    const Status status = instance_do_step(instance, currentCommunicationPoint, communicationStepSize);
+    *lastSuccessfulTime = component->instance.now.time;
+    return status;
+}

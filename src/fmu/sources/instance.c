@@ -1,0 +1,1118 @@
+#include "instance.h"
+#include <float.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+/* How far outside its range a value may be, relative to the range: hosts add up step sizes and convert units. */
+static const double TOLERANCE = 1e-9;
+
+static const char CATEGORY_ERROR[] = "logStatusError";
+static const char CATEGORY_WARNING[] = "logStatusWarning";
+static const char CATEGORY_ALL[] = "logAll";
+
+/* ---- Instances and messages ---- */
+
+/* FNV-1a, 64 bits: any change of a single byte changes it. */
+static uint64_t hash(uint64_t start, const uint8_t *bytes, size_t count)
+{
+    uint64_t result = start;
+    for (size_t i = 0; i < count; i++) {
+        result = (result ^ bytes[i]) * 0x100000001b3u;
+    }
+    return result;
+}
+
+static const uint64_t HASH_START = 0xcbf29ce484222325u;
+
+static uint64_t fingerprint(const Instance *instance)
+{
+    const uint8_t kind[2] = {(uint8_t)instance->fmi_version, instance->interface == CO_SIMULATION ? 1 : 0};
+    const uint64_t of_token = hash(HASH_START, (const uint8_t *)model_token, strlen(model_token));
+    return hash(of_token, kind, sizeof kind);
+}
+
+static bool is_blank(const char *text)
+{
+    return text == NULL || text[strspn(text, " \t\r\n\v\f")] == '\0';
+}
+
+bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token)
+{
+    instance->function = function;
+    instance->now.fingerprint = fingerprint(instance);
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        instance->outputs[i] = 0.0;
+    }
+    instance_reset(instance);
+    if (!is_blank(name) && token != NULL && strcmp(token, model_token) == 0) {
+        instance_tell(instance, STATUS_OK, "%s", model_description);
+        return true;
+    }
+    /* the reason is told whatever else was asked for */
+    instance->log_errors = true;
+    if (is_blank(name)) {
+        instance_tell(instance, STATUS_ERROR, "the instance name is empty");
+    } else if (token == NULL) {
+        instance_tell(instance, STATUS_ERROR, "the GUID or instantiation token is a null pointer");
+    } else {
+        instance_tell(instance, STATUS_ERROR,
+                      "the GUID or instantiation token is `%.100s`, expected `%s`: modelDescription.xml and the "
+                      "sources do not belong together",
+                      token, model_token);
+    }
+    return false;
+}
+
+static const char *state_name(State state)
+{
+    switch (state) {
+    case STATE_INSTANTIATED:
+        return "instantiated";
+    case STATE_INITIALIZATION:
+        return "Initialization Mode";
+    case STATE_EVENT:
+        return "Event Mode";
+    case STATE_CONTINUOUS_TIME:
+        return "Continuous-Time Mode";
+    case STATE_STEP:
+        return "Step Mode";
+    case STATE_TERMINATED:
+        return "terminated";
+    default:
+        return "error";
+    }
+}
+
+static bool allows(const Instance *instance, unsigned allowed)
+{
+    return (allowed & (unsigned)instance->now.state) != 0 && (allowed & (unsigned)instance->interface) != 0;
+}
+
+/* States an instance can be in at all. */
+static unsigned possible_states(const Instance *instance)
+{
+    const unsigned always = STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_TERMINATED;
+    const unsigned after_errors = instance->fmi_version == 2 ? STATE_ERROR : 0u;
+    if (instance->interface == MODEL_EXCHANGE) {
+        return always | after_errors | STATE_EVENT | STATE_CONTINUOUS_TIME;
+    }
+    return always | after_errors | STATE_STEP | (instance->fmi_version == 3 ? STATE_EVENT : 0u);
+}
+
+static void tell_illegal_state(Instance *instance, unsigned allowed)
+{
+    char list[160] = "";
+    const unsigned legal = (allowed & (unsigned)instance->interface) != 0 ? allowed & possible_states(instance) : 0u;
+    size_t length = 0;
+    for (unsigned state = STATE_INSTANTIATED; state <= STATE_ERROR; state *= 2) {
+        if ((legal & state) != 0) {
+            const int added = snprintf(list + length, sizeof list - length, "%s`%s`", length > 0 ? ", " : "",
+                                       state_name((State)state));
+            length += (size_t)added;
+        }
+    }
+    instance_tell(instance, STATUS_ERROR, "not allowed in state `%s`, only in %s", state_name(instance->now.state),
+                  length > 0 ? list : "a state this FMU never enters");
+}
+
+bool instance_begin(Instance *instance, const char *function, unsigned allowed)
+{
+    if (instance == NULL) {
+        return false;
+    }
+    instance->function = function;
+    if (allows(instance, allowed)) {
+        return true;
+    }
+    tell_illegal_state(instance, allowed);
+    return false;
+}
+
+/* Hosts replace `#7#` by the variable's name, so a plain `#` is written twice. */
+static void escape(const char *from, char *to, size_t size)
+{
+    size_t length = 0;
+    for (; *from != '\0' && length + 3 <= size; from++) {
+        to[length++] = *from;
+        if (*from == '#') {
+            to[length++] = '#';
+        }
+    }
+    to[length] = '\0';
+}
+
+static void send_message(const Instance *instance, Status status, const char *message)
+{
+    bool on = instance->log_everything;
+    const char *category = CATEGORY_ALL;
+    if (status == STATUS_ERROR) {
+        on = instance->log_errors;
+        category = CATEGORY_ERROR;
+    } else if (status != STATUS_OK) {
+        on = instance->log_warnings;
+        category = CATEGORY_WARNING;
+    }
+    if (on) {
+        instance->send(instance, status, category, message);
+    }
+}
+
+Status instance_tell(Instance *instance, Status status, const char *format, ...)
+{
+    char message[MESSAGE_SIZE];
+    char escaped[MESSAGE_SIZE];
+    va_list arguments;
+    int length = snprintf(message, sizeof message, "%s: ", instance->function);
+    va_start(arguments, format);
+    vsnprintf(message + length, sizeof message - (size_t)length, format, arguments);
+    va_end(arguments);
+    escape(message, escaped, sizeof escaped);
+    if (status == STATUS_ERROR) {
+        instance->now.state = instance->fmi_version == 2 ? STATE_ERROR : STATE_TERMINATED;
+    }
+    send_message(instance, status, escaped);
+    return status;
+}
+
+static void switch_all(Instance *instance, bool on)
+{
+    instance->log_errors = on;
+    instance->log_warnings = on;
+    instance->log_everything = on;
+}
+
+Status instance_switch_logging(Instance *instance, bool on, size_t count, const char *const categories[])
+{
+    Status status = STATUS_OK;
+    if (count == 0) {
+        switch_all(instance, on);
+    }
+    if (instance_lacks(instance, categories, count, "categories")) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (instance_lacks(instance, categories[i], 1, "categories")) {
+            return STATUS_ERROR;
+        }
+        if (strcmp(categories[i], CATEGORY_ERROR) == 0) {
+            instance->log_errors = on;
+        } else if (strcmp(categories[i], CATEGORY_WARNING) == 0) {
+            instance->log_warnings = on;
+        } else if (strcmp(categories[i], CATEGORY_ALL) == 0) {
+            switch_all(instance, on);
+        } else {
+            /* a warning, not an error: an unknown category is no reason to end a simulation */
+            status = instance_tell(instance, STATUS_WARNING,
+                                   "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],
+                                   CATEGORY_ERROR, CATEGORY_WARNING, CATEGORY_ALL);
+        }
+    }
+    return status;
+}
+
+bool instance_lacks(Instance *instance, const void *pointer, size_t count, const char *argument)
+{
+    if (pointer != NULL || count == 0) {
+        return false;
+    }
+    instance_tell(instance, STATUS_ERROR, "argument `%s` is a null pointer", argument);
+    return true;
+}
+
+bool instance_miscounts(Instance *instance, size_t found, size_t expected, const char *argument)
+{
+    if (found == expected) {
+        return false;
+    }
+    instance_tell(instance, STATUS_ERROR, "argument `%s`: %lu elements, expected %lu", argument, (unsigned long)found,
+                  (unsigned long)expected);
+    return true;
+}
+
+Status instance_no_variables(Instance *instance, const char *type, size_t count)
+{
+    if (count == 0) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR, "%lu variables of type %s asked for, but there are none of this type",
+                         (unsigned long)count, type);
+}
+
+static bool is_finite(double value)
+{
+    return fabs(value) <= DBL_MAX; /* not the macro, which warns of conversions on some platforms */
+}
+
+static Status not_finite(Instance *instance, const char *argument, double value)
+{
+    return instance_tell(instance, STATUS_ERROR, "argument `%s`: %g is not finite", argument, value);
+}
+
+/* ---- Domain of validity ---- */
+
+/* Distance of a value from the column's range, zero inside, relative to the width of the range. */
+static double column_distance(const Column *column, double value)
+{
+    const double below = (column->min - value) / column->width;
+    const double above = (value - column->max) / column->width;
+    const double outside = below > above ? below : above;
+    return outside > 0.0 ? outside : 0.0;
+}
+
+static bool contains(const Column *column, double value)
+{
+    const double margin = TOLERANCE * column->width;
+    return column->min - margin <= value && value <= column->max + margin;
+}
+
+/* The column that is farthest from its range. */
+static size_t farthest_column(const Instance *instance)
+{
+    size_t farthest = 0;
+    double distance = 0.0;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const double found = column_distance(&model_columns[i], instance->now.columns[i]);
+        if (found > distance) {
+            farthest = i;
+            distance = found;
+        }
+    }
+    return farthest;
+}
+
+/* domain_distance: that of the farthest column. */
+static double distance(const Instance *instance)
+{
+    const size_t farthest = farthest_column(instance);
+    return column_distance(&model_columns[farthest], instance->now.columns[farthest]);
+}
+
+/* Derivative of domain_distance with respect to the farthest column, zero inside the domain. */
+static double distance_slope(const Instance *instance, size_t farthest)
+{
+    const Column *column = &model_columns[farthest];
+    const double value = instance->now.columns[farthest];
+    if (value > column->max) {
+        return 1.0 / column->width;
+    }
+    return value < column->min ? -1.0 / column->width : 0.0;
+}
+
+/* Whether the policy forbids a value; the host is told, with the given status. */
+static bool forbids(Instance *instance, size_t index, double value, Policy policy, Status status)
+{
+    const Column *column = &model_columns[index];
+    if (policy != POLICY_ERROR || contains(column, value)) {
+        return false;
+    }
+    instance_tell(instance, status,
+                  "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g, and domain_policy is 2",
+                  column->name, value, column->min, column->max);
+    return true;
+}
+
+/*
+ * The first call that leaves the domain answers with a warning, for the computation can continue; those after it do
+ * not, as a warning without a message would be against the standard and a message a step a flood.
+ */
+static Status note_domain(Instance *instance, size_t index, double value)
+{
+    const Column *column = &model_columns[index];
+    if (instance->now.policy != POLICY_WARN || instance->warned[index] || contains(column, value)) {
+        return STATUS_OK;
+    }
+    instance->warned[index] = true;
+    return instance_tell(instance, STATUS_WARNING,
+                         "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g; outputs are "
+                         "extrapolated (said once a run)",
+                         column->name, value, column->min, column->max);
+}
+
+static double clamp(const Column *column, double value)
+{
+    if (value < column->min) {
+        return column->min;
+    }
+    return value > column->max ? column->max : value;
+}
+
+static void update_point(Instance *instance)
+{
+    const bool clamped = instance->now.policy == POLICY_CLAMP;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const double value = instance->now.columns[i];
+        instance->point[i] = clamped ? clamp(&model_columns[i], value) : value;
+    }
+}
+
+static Status worse(Status a, Status b)
+{
+    return a > b ? a : b;
+}
+
+/* ---- Time ---- */
+
+static Status set_time(Instance *instance, double time, Status refused)
+{
+    Status status = STATUS_OK;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].role != ROLE_TIME) {
+            continue;
+        }
+        if (forbids(instance, i, time, instance->now.policy, refused)) {
+            return refused;
+        }
+        instance->now.columns[i] = time;
+        instance->stale = true;
+        status = note_domain(instance, i, time);
+    }
+    instance->now.time = time;
+    return status;
+}
+
+/* An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are. */
+static double extrapolated(const Instance *instance, size_t index, double size)
+{
+    const double value = instance->now.columns[index];
+    const double rate = instance->now.rates[0][index] + 0.5 * size * instance->now.rates[1][index];
+    const double later = value + size * rate;
+    return is_finite(later) ? later : value;
+}
+
+static bool forbids_inputs(Instance *instance, double size, Status status)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT &&
+            forbids(instance, i, extrapolated(instance, i, size), instance->now.policy, status)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static Status advance_inputs(Instance *instance, double size)
+{
+    Status status = STATUS_OK;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            const double value = extrapolated(instance, i, size);
+            instance->now.columns[i] = value;
+            instance->now.rates[0][i] += size * instance->now.rates[1][i];
+            instance->stale = true;
+            status = worse(status, note_domain(instance, i, value));
+        }
+    }
+    return status;
+}
+
+Status instance_do_step(Instance *instance, double from, double size)
+{
+    /* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again */
+    const Status refused = instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
+    const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
+    const double time = from + size;
+    if (!is_finite(from)) {
+        return not_finite(instance, "currentCommunicationPoint", from);
+    }
+    if (!is_finite(size)) {
+        return not_finite(instance, "communicationStepSize", size);
+    }
+    if (size < 0.0) {
+        return instance_tell(instance, STATUS_ERROR, "communication step size %.10g is negative", size);
+    }
+    if (fabs(from - instance->now.time) > tolerance) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "current communication point is %.17g, expected %.17g, where the last step ended", from,
+                             instance->now.time);
+    }
+    if (!is_finite(time)) {
+        return not_finite(instance, "currentCommunicationPoint + communicationStepSize", time);
+    }
+    /* "if the environment tries to compute past stopTime the FMU has to return fmi2Error" */
+    if (time > instance->now.stop_time + tolerance) {
+        return instance_tell(instance, STATUS_ERROR, "a step to %.17g would go past the stop time %.17g", time,
+                             instance->now.stop_time);
+    }
+    if (forbids_inputs(instance, size, refused)) {
+        return refused;
+    }
+    const Status status = set_time(instance, time, refused);
+    return status > STATUS_WARNING ? status : worse(status, advance_inputs(instance, size));
+}
+
+Status instance_set_solver_time(Instance *instance, double time)
+{
+    const double earliest = instance->now.earliest;
+    const double magnitude = fabs(earliest) > model_time_step ? fabs(earliest) : model_time_step;
+    if (!is_finite(time)) {
+        return not_finite(instance, "time", time);
+    }
+    if (time < earliest - 1e-9 * magnitude) {
+        return instance_tell(instance, STATUS_ERROR, "time %.17g is before %.17g, the start time or the last event",
+                             time, earliest);
+    }
+    return set_time(instance, time, STATUS_DISCARD);
+}
+
+/* ---- Modes ---- */
+
+Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop)
+{
+    if (!is_finite(start)) {
+        return not_finite(instance, "startTime", start);
+    }
+    if (stop_defined && !is_finite(stop)) {
+        return not_finite(instance, "stopTime", stop);
+    }
+    if (stop_defined && stop <= start) {
+        return instance_tell(instance, STATUS_ERROR, "stop time %.17g is not after start time %.17g", stop, start);
+    }
+    memset(instance->warned, 0, sizeof instance->warned);
+    const Status status = set_time(instance, start, STATUS_ERROR);
+    if (status != STATUS_ERROR) {
+        instance->now.experiment = true;
+        instance->now.stop_time = stop_defined ? stop : HUGE_VAL;
+        instance->now.earliest = start;
+    }
+    return status;
+}
+
+Status instance_enter_initialization_mode(Instance *instance)
+{
+    if (!instance->now.experiment) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "the experiment must be set up first: the start time is not known");
+    }
+    instance->now.state = STATE_INITIALIZATION;
+    return STATUS_OK;
+}
+
+void instance_exit_initialization_mode(Instance *instance)
+{
+    const bool event = instance->interface == MODEL_EXCHANGE || instance->event_mode;
+    instance->now.state = event ? STATE_EVENT : STATE_STEP;
+}
+
+Status instance_enter_event_mode(Instance *instance)
+{
+    if (instance->interface == CO_SIMULATION && !instance->event_mode) {
+        return instance_tell(instance, STATUS_ERROR, "the instance was made with eventModeUsed = false");
+    }
+    instance->now.earliest = instance->now.time;
+    instance->now.state = STATE_EVENT;
+    return STATUS_OK;
+}
+
+void instance_reset(Instance *instance)
+{
+    Snapshot *now = &instance->now;
+    now->state = STATE_INSTANTIATED;
+    now->experiment = false;
+    now->policy = POLICY_WARN;
+    now->time = 0.0;
+    now->stop_time = HUGE_VAL;
+    now->earliest = 0.0;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        now->columns[i] = model_columns[i].role == ROLE_TIME ? 0.0 : model_columns[i].start;
+        now->rates[0][i] = 0.0;
+        now->rates[1][i] = 0.0;
+        instance->warned[i] = false;
+    }
+    instance->stale = true;
+}
+
+/* ---- Values ---- */
+
+static void update_outputs(Instance *instance)
+{
+    if (instance->stale) {
+        update_point(instance);
+        network_evaluate(&instance->scratch, instance->point, instance->outputs);
+        instance->stale = false;
+    }
+}
+
+static bool is_column(uint32_t reference)
+{
+    return reference < COLUMN_COUNT;
+}
+
+static bool is_output(uint32_t reference)
+{
+    return reference >= COLUMN_COUNT && reference < REFERENCE_POLICY;
+}
+
+static uint32_t last_reference(void)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].role == ROLE_TIME) {
+            return REFERENCE_DISTANCE;
+        }
+    }
+    return REFERENCE_TIME;
+}
+
+static const char *variable_name(uint32_t reference)
+{
+    if (is_column(reference)) {
+        return model_columns[reference].name;
+    }
+    if (is_output(reference)) {
+        return model_outputs[reference - COLUMN_COUNT].name;
+    }
+    switch (reference) {
+    case REFERENCE_POLICY:
+        return "domain_policy";
+    case REFERENCE_IN_DOMAIN:
+        return "in_domain";
+    case REFERENCE_DISTANCE:
+        return "domain_distance";
+    default:
+        return "time";
+    }
+}
+
+static const char *variable_type(uint32_t reference)
+{
+    switch (reference) {
+    case REFERENCE_POLICY:
+        return "integer";
+    case REFERENCE_IN_DOMAIN:
+        return "Boolean";
+    default:
+        return "real";
+    }
+}
+
+/* Tells why a reference is none of the type asked for. */
+static Status wrong_reference(Instance *instance, uint32_t reference, const char *asked)
+{
+    if (reference > last_reference()) {
+        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown, expected at most %lu",
+                             (unsigned long)reference, (unsigned long)last_reference());
+    }
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is of type %s, not %s",
+                         variable_name(reference), (unsigned long)reference, variable_type(reference), asked);
+}
+
+static Status cannot_set(Instance *instance, uint32_t reference, const char *what)
+{
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is %s and cannot be set",
+                         variable_name(reference), (unsigned long)reference, what);
+}
+
+Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t reference = references[i];
+        if (is_column(reference)) {
+            values[i] = instance->now.columns[reference];
+        } else if (is_output(reference)) {
+            update_outputs(instance);
+            values[i] = instance->outputs[reference - COLUMN_COUNT];
+        } else if (reference == REFERENCE_DISTANCE) {
+            values[i] = distance(instance);
+        } else if (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME) {
+            values[i] = instance->now.time;
+        } else {
+            return wrong_reference(instance, reference, "real");
+        }
+    }
+    return STATUS_OK;
+}
+
+Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        if (references[i] != REFERENCE_POLICY) {
+            return wrong_reference(instance, references[i], "integer");
+        }
+        values[i] = (int32_t)instance->now.policy;
+    }
+    return STATUS_OK;
+}
+
+Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (references[i] != REFERENCE_IN_DOMAIN) {
+            return wrong_reference(instance, references[i], "Boolean");
+        }
+    }
+    *value = true;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        *value = *value && contains(&model_columns[i], instance->now.columns[i]);
+    }
+    return STATUS_OK;
+}
+
+/* Parameters: fixed ones before the simulation starts, tunable ones also between steps and at events. */
+static bool parameter_is_settable(const Instance *instance, bool tunable)
+{
+    const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (tunable ? STATE_EVENT | STATE_STEP : 0u);
+    return (states & (unsigned)instance->now.state) != 0;
+}
+
+static Status check_parameter(Instance *instance, uint32_t reference, bool tunable)
+{
+    if (parameter_is_settable(instance, tunable)) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "parameter `%.100s` (value reference %lu) is %s and cannot be set in state `%s`",
+                         variable_name(reference), (unsigned long)reference, tunable ? "tunable" : "fixed",
+                         state_name(instance->now.state));
+}
+
+static Status check_settable(Instance *instance, uint32_t reference)
+{
+    if (is_output(reference) || reference == REFERENCE_DISTANCE) {
+        return cannot_set(instance, reference, "an output");
+    }
+    if (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME) {
+        return cannot_set(instance, reference, "the independent variable");
+    }
+    if (!is_column(reference)) {
+        return wrong_reference(instance, reference, "real");
+    }
+    switch (model_columns[reference].role) {
+    case ROLE_TIME:
+        return cannot_set(instance, reference, "the independent variable");
+    case ROLE_INPUT:
+        return STATUS_OK;
+    default:
+        return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER);
+    }
+}
+
+Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
+{
+    Status status = STATUS_OK;
+    for (size_t i = 0; i < count; i++) {
+        if (check_settable(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        if (!is_finite(values[i])) {
+            return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu): %g is not finite",
+                                 variable_name(references[i]), (unsigned long)references[i], values[i]);
+        }
+        if (forbids(instance, references[i], values[i], instance->now.policy, STATUS_ERROR)) {
+            return STATUS_ERROR;
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        instance->now.columns[references[i]] = values[i];
+        instance->stale = true;
+        status = worse(status, note_domain(instance, references[i], values[i]));
+    }
+    return status;
+}
+
+/* Sets domain_policy, unless a value is outside already that it would forbid; the time counts once it is known. */
+static Status set_policy(Instance *instance, Policy policy)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const bool known = model_columns[i].role != ROLE_TIME || instance->now.experiment;
+        if (known && forbids(instance, i, instance->now.columns[i], policy, STATUS_ERROR)) {
+            return STATUS_ERROR;
+        }
+    }
+    instance->now.policy = policy;
+    instance->stale = true;
+    return STATUS_OK;
+}
+
+Status instance_set_integer(Instance *instance, const uint32_t references[], size_t count, const int32_t values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        if (references[i] != REFERENCE_POLICY) {
+            return wrong_reference(instance, references[i], "integer");
+        }
+        if (check_parameter(instance, references[i], true) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        if (values[i] < POLICY_WARN || values[i] > POLICY_ERROR) {
+            return instance_tell(instance, STATUS_ERROR,
+                                 "parameter `domain_policy`: %ld, expected 0 (warn), 1 (clamp) or 2 (error)",
+                                 (long)values[i]);
+        }
+    }
+    return count == 0 ? STATUS_OK : set_policy(instance, (Policy)values[count - 1]);
+}
+
+Status instance_set_boolean(Instance *instance, const uint32_t references[], size_t count)
+{
+    if (count == 0) {
+        return STATUS_OK;
+    }
+    if (references[0] != REFERENCE_IN_DOMAIN) {
+        return wrong_reference(instance, references[0], "Boolean");
+    }
+    return cannot_set(instance, references[0], "an output");
+}
+
+Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count)
+{
+    if (reference > last_reference()) {
+        return wrong_reference(instance, reference, "");
+    }
+    *count = 0;
+    if (is_output(reference)) {
+        *count = COLUMN_COUNT + 1;
+    } else if (reference == REFERENCE_IN_DOMAIN || reference == REFERENCE_DISTANCE) {
+        *count = COLUMN_COUNT;
+    }
+    return STATUS_OK;
+}
+
+uint32_t instance_dependency(size_t i)
+{
+    return i < COLUMN_COUNT ? (uint32_t)i : REFERENCE_POLICY;
+}
+
+/* ---- Derivatives ---- */
+
+static Status check_known(Instance *instance, uint32_t reference)
+{
+    if (is_column(reference) || (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME)) {
+        return STATUS_OK;
+    }
+    if (reference > last_reference()) {
+        return wrong_reference(instance, reference, "");
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "variable `%.100s` (value reference %lu) is no input, parameter or time",
+                         variable_name(reference), (unsigned long)reference);
+}
+
+static Status check_unknown(Instance *instance, uint32_t reference)
+{
+    if (is_output(reference) || reference == REFERENCE_DISTANCE) {
+        return STATUS_OK;
+    }
+    if (reference > last_reference()) {
+        return wrong_reference(instance, reference, "");
+    }
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is no continuous output",
+                         variable_name(reference), (unsigned long)reference);
+}
+
+static Status check_sensitivity(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
+                                const uint32_t knowns[], size_t known_count)
+{
+    for (size_t i = 0; i < unknown_count; i++) {
+        if (check_unknown(instance, unknowns[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+    }
+    for (size_t i = 0; i < known_count; i++) {
+        if (check_known(instance, knowns[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+    }
+    return STATUS_OK;
+}
+
+static Status check_seed(Instance *instance, const double seed[], size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!is_finite(seed[i])) {
+            return not_finite(instance, "seed", seed[i]);
+        }
+    }
+    return STATUS_OK;
+}
+
+/* A direction in which the policy clamps has no effect on the surrogate's outputs. */
+static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (instance->now.policy == POLICY_CLAMP && !(instance->point[i] == instance->now.columns[i])) {
+            columns[i] = 0.0;
+        }
+    }
+}
+
+Status instance_directional_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
+                                       const uint32_t knowns[], size_t known_count, const double seed[],
+                                       double sensitivity[])
+{
+    double direction[COLUMN_COUNT] = {0.0};
+    double derivative[OUTPUT_COUNT];
+    const size_t farthest = farthest_column(instance);
+    if (check_seed(instance, seed, known_count) != STATUS_OK ||
+        check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < known_count; i++) {
+        if (is_column(knowns[i])) {
+            direction[knowns[i]] += seed[i];
+        }
+    }
+    const double of_distance = distance_slope(instance, farthest) * direction[farthest];
+    update_point(instance);
+    zero_clamped(instance, direction);
+    network_directional(&instance->scratch, instance->point, direction, derivative);
+    for (size_t i = 0; i < unknown_count; i++) {
+        sensitivity[i] = is_output(unknowns[i]) ? derivative[unknowns[i] - COLUMN_COUNT] : of_distance;
+    }
+    return STATUS_OK;
+}
+
+Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
+                                   const uint32_t knowns[], size_t known_count, const double seed[],
+                                   double sensitivity[])
+{
+    double weights[OUTPUT_COUNT] = {0.0};
+    double weight_of_distance = 0.0;
+    double gradient[COLUMN_COUNT];
+    const size_t farthest = farthest_column(instance);
+    if (check_seed(instance, seed, unknown_count) != STATUS_OK ||
+        check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < unknown_count; i++) {
+        if (is_output(unknowns[i])) {
+            weights[unknowns[i] - COLUMN_COUNT] += seed[i];
+        } else {
+            weight_of_distance += seed[i];
+        }
+    }
+    update_point(instance);
+    network_adjoint(&instance->scratch, instance->point, weights, gradient);
+    zero_clamped(instance, gradient);
+    gradient[farthest] += distance_slope(instance, farthest) * weight_of_distance;
+    for (size_t i = 0; i < known_count; i++) {
+        sensitivity[i] = is_column(knowns[i]) ? gradient[knowns[i]] : 0.0;
+    }
+    return STATUS_OK;
+}
+
+static Status check_order(Instance *instance, int32_t order)
+{
+    if (order >= 1 && order <= DERIVATIVE_ORDERS) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR, "derivatives of order %ld are not available, expected 1 to %d",
+                         (long)order, (int)DERIVATIVE_ORDERS);
+}
+
+Status instance_output_derivatives(Instance *instance, const uint32_t references[], size_t count,
+                                   const int32_t orders[], double values[])
+{
+    double rates[DERIVATIVE_ORDERS][COLUMN_COUNT];
+    double derivatives[DERIVATIVE_ORDERS][OUTPUT_COUNT];
+    double of_distance[DERIVATIVE_ORDERS];
+    const size_t farthest = farthest_column(instance);
+    for (size_t i = 0; i < count; i++) {
+        if (check_unknown(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+    }
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        rates[0][i] = model_columns[i].role == ROLE_TIME ? 1.0 : instance->now.rates[0][i];
+        rates[1][i] = instance->now.rates[1][i];
+    }
+    update_point(instance);
+    for (size_t order = 0; order < DERIVATIVE_ORDERS; order++) {
+        of_distance[order] = distance_slope(instance, farthest) * rates[order][farthest];
+        zero_clamped(instance, rates[order]);
+    }
+    network_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
+    for (size_t i = 0; i < count; i++) {
+        const size_t order = (size_t)orders[i] - 1;
+        const bool output = is_output(references[i]);
+        values[i] = output ? derivatives[order][references[i] - COLUMN_COUNT] : of_distance[order];
+    }
+    return STATUS_OK;
+}
+
+static Status check_input(Instance *instance, uint32_t reference)
+{
+    if (is_column(reference) && model_columns[reference].role == ROLE_INPUT) {
+        return STATUS_OK;
+    }
+    if (reference > last_reference()) {
+        return wrong_reference(instance, reference, "");
+    }
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is no input",
+                         variable_name(reference), (unsigned long)reference);
+}
+
+Status instance_set_input_derivatives(Instance *instance, const uint32_t references[], size_t count,
+                                      const int32_t orders[], const double values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        if (check_input(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        if (!is_finite(values[i])) {
+            return not_finite(instance, "value", values[i]);
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        instance->now.rates[orders[i] - 1][references[i]] = values[i];
+    }
+    return STATUS_OK;
+}
+
+/* ---- State ---- */
+
+/*
+ * Serialized: magic number with the version of this layout, fingerprint; state, whether the experiment is set up,
+ * policy, a byte each; time, stop time, earliest time, columns, first and second rates; a checksum of all before.
+ * Numbers have 8 bytes and begin with the lowest.
+ */
+enum {
+    NUMBER_SIZE = 8,
+    MAGIC_SIZE = 8,
+    FLAGS_SIZE = 3,
+    NUMBERS = 3 + (1 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
+    CHECKED_SIZE = MAGIC_SIZE + NUMBER_SIZE + FLAGS_SIZE + NUMBERS * NUMBER_SIZE,
+    SERIALIZED_SIZE = CHECKED_SIZE + NUMBER_SIZE
+};
+
+static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x01";
+
+size_t snapshot_size(void)
+{
+    return SERIALIZED_SIZE;
+}
+
+void instance_save(const Instance *instance, Snapshot *to)
+{
+    *to = instance->now;
+}
+
+static Status foreign_state(Instance *instance)
+{
+    return instance_tell(instance, STATUS_ERROR,
+                         "the state belongs to another FMU, or to another FMI version or interface of this one");
+}
+
+Status instance_restore(Instance *instance, const Snapshot *from)
+{
+    if (from->fingerprint != instance->now.fingerprint) {
+        return foreign_state(instance);
+    }
+    instance->now = *from;
+    instance->stale = true;
+    return STATUS_OK;
+}
+
+static uint8_t *put_integer(uint8_t *to, uint64_t value)
+{
+    for (unsigned i = 0; i < NUMBER_SIZE; i++) {
+        to[i] = (uint8_t)(value >> (8 * i) & 0xff);
+    }
+    return to + NUMBER_SIZE;
+}
+
+static uint64_t integer_at(const uint8_t *from)
+{
+    uint64_t value = 0;
+    for (unsigned i = 0; i < NUMBER_SIZE; i++) {
+        value |= (uint64_t)from[i] << (8 * i);
+    }
+    return value;
+}
+
+static uint8_t *put_reals(uint8_t *to, const double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint64_t bits;
+        memcpy(&bits, &values[i], sizeof bits);
+        to = put_integer(to, bits);
+    }
+    return to;
+}
+
+static const uint8_t *take_reals(const uint8_t *from, double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        const uint64_t bits = integer_at(from);
+        memcpy(&values[i], &bits, sizeof bits);
+        from += NUMBER_SIZE;
+    }
+    return from;
+}
+
+static bool has_wrong_size(Instance *instance, size_t size)
+{
+    if (size == SERIALIZED_SIZE) {
+        return false;
+    }
+    instance_tell(instance, STATUS_ERROR, "serialized state of %lu bytes, expected %lu", (unsigned long)size,
+                  (unsigned long)SERIALIZED_SIZE);
+    return true;
+}
+
+Status instance_serialize(Instance *instance, const Snapshot *from, uint8_t bytes[], size_t size)
+{
+    uint8_t *to = bytes;
+    if (has_wrong_size(instance, size) || instance_lacks(instance, bytes, size, "serializedState")) {
+        return STATUS_ERROR;
+    }
+    memcpy(to, MAGIC, MAGIC_SIZE);
+    to = put_integer(to + MAGIC_SIZE, from->fingerprint);
+    *to++ = (uint8_t)from->state;
+    *to++ = from->experiment ? 1 : 0;
+    *to++ = (uint8_t)from->policy;
+    to = put_reals(to, &from->time, 1);
+    to = put_reals(to, &from->stop_time, 1);
+    to = put_reals(to, &from->earliest, 1);
+    to = put_reals(to, from->columns, COLUMN_COUNT);
+    to = put_reals(to, from->rates[0], COLUMN_COUNT);
+    to = put_reals(to, from->rates[1], COLUMN_COUNT);
+    put_integer(to, hash(HASH_START, bytes, CHECKED_SIZE));
+    return STATUS_OK;
+}
+
+static Status damaged_state(Instance *instance, const char *reason)
+{
+    return instance_tell(instance, STATUS_ERROR, "serialized state is damaged or foreign: %s", reason);
+}
+
+static bool is_state(unsigned number)
+{
+    for (unsigned state = STATE_INSTANTIATED; state <= STATE_ERROR; state *= 2) {
+        if (number == state) {
+            return true;
+        }
+    }
+    return false;
+}
+
+Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t size, Snapshot *to)
+{
+    if (size < MAGIC_SIZE + NUMBER_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0) {
+        return damaged_state(instance, "it does not begin with the magic number and version");
+    }
+    /* before the size, so that a state of another surrogate is called that */
+    if (integer_at(bytes + MAGIC_SIZE) != instance->now.fingerprint) {
+        return foreign_state(instance);
+    }
+    if (has_wrong_size(instance, size)) {
+        return STATUS_ERROR;
+    }
+    if (integer_at(bytes + CHECKED_SIZE) != hash(HASH_START, bytes, CHECKED_SIZE)) {
+        return damaged_state(instance, "the checksum does not match");
+    }
+    const uint8_t *from = bytes + MAGIC_SIZE + NUMBER_SIZE;
+    if (!is_state(from[0]) || from[2] > POLICY_ERROR) {
+        return damaged_state(instance, "it names no state or no domain policy");
+    }
+    to->fingerprint = instance->now.fingerprint;
+    to->state = (State)from[0];
+    to->experiment = from[1] != 0;
+    to->policy = (Policy)from[2];
+    from = take_reals(from + FLAGS_SIZE, &to->time, 1);
+    from = take_reals(from, &to->stop_time, 1);
+    from = take_reals(from, &to->earliest, 1);
+    from = take_reals(from, to->columns, COLUMN_COUNT);
+    from = take_reals(from, to->rates[0], COLUMN_COUNT);
+    take_reals(from, to->rates[1], COLUMN_COUNT);
+    return STATUS_OK;
+}

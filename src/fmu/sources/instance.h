@@ -1,0 +1,191 @@
+/*
+ * One simulation of the surrogate: the states it goes through and its values. It knows of the FMI version only where
+ * the standards differ; fmi2.c or fmi3.c turn a host's calls into calls of these functions.
+ *
+ * An instance shares nothing with another one, and there are no variables outside of instances: any number of threads
+ * may each have their own. No function but those that say so allocates memory.
+ */
+#ifndef INSTANCE_H
+#define INSTANCE_H
+
+#include "network.h"
+#include <stdbool.h>
+
+/* Status of a call; the numbers of fmi2Status and fmi3Status. */
+typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
+
+/* The modes of the standard's state machines. A set of states, with the interfaces, says where a call is allowed. */
+typedef enum {
+    STATE_INSTANTIATED = 1,
+    STATE_INITIALIZATION = 2,
+    STATE_EVENT = 4,
+    STATE_CONTINUOUS_TIME = 8,
+    STATE_STEP = 16,
+    STATE_TERMINATED = 32,
+    STATE_ERROR = 64 /* FMI 2.0, after a call was refused; in FMI 3.0 this is STATE_TERMINATED */
+} State;
+
+/* Who advances the time: the FMU over a step, or a solver around it. */
+typedef enum { CO_SIMULATION = 128, MODEL_EXCHANGE = 256 } Interface;
+
+enum {
+    ANY_INTERFACE = CO_SIMULATION | MODEL_EXCHANGE,
+    INITIALIZED = STATE_EVENT | STATE_CONTINUOUS_TIME | STATE_STEP,
+    ENDED = STATE_TERMINATED | STATE_ERROR,
+    ANYWHERE = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | ENDED,
+    NOWHERE = 0
+};
+
+/* Values of the parameter domain_policy: what to do outside the training ranges. */
+typedef enum { POLICY_WARN, POLICY_CLAMP, POLICY_ERROR } Policy;
+
+/* Value references: the input columns come first, then the outputs, then what every FMU has. */
+enum {
+    REFERENCE_POLICY = COLUMN_COUNT + OUTPUT_COUNT,
+    REFERENCE_IN_DOMAIN,
+    REFERENCE_DISTANCE,
+    REFERENCE_TIME /* the independent variable of a surrogate without a time column */
+};
+
+/* Highest order of the outputs' derivatives with respect to time. */
+enum { DERIVATIVE_ORDERS = 2 };
+
+enum { MESSAGE_SIZE = 512 };
+
+/* Everything a simulation needs to go on from a point. */
+typedef struct {
+    uint64_t fingerprint; /* of surrogate, FMI version and interface: other states are refused */
+    State state;
+    bool experiment; /* whether the start time is known */
+    Policy policy;
+    double time;      /* s */
+    double stop_time; /* s; infinite if none is defined */
+    double earliest;  /* s; where a solver may go back to: the start time or the last event */
+    double columns[COLUMN_COUNT];
+    double rates[DERIVATIVE_ORDERS][COLUMN_COUNT]; /* time derivatives of inputs, per s and per s^2 */
+} Snapshot;
+
+typedef struct Instance Instance;
+
+/* Gives a message to the host. */
+typedef void (*SendMessage)(const Instance *instance, Status status, const char *category, const char *message);
+
+struct Instance {
+    int fmi_version; /* 2 or 3 */
+    Interface interface;
+    bool event_mode; /* FMI 3.0 co-simulation: whether the host enters Event Mode between steps */
+    SendMessage send;
+    bool log_errors;
+    bool log_warnings;
+    bool log_everything;
+    const char *function; /* the call at hand, for messages */
+    Snapshot now;
+    double point[COLUMN_COUNT]; /* where the network is evaluated: the columns, clamped if that is the policy */
+    double outputs[OUTPUT_COUNT]; /* valid unless stale */
+    bool stale; /* whether something changed since the outputs were computed; they are, when somebody asks */
+    bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */
+    Scratch scratch;
+};
+
+/* ---- Instances and messages ---- */
+
+/*
+ * Makes an instance of memory whose fields version, interface, event_mode, send and log_* are set. On a wrong token or
+ * name the host is told, and the result is false.
+ */
+bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token);
+
+/* To be asked at the beginning of every call; false after a message if the state does not allow the call. */
+bool instance_begin(Instance *instance, const char *function, unsigned allowed);
+
+/* Tells the host something if it wants to know. Returns the status; after an error the simulation cannot go on. */
+Status instance_tell(Instance *instance, Status status, const char *format, ...);
+
+/* Switches log categories, all if none is named. */
+Status instance_switch_logging(Instance *instance, bool on, size_t count, const char *const categories[]);
+
+/* Whether an argument is a null pointer though it has elements; the host is told. */
+bool instance_lacks(Instance *instance, const void *pointer, size_t count, const char *argument);
+
+/* Whether an argument has another number of elements than expected; the host is told. */
+bool instance_miscounts(Instance *instance, size_t found, size_t expected, const char *argument);
+
+/* Refuses to get or set variables of a type that no variable has. */
+Status instance_no_variables(Instance *instance, const char *type, size_t count);
+
+/* ---- Modes ---- */
+
+Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop);
+Status instance_enter_initialization_mode(Instance *instance);
+void instance_exit_initialization_mode(Instance *instance);
+Status instance_enter_event_mode(Instance *instance);
+
+/* As after instantiation: start values, time zero. */
+void instance_reset(Instance *instance);
+
+/* ---- Values ---- */
+
+Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[]);
+Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[]);
+/* The only Boolean is in_domain: checks the references and gives its value. */
+Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value);
+/* Sets inputs and parameters: all of them or, if one is refused, none. */
+Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[]);
+Status instance_set_integer(Instance *instance, const uint32_t references[], size_t count, const int32_t values[]);
+Status instance_set_boolean(Instance *instance, const uint32_t references[], size_t count);
+
+/* Number of the variables that a variable depends on. */
+Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count);
+/* The i-th of them: all columns, and for the surrogate's outputs the policy. */
+uint32_t instance_dependency(size_t i);
+
+/* ---- Time ---- */
+
+/*
+ * From the communication point `from` on by `size`, in s.
+ *
+ * `from` must be where the last step ended, or the host and this instance disagree on which steps were made. Such a
+ * mistake is off by a good part of a step, rounding is not: 1e-6 of the step and 1e-9 of the time are let pass. They do
+ * not add up, as the host's clock is adopted. The standard asks for a positive size; zero is accepted.
+ */
+Status instance_do_step(Instance *instance, double from, double size);
+
+/* Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event. */
+Status instance_set_solver_time(Instance *instance, double time);
+
+/* ---- Derivatives ---- */
+
+/* sensitivity = J seed, J the derivatives of the unknowns (outputs) with respect to the knowns (columns). */
+Status instance_directional_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
+                                       const uint32_t knowns[], size_t known_count, const double seed[],
+                                       double sensitivity[]);
+
+/* sensitivity = J^T seed */
+Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
+                                   const uint32_t knowns[], size_t known_count, const double seed[],
+                                   double sensitivity[]);
+
+/* Derivatives of outputs with respect to time, inputs following the derivatives that the host gave. */
+Status instance_output_derivatives(Instance *instance, const uint32_t references[], size_t count,
+                                   const int32_t orders[], double values[]);
+
+/* Time derivatives of inputs at the beginning of the next step. They stay until they are set again. */
+Status instance_set_input_derivatives(Instance *instance, const uint32_t references[], size_t count,
+                                      const int32_t orders[], const double values[]);
+
+/* ---- State ---- */
+
+/* Number of bytes of a serialized state. */
+size_t snapshot_size(void);
+
+/* Puts the present state into `to`. */
+void instance_save(const Instance *instance, Snapshot *to);
+
+/* Goes on from a state of any instance of this surrogate, made by the same FMI version and interface. */
+Status instance_restore(Instance *instance, const Snapshot *from);
+
+/* The bytes are the same on every machine. */
+Status instance_serialize(Instance *instance, const Snapshot *from, uint8_t bytes[], size_t size);
+Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t size, Snapshot *to);
+
+#endif
