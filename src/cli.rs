@@ -96,6 +96,9 @@ pub struct ExportArgs {
     /// Adds the library for a platform; may be given several times
     #[arg(long, value_name = "TUPLE=FILE", value_parser = tuple_and_file)]
     pub binary: Vec<(String, PathBuf)>,
+    /// Adds the surrogate as portable C99 source code, for targets without a binary
+    #[arg(long)]
+    pub sources: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

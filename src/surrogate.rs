@@ -1,7 +1,7 @@
 //! Where training and FMI meet: a trained network becomes a surrogate, which is saved, loaded and named by its digest.
 
 use crate::{Error, Result, dataset::Dataset, files::write_whole, study::Study, variable::Variable};
-use metafmu_runtime::{FormatError, Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate};
+use metafmu_runtime::{FormatError, Input, Layer, Metadata, Output, OutputArray, Provenance, Role, Scaling, Surrogate};
 use sha2::{Digest, Sha256};
 use std::{fmt::Write, path::Path};
 
@@ -49,7 +49,7 @@ pub fn assemble(
         outputs: outputs.collect(),
         activation: study.network.activation,
         precision: study.export.precision,
-        arrays: Vec::new(),
+        arrays: study.arrays.iter().map(output_array).collect(),
         time_step: study.time.step,
         provenance: Provenance {
             tool: concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
@@ -61,6 +61,11 @@ pub fn assemble(
     };
     let surrogate = Surrogate::new(metadata, scaling, layers).map_err(|source| Error::Surrogate { source })?;
     seal(surrogate)
+}
+
+fn output_array((name, outputs): (&String, &Vec<String>)) -> OutputArray {
+    let description = format!("{} in one array", outputs.join(", "));
+    OutputArray { name: name.clone(), description, outputs: outputs.clone() }
 }
 
 /// SHA-256 of the model file with sixty-four zeros in place of the digest itself, in hexadecimal digits.

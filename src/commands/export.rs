@@ -17,6 +17,7 @@ use std::path::PathBuf;
 pub struct Plan {
     choice: FmiChoice,
     binaries: Vec<Binary>,
+    sources: bool,
 }
 
 /// An FMU that was written.
@@ -62,7 +63,7 @@ impl Plan {
         // a library given by name goes before the embedded one
         binaries.retain(|binary| added.iter().all(|added| added.platform != binary.platform));
         binaries.extend(added);
-        Ok(Self { choice, binaries })
+        Ok(Self { choice, binaries, sources: args.sources })
     }
 }
 
@@ -74,7 +75,8 @@ pub fn stage(job: &Job, plan: &Plan, surrogate: &Surrogate, accuracy: Option<&Ac
         FmiChoice::Both => vec![(FmiVersion::V2, "-fmi2"), (FmiVersion::V3, "-fmi3")],
     };
     let write = |(version, suffix)| {
-        let contents = Contents { version, about: &job.study.export, binaries: &plan.binaries, accuracy };
+        let Plan { binaries, sources, .. } = plan;
+        let contents = Contents { version, about: &job.study.export, binaries, accuracy, sources: *sources };
         let (path, bytes) = (job.fmu(suffix), fmu::pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(Written { fmu: path, bytes: bytes.len(), version })

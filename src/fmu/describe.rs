@@ -2,13 +2,14 @@
 
 use super::{
     model_description::{
-        Causality, CoSimulation, DefaultExperiment, FmiVersion, Initial, Integer, Interface, ModelDescription,
-        ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown, Variability, VariableType, Width,
+        Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, Interface,
+        ModelDescription, ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown, Variability,
+        VariableType, Width,
     },
     unit::BaseUnit,
 };
 use metafmu_runtime::{
-    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, Role, Surrogate,
+    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
     extra::{self, Extra, Kind},
 };
 
@@ -35,6 +36,8 @@ impl ModelDescription {
         let variables =
             variables.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
         let v3 = fmi_version == FmiVersion::V3;
+        // FMI 2.0 has no arrays
+        let arrays = (0..if v3 { surrogate.arrays().len() } else { 0 }).map(|array| array_variable(surrogate, array));
         let interface = Interface {
             model_identifier: model_identifier(name),
             own_memory_management: true,
@@ -65,8 +68,8 @@ impl ModelDescription {
             units: units(surrogate.metadata()),
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: variables.collect(),
-            structure: structure(surrogate),
+            variables: variables.chain(arrays).collect(),
+            structure: structure(surrogate, fmi_version),
             ..Self::default()
         }
     }
@@ -180,6 +183,23 @@ fn output_variable(output: &Output) -> ScalarVariable {
     variable(&output.name, &output.description, what, VariableType::Real(real))
 }
 
+/// Several outputs under one name; their bounds are those of all of them.
+fn array_variable(surrogate: &Surrogate, array: usize) -> ScalarVariable {
+    let (_, elements) = surrogate.array_elements(array);
+    let outputs = elements.iter().map(|&element| &surrogate.outputs()[element]);
+    let (min, max) = outputs
+        .clone()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), output| (min.min(output.min), max.max(output.max)));
+    let OutputArray { name, description, .. } = &surrogate.arrays()[array];
+    let unit = outputs.map(|output| output.unit.clone()).next().unwrap_or_default();
+    let whole = Output { name: name.clone(), unit, description: description.clone(), min, max };
+    ScalarVariable {
+        value_reference: surrogate.array_value_reference(array),
+        dimensions: vec![Dimension::Fixed(elements.len() as u64)],
+        ..output_variable(&whole)
+    }
+}
+
 /// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.
 pub(super) fn nominal(min: f64, max: f64) -> f64 {
     let largest = min.abs().max(max.abs());
@@ -222,10 +242,13 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
 /// Every output is computed from every input column, and those of the network from the domain policy as well, which may
 /// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
 /// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
-fn structure(surrogate: &Surrogate) -> ModelStructure {
+fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
     let inputs = surrogate.inputs();
     let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
-    let network = (0..surrogate.outputs().len()).map(|output| inputs.len() + output);
+    // arrays stand after the variables that are no columns, and have the dependencies of their elements
+    let first_array = inputs.len() + surrogate.outputs().len() + extras(surrogate, fmi_version).len();
+    let arrays = if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 };
+    let network = (inputs.len()..inputs.len() + surrogate.outputs().len()).chain(first_array..first_array + arrays);
     let domain =
         [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
     let known_later = |role: Role| matches!(role, Role::Input | Role::Time);

@@ -95,6 +95,8 @@ pub struct Interface {
     pub directional_derivative: bool,
     /// Whether adjoint derivatives are offered; FMI 3.0 only.
     pub adjoint_derivative: bool,
+    /// Source files to compile, relative to `sources/`; FMI 2.0 only, later FMUs have a build description instead.
+    pub source_files: Vec<String>,
 }
 
 /// The model exchange interface.

@@ -5,7 +5,7 @@ use super::{
     card::card,
     describe::model_identifier,
     reference::{OPTIONS_FILE, RESULT_FILE, reference},
-    xml,
+    sources, xml,
 };
 use crate::{Error, Result, evaluation::Accuracy, study::ExportOptions};
 use metafmu_runtime::Surrogate;
@@ -36,6 +36,8 @@ pub struct Contents<'a> {
     pub binaries: &'a [Binary],
     /// How good the surrogate is, if that was measured.
     pub accuracy: Option<&'a Accuracy>,
+    /// Whether the surrogate as C source code comes along.
+    pub sources: bool,
 }
 
 struct Entry {
@@ -50,7 +52,7 @@ struct Entry {
 /// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
 /// the same place.
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
-    let Contents { version, about, binaries, accuracy } = contents;
+    let Contents { version, about, binaries, accuracy, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
     let file = |name: &str, bytes: Vec<u8>| Entry { name: name.into(), bytes, executable: false };
     let icon = match version {
@@ -67,6 +69,10 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
         file(MODEL_FILE, model),
     ];
     entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
+    if *sources {
+        let sources = sources::files(surrogate, &identifier, *version);
+        entries.extend(sources.into_iter().map(|(name, bytes)| file(&name, bytes)));
+    }
     let mut places = HashSet::new();
     for Binary { platform, bytes } in *binaries {
         let name = platform.binary(*version, &identifier);
@@ -84,7 +90,16 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
 
 fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
     let ExportOptions { author, copyright, license, .. } = contents.about.clone();
-    ModelDescription { author, copyright, license, ..ModelDescription::of_surrogate(surrogate, contents.version) }
+    let mut description = ModelDescription::of_surrogate(surrogate, contents.version);
+    if contents.sources && contents.version == FmiVersion::V2 {
+        let files: Vec<String> = sources::compiled(contents.version).into_iter().map(str::to_owned).collect();
+        let of_model_exchange = description.model_exchange.as_mut().map(|offered| &mut offered.interface);
+        let of_co_simulation = description.co_simulation.as_mut().map(|offered| &mut offered.interface);
+        for interface in of_model_exchange.into_iter().chain(of_co_simulation) {
+            interface.source_files.clone_from(&files);
+        }
+    }
+    ModelDescription { author, copyright, license, ..description }
 }
 
 fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {
@@ -111,7 +126,7 @@ mod tests {
     fn pack_example(version: FmiVersion, binaries: &[Binary]) -> Result<Vec<u8>> {
         let about = ExportOptions { author: Some("A. Uthor".into()), ..ExportOptions::default() };
         let surrogate = seal(example::surrogate()).unwrap();
-        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None })
+        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None, sources: false })
     }
 
     #[test]

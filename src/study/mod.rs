@@ -21,6 +21,9 @@
 //! [outputs]
 //! theta = { unit = "rad" }
 //!
+//! [arrays]                              # optional: outputs of one unit that FMI 3.0 also offers as an array
+//! angles = ["theta1", "theta2"]
+//!
 //! [sampling]
 //! method = "mesh"                       # or "random" or "sobol" with `runs`
 //! levels = 11                           # of each parameter; a parameter may have `levels` of its own
@@ -65,6 +68,9 @@ pub struct Study {
     pub parameters: IndexMap<String, ParameterOptions>,
     /// Outputs by name.
     pub outputs: IndexMap<String, OutputOptions>,
+    /// Outputs of one unit that an FMI 3.0 FMU also offers as an array, by the array's name.
+    #[serde(default)]
+    pub arrays: IndexMap<String, Vec<String>>,
     /// How the parameters are sampled.
     pub sampling: SamplingOptions,
     /// The feed-forward network.
@@ -169,6 +175,24 @@ impl Study {
             problems.expect_variable_name(&key, name);
             if self.parameters.contains_key(name) {
                 problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
+            }
+        }
+        for (name, outputs) in &self.arrays {
+            let key = format!("arrays.{name}");
+            problems.expect_variable_name(&key, name);
+            if self.parameters.contains_key(name) || self.outputs.contains_key(name) {
+                problems
+                    .add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
+            }
+            if outputs.len() < 2 {
+                problems.add(&key, format!("{} outputs, expected at least 2", outputs.len()));
+            }
+            for (index, output) in outputs.iter().enumerate() {
+                if !self.outputs.contains_key(output) {
+                    problems.add(&key, format!("`{output}` is no output"));
+                } else if outputs[..index].contains(output) {
+                    problems.add(&key, format!("`{output}` stands twice"));
+                }
             }
         }
         for (name, parameter) in &self.parameters {

@@ -149,6 +149,7 @@ fn interface(element: &Element) -> Interface {
         serialize_state: flag(element, "canSerializeFMUstate"),
         directional_derivative: flag(element, "providesDirectionalDerivative"),
         adjoint_derivative: false,
+        source_files: element.list("SourceFiles").filter_map(|file| text(file, "name")).collect(),
     }
 }
 

@@ -18,10 +18,12 @@ pub fn write(description: &ModelDescription) -> String {
     root.add("numberOfEventIndicators", &description.event_indicators.to_string());
     out.element("fmiModelDescription", &root, |out| {
         if let Some(model_exchange) = &description.model_exchange {
-            out.empty("ModelExchange", &model_exchange_attributes(model_exchange));
+            let attributes = model_exchange_attributes(model_exchange);
+            interface(out, "ModelExchange", &attributes, &model_exchange.interface);
         }
         if let Some(co_simulation) = &description.co_simulation {
-            out.empty("CoSimulation", &co_simulation_attributes(co_simulation));
+            let attributes = co_simulation_attributes(co_simulation);
+            interface(out, "CoSimulation", &attributes, &co_simulation.interface);
         }
         out.list("UnitDefinitions", &description.units, unit);
         out.list("TypeDefinitions", &description.types, type_definition);
@@ -38,6 +40,17 @@ pub fn write(description: &ModelDescription) -> String {
         });
     });
     out.finish()
+}
+
+fn interface(out: &mut Writer, name: &str, attributes: &Attributes, interface: &Interface) {
+    if interface.source_files.is_empty() {
+        return out.empty(name, attributes);
+    }
+    out.element(name, attributes, |out| {
+        out.list("SourceFiles", &interface.source_files, |out, file| {
+            out.empty("File", Attributes::default().add("name", file));
+        });
+    });
 }
 
 fn model_exchange_attributes(model_exchange: &ModelExchange) -> Attributes {

@@ -237,6 +237,7 @@ fn interface(element: &Element) -> Interface {
         serialize_state: flag(element, "canSerializeFMUState"),
         directional_derivative: flag(element, "providesDirectionalDerivatives"),
         adjoint_derivative: flag(element, "providesAdjointDerivatives"),
+        source_files: Vec::new(),
     }
 }
 
