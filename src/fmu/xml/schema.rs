@@ -167,7 +167,7 @@ fn mismatch(kind: Kind, value: &str) -> Option<String> {
         }
         Kind::Boolean => (parse_boolean(value).is_some(), "true or false"),
         Kind::Hex => {
-            (value.len() % 2 == 0 && value.bytes().all(|b| b.is_ascii_hexdigit()), "pairs of hexadecimal digits")
+            (value.len().is_multiple_of(2) && value.bytes().all(|b| b.is_ascii_hexdigit()), "pairs of hexadecimal digits")
         }
         Kind::Indices => (words.all(|index| index.parse::<u32>().is_ok()), "a list of indices"),
         Kind::Reals => (words.all(|word| parse_real(word).is_some()), "a list of numbers"),
