@@ -249,7 +249,7 @@ fn simulate_writes_csv_and_a_plot() {
     let output = bench.run(&["simulate", FMU, "--start", "L=0.12", "--stop-time", "1", "--step-size", "0.3"]);
     let table = stdout(&output);
     let lines: Vec<&str> = table.lines().collect();
-    assert_eq!(lines[0], "time,theta,thetad,thetadd");
+    assert_eq!(lines[0], "time,theta,thetad,thetadd,in_domain,domain_distance");
     let times: Vec<f64> = lines[1..].iter().map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
     assert_eq!(times.len(), 5, "{times:?}");
     assert_eq!((times[0], times[4]), (0.0, 1.0), "the last step is shorter");
