@@ -17,7 +17,7 @@ fn outputs(instance: &Instance) -> [f64; 2] {
     outputs
 }
 
-fn message(result: Result<impl std::fmt::Debug>) -> String {
+fn message(result: Result<impl fmt::Debug>) -> String {
     result.unwrap_err().to_string()
 }
 
