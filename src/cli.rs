@@ -142,7 +142,7 @@ pub struct SimulateArgs {
     /// First communication point in seconds [default: the FMU's, else 0]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub start_time: Option<f64>,
-    /// Last communication point in seconds [default: the FMU's, else 1]
+    /// Last communication point in seconds [default: the FMU's]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub stop_time: Option<f64>,
     /// Communication step size in seconds [default: the FMU's, else a 500th of the run]

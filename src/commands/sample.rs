@@ -43,7 +43,8 @@ pub fn stage(job: &Job) -> Result<Samples> {
     progress.finish(&format!(
         "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
     ));
-    // the record goes last: tables without it, or with an old one, are not trusted
+    // tables without a record are not trusted: it goes first and comes back last
+    files::remove(&job.samples_record())?;
     train.write_csv(&job.train_table())?;
     test.write_csv(&job.test_table())?;
     files::write_json(&job.samples_record(), &record)?;

@@ -9,12 +9,7 @@ pub fn run(args: &ValidateArgs) -> Result<Outcome> {
     if args.json {
         print_json(&report)?;
     } else {
-        let summary = match report.problems.len() {
-            0 => "no problem found".into(),
-            1 => "1 problem".into(),
-            count => format!("{count} problems"),
-        };
-        print(&format!("{report}{}: {summary}\n", args.fmu.display()))?;
+        print(&report.to_string())?;
     }
     Ok(if report.problems.is_empty() { Outcome::Fine } else { Outcome::ProblemsFound })
 }

@@ -22,7 +22,7 @@
 //! theta = { unit = "rad" }
 //!
 //! [sampling]
-//! method = "mesh"                       # or "random" with `runs`
+//! method = "mesh"                       # or "random" or "sobol" with `runs`
 //! levels = 11                           # of each parameter; a parameter may have `levels` of its own
 //! test_runs = 200
 //! ```
@@ -38,7 +38,7 @@ pub use options::{
 };
 pub use origin::Problem;
 
-use crate::{Error, Result};
+use crate::{Error, Result, sampling::MAX_SOBOL_PARAMETERS};
 use indexmap::IndexMap;
 use origin::Origin;
 use serde::{Deserialize, Serialize};
@@ -107,11 +107,11 @@ impl Study {
         Ok(study)
     }
 
-    /// SHA-256 of what decides the surrogate, in hexadecimal digits: of `[export]` the precision only, so that another
-    /// version of the standard or another author asks for no new training. Comments and layout do not count.
+    /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
+    /// do not count.
     pub fn digest(&self) -> String {
-        let export = ExportOptions { precision: self.export.precision, ..ExportOptions::default() };
-        digest(&Self { export, ..self.clone() })
+        let model = (&self.name, &self.description, &self.network, &self.training, &self.export.precision);
+        digest(&(model, self.sampling_digest()))
     }
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
@@ -146,11 +146,11 @@ impl Study {
         let TimeOptions { stop, step } = self.time;
         problems.expect_positive("time.stop", stop);
         problems.expect_positive("time.step", step);
-        if problems.0.is_empty() && ((stop / step).round() * step - stop).abs() > 1e-9 * stop || step > stop {
+        let steps = stop / step;
+        if steps > 1e7 {
+            problems.add("time.step", format!("{steps} rows a run, expected at most 10 million"));
+        } else if steps > 0.0 && (steps < 0.5 || (steps.round() - steps).abs() > 1e-9 * steps) {
             problems.add("time.step", format!("{step} s does not divide the stop time of {stop} s"));
-        }
-        if stop / step > 1e7 {
-            problems.add("time.step", format!("{} rows a run, expected at most 10 million", stop / step));
         }
     }
 
@@ -189,10 +189,15 @@ impl Study {
             problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
         }
         if let (true, Some(_)) = (mesh, runs) {
-            problems.add("sampling.runs", "belongs to the method \"random\"; a mesh has `levels`".into());
+            problems
+                .add("sampling.runs", "belongs to the methods \"random\" and \"sobol\"; a mesh has `levels`".into());
         }
         if !mesh && runs.is_none_or(|runs| runs < 2) {
-            problems.add("sampling.runs", "the method \"random\" needs at least 2 runs".into());
+            problems.add("sampling.runs", "expected at least 2 runs".into());
+        }
+        if *method == Method::Sobol && self.parameters.len() > MAX_SOBOL_PARAMETERS {
+            let message = format!("the method \"sobol\" takes at most {MAX_SOBOL_PARAMETERS} parameters");
+            problems.add("sampling.method", message);
         }
         for (name, parameter) in &self.parameters {
             let key = format!("parameters.{name}.levels");
@@ -221,7 +226,7 @@ impl Study {
                 let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
                 self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
             }
-            Method::Random => self.sampling.runs.unwrap_or(0) as u64,
+            Method::Random | Method::Sobol => self.sampling.runs.unwrap_or(0) as u64,
         }
     }
 
@@ -316,10 +321,11 @@ mod tests {
     }
 
     #[test]
-    fn comments_and_layout_do_not_change_the_digest() {
+    fn only_what_decides_the_surrogate_changes_the_digest() {
         let parse = |text: &str| Study::parse(text, Path::new("s.toml")).unwrap();
         let study = parse(GOOD);
         assert_eq!(study.digest(), parse(&format!("# a comment\n{GOOD}")).digest());
+        assert_eq!(study.digest(), parse(&GOOD.replacen("license = ", "author = \"me\"\nlicense = ", 1)).digest());
         let other = parse(&GOOD.replacen("epochs = ", "epochs = 1", 1));
         assert_ne!(study.digest(), other.digest());
         assert_eq!(study.sampling_digest(), other.sampling_digest());
@@ -343,7 +349,7 @@ mod tests {
             ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
             ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
-            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the method"),
+            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
             ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "unknown variant `4`"),
             ("\"double\"", "\"half\"", "precision", "export.precision", "unknown variant `half`"),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),

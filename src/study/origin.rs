@@ -71,7 +71,7 @@ impl Origin {
         let unknown = error.message().starts_with("unknown field");
         let last = self.text.get(span.clone()).filter(|_| unknown).map(str::trim);
         let key = match last {
-            Some(last) if !key.split('.').next_back().is_some_and(|end| end == last) => {
+            Some(last) if key.split('.').next_back() != Some(last) => {
                 if key.is_empty() {
                     last.to_owned()
                 } else {

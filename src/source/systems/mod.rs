@@ -1,7 +1,9 @@
 //! Built-in systems: those of Choi et al., *Data-driven simulation for general purpose multibody dynamics using deep
 //! neural networks*, Multibody System Dynamics (2021).
 
+mod double_pendulum;
 mod single_pendulum;
+mod slider_crank;
 
 /// A system with known equations.
 #[derive(Debug)]
@@ -17,8 +19,11 @@ pub struct System {
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
     /// Simulates one run: values of `quantities` and evenly spaced times in; rows of all outputs out, one after the other.
-    pub simulate: fn(&[f64], &[f64]) -> Result<Vec<f64>, String>,
+    pub simulate: Simulate,
 }
+
+/// Quantities and times in, rows of outputs or a sentence that says what failed out.
+pub type Simulate = fn(&[f64], &[f64]) -> Result<Vec<f64>, String>;
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
 #[derive(Debug)]
@@ -45,4 +50,4 @@ pub struct SystemOutput {
 }
 
 /// Every built-in system.
-pub static SYSTEMS: &[&System] = &[&single_pendulum::SYSTEM];
+pub static SYSTEMS: &[&System] = &[&single_pendulum::SYSTEM, &double_pendulum::SYSTEM, &slider_crank::SYSTEM];
