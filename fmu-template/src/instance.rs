@@ -8,11 +8,13 @@ use crate::{
 };
 use metafmu_runtime::{
     Domain, Evaluator, FormatError, Metadata, Role, Scratch, Surrogate, Variability,
-    extra::{self, DomainPolicy, Extra},
+    extra::{self, DomainPolicy},
 };
 use std::{fs, io, path::Path, path::PathBuf};
+use variables::{Real, Variable, Variables};
 
 mod derivatives;
+mod variables;
 
 /// What an instance is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +43,7 @@ pub(crate) enum LoadError {
 pub(crate) struct Instance {
     kind: Kind,
     metadata: Metadata,
+    variables: Variables,
     domain: Domain,
     evaluator: Evaluator,
     scratch: Scratch,
@@ -61,19 +64,6 @@ pub(crate) struct Instance {
     /// warned at each attempt.
     warned: Vec<bool>,
     warnings: Vec<Warning>,
-}
-
-/// What a value reference stands for.
-#[derive(Clone, Copy)]
-enum Variable {
-    /// Input column of the network.
-    Column(usize),
-    Output(usize),
-    Policy,
-    InDomain,
-    Distance,
-    /// The independent variable of a surrogate without a time column.
-    Time,
 }
 
 impl Instance {
@@ -101,6 +91,7 @@ impl Instance {
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let mut instance = Self {
             kind,
+            variables: Variables::new(&surrogate, kind.version),
             domain: Domain::new(&metadata.inputs),
             scratch: evaluator.scratch(),
             evaluator,
@@ -253,18 +244,34 @@ impl Instance {
 
     // ---- Values --------------------------------------------------------------------------------------------------
 
-    /// Values of real variables.
+    /// How many values these variables have: one each, but for the arrays of FMI 3.0.
+    #[inline]
+    pub(crate) fn size(&self, references: &[u32]) -> Result<usize, Refusal> {
+        self.variables.size(references)
+    }
+
+    /// Values of real variables, element by element: all of them or, if one is refused, none. There are as many values
+    /// as [`Instance::size`] says.
     #[inline]
     pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.variable(reference)? {
-                Variable::Column(column) => self.now.inputs[column],
-                Variable::Output(output) => self.outputs()[output],
-                Variable::Distance => self.domain.distance(&self.now.inputs),
-                Variable::Time => self.now.time,
+        let mut outputs = false;
+        for &reference in references {
+            match self.variable(reference)? {
                 other @ (Variable::Policy | Variable::InDomain) => {
                     return Err(self.wrong_type(other, reference, "real"));
                 }
+                variable => outputs |= matches!(variable, Variable::Output(_) | Variable::Array(_)),
+            }
+        }
+        if outputs {
+            self.update_outputs();
+        }
+        for (value, real) in values.iter_mut().zip(self.variables.reals(references)) {
+            *value = match real {
+                Real::Column(column) => self.now.inputs[column],
+                Real::Output(output) => self.outputs[output],
+                Real::Distance => self.domain.distance(&self.now.inputs),
+                Real::Time => self.now.time,
             };
         }
         Ok(())
@@ -352,7 +359,9 @@ impl Instance {
                 }
                 Role::Input => Ok(column),
             },
-            Variable::Output(_) | Variable::Distance => Err(Refusal::SetOutput { name: name(), reference }),
+            Variable::Output(_) | Variable::Array(_) | Variable::Distance => {
+                Err(Refusal::SetOutput { name: name(), reference })
+            }
             Variable::Time => Err(Refusal::SetTime { name: name(), reference }),
             Variable::Policy | Variable::InDomain => Err(self.wrong_type(variable, reference, "real")),
         }
@@ -369,33 +378,16 @@ impl Instance {
         Err(Refusal::SetParameter { name: self.name(variable), reference, variability, state })
     }
 
-    /// Input columns come first, then outputs, then what every FMU adds.
     #[inline]
     fn variable(&self, reference: u32) -> Result<Variable, Refusal> {
-        let (index, inputs, outputs) = (reference as usize, self.now.inputs.len(), self.outputs.len());
-        if index < inputs {
-            return Ok(Variable::Column(index));
-        }
-        if index < inputs + outputs {
-            return Ok(Variable::Output(index - inputs));
-        }
-        let last = if self.time_column.is_none() { extra::TIME } else { extra::DOMAIN_DISTANCE };
-        let last = (inputs + outputs) as u32 + last.offset;
-        let offset = reference - (inputs + outputs) as u32;
-        let is = |extra: Extra| offset == extra.offset;
-        match () {
-            () if reference > last => Err(Refusal::UnknownReference { reference, last }),
-            () if is(extra::DOMAIN_POLICY) => Ok(Variable::Policy),
-            () if is(extra::IN_DOMAIN) => Ok(Variable::InDomain),
-            () if is(extra::DOMAIN_DISTANCE) => Ok(Variable::Distance),
-            () => Ok(Variable::Time),
-        }
+        self.variables.find(reference)
     }
 
     fn name(&self, variable: Variable) -> String {
         match variable {
             Variable::Column(column) => self.column_name(column),
             Variable::Output(output) => self.metadata.outputs[output].name.clone(),
+            Variable::Array(array) => self.metadata.arrays[array].name.clone(),
             Variable::Policy => extra::DOMAIN_POLICY.name.to_owned(),
             Variable::InDomain => extra::IN_DOMAIN.name.to_owned(),
             Variable::Distance => extra::DOMAIN_DISTANCE.name.to_owned(),
@@ -411,21 +403,26 @@ impl Instance {
         let found = match variable {
             Variable::Policy => "integer",
             Variable::InDomain => "Boolean",
-            Variable::Column(_) | Variable::Output(_) | Variable::Distance | Variable::Time => "real",
+            Variable::Column(_) | Variable::Output(_) | Variable::Array(_) | Variable::Distance | Variable::Time => {
+                "real"
+            }
         };
         Refusal::WrongType { name: self.name(variable), reference, found, asked }
     }
 
-    /// Value references of what a variable depends on.
-    pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = u32> + use<>, Refusal> {
+    /// What a variable depends on: pairs of an element, counted from one, and the value reference of what it depends on.
+    /// The element of a scalar is zero, which stands for all there are.
+    pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
         let inputs = self.now.inputs.len() as u32;
         let policy = inputs + self.outputs.len() as u32 + extra::DOMAIN_POLICY.offset;
-        let (columns, policy) = match self.variable(reference)? {
-            Variable::Output(_) => (inputs, Some(policy)),
+        let variable = self.variable(reference)?;
+        let (columns, policy) = match variable {
+            Variable::Output(_) | Variable::Array(_) => (inputs, Some(policy)),
             Variable::InDomain | Variable::Distance => (inputs, None),
             Variable::Column(_) | Variable::Policy | Variable::Time => (0, None),
         };
-        Ok((0..columns).chain(policy))
+        let elements = self.variables.elements(variable).map_or(0..=0, |elements| 1..=elements);
+        Ok(elements.flat_map(move |element| (0..columns).chain(policy).map(move |known| (element, known))))
     }
 
     // ---- Time ----------------------------------------------------------------------------------------------------
@@ -549,13 +546,12 @@ impl Instance {
     }
 
     #[inline]
-    fn outputs(&mut self) -> &[f64] {
+    fn update_outputs(&mut self) {
         if self.stale {
             self.update_point();
             self.evaluator.evaluate(&self.point, &mut self.outputs, &mut self.scratch);
             self.stale = false;
         }
-        &self.outputs
     }
 
     #[inline]

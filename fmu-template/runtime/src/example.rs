@@ -1,6 +1,9 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
-use crate::{Activation, Input, Layer, Metadata, Output, Precision, Provenance, Role, Scaling, Surrogate, Variability};
+use crate::{
+    Activation, Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate,
+    Variability,
+};
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
 pub fn surrogate() -> Surrogate {
@@ -45,6 +48,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
             input("time", Role::Time, "s", 0.0, 2.0),
         ],
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
+        arrays: Vec::new(),
         activation,
         precision,
         time_step: 0.01,
@@ -76,6 +80,22 @@ pub fn with_input() -> Surrogate {
     let surrogate = surrogate();
     let mut metadata = surrogate.metadata().clone();
     metadata.inputs[1].role = Role::Input;
+    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
+}
+
+/// [`surrogate`] with outputs `x` and `y` in metres, and arrays of them: `position` is `[x, y]` and `swapped` `[y, x]`.
+pub fn with_arrays() -> Surrogate {
+    let surrogate = surrogate();
+    let mut metadata = surrogate.metadata().clone();
+    for (output, name) in metadata.outputs.iter_mut().zip(["x", "y"]) {
+        (output.name, output.unit) = (name.into(), "m".into());
+    }
+    let array = |name: &str, outputs: [&str; 2]| OutputArray {
+        name: name.into(),
+        description: format!("example array {name}"),
+        outputs: outputs.map(String::from).into(),
+    };
+    metadata.arrays = vec![array("position", ["x", "y"]), array("swapped", ["y", "x"])];
     Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
 }
 

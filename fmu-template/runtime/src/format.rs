@@ -140,6 +140,42 @@ pub enum FormatError {
         /// How many.
         count: usize,
     },
+    /// An array of fewer than two outputs.
+    #[error("array `{array}` has {count} elements, expected at least 2")]
+    ShortArray {
+        /// The array's name.
+        array: String,
+        /// How many elements there are.
+        count: usize,
+    },
+    /// An array of something that is no output.
+    #[error("array `{array}`: `{output}` is no output")]
+    UnknownElement {
+        /// The array's name.
+        array: String,
+        /// What stands there.
+        output: String,
+    },
+    /// An array with an output twice.
+    #[error("array `{array}`: output `{output}` stands twice")]
+    DuplicateElement {
+        /// The array's name.
+        array: String,
+        /// The output's name.
+        output: String,
+    },
+    /// An array of outputs of different units.
+    #[error("array `{array}`: output `{output}` is in `{found}`, expected `{expected}` as the first element")]
+    ElementUnit {
+        /// The array's name.
+        array: String,
+        /// The output's name.
+        output: String,
+        /// The output's unit.
+        found: String,
+        /// Unit of the array's first element.
+        expected: String,
+    },
     /// A content digest that is no SHA-256.
     #[error("content digest `{found}` is not 64 hexadecimal digits")]
     Digest {

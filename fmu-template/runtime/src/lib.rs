@@ -35,4 +35,6 @@ pub use activation::Activation;
 pub use domain::{Domain, TOLERANCE};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;
-pub use surrogate::{Input, Layer, Metadata, Output, Precision, Provenance, Role, Scaling, Surrogate, Variability};
+pub use surrogate::{
+    Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate, Variability,
+};

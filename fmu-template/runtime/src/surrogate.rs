@@ -5,7 +5,7 @@ use crate::{
     extra::{self, Extra},
 };
 use serde::{Deserialize, Serialize};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 /// A feed-forward network with everything needed to use it: which variable each column is, in what unit, over
 /// what range it was trained, and how columns are scaled.
@@ -19,6 +19,8 @@ pub struct Surrogate {
     metadata: Metadata,
     scaling: Scaling,
     layers: Vec<Layer>,
+    /// Output columns of each array, in the order of its elements; made from the metadata.
+    array_columns: Vec<Vec<usize>>,
 }
 
 /// The descriptive part of a [`Surrogate`], kept as JSON in the model file's metadata.
@@ -33,6 +35,9 @@ pub struct Metadata {
     pub inputs: Vec<Input>,
     /// The network's output columns, in order.
     pub outputs: Vec<Output>,
+    /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub arrays: Vec<OutputArray>,
     /// Activation of every hidden layer.
     pub activation: Activation,
     /// What the network computes in.
@@ -120,6 +125,18 @@ pub struct Output {
     pub max: f64,
 }
 
+/// Several outputs of one unit as one array variable of FMI 3.0, for instance the coordinates of a point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputArray {
+    /// Variable name, as the FMU shows it.
+    pub name: String,
+    /// One sentence for people.
+    pub description: String,
+    /// Names of the outputs that are the elements, in order; at least two, each at most once.
+    pub outputs: Vec<String>,
+}
+
 /// Where a surrogate comes from; enough to make it again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -169,6 +186,7 @@ impl Surrogate {
     /// The first [`FormatError`] that says how the parts do not fit each other.
     pub fn new(metadata: Metadata, scaling: Scaling, layers: Vec<Layer>) -> Result<Self, FormatError> {
         validate_metadata(&metadata)?;
+        let array_columns = array_columns(&metadata)?;
         let (inputs, outputs) = (metadata.inputs.len(), metadata.outputs.len());
         for (name, column, expected) in [
             ("input_mean", &scaling.input_mean, inputs),
@@ -183,7 +201,7 @@ impl Surrogate {
             }
         }
         validate_layers(&layers, inputs, outputs)?;
-        Ok(Self { metadata, scaling, layers })
+        Ok(Self { metadata, scaling, layers, array_columns })
     }
 
     /// Name, variables, provenance.
@@ -199,6 +217,11 @@ impl Surrogate {
     /// The network's output columns, in order.
     pub fn outputs(&self) -> &[Output] {
         &self.metadata.outputs
+    }
+
+    /// Outputs grouped into arrays, in order.
+    pub fn arrays(&self) -> &[OutputArray] {
+        &self.metadata.arrays
     }
 
     /// Position of the time column among the inputs, if time is an input.
@@ -224,6 +247,21 @@ impl Surrogate {
     /// FMI value reference of a variable that every FMU adds: they follow the outputs.
     pub fn extra_value_reference(&self, extra: &Extra) -> u32 {
         (self.inputs().len() + self.outputs().len()) as u32 + extra.offset
+    }
+
+    /// FMI 3.0 value reference of array `index`. Arrays follow everything else; the value reference of
+    /// [`extra::TIME`] is left out for them even if a column is the time.
+    pub fn array_value_reference(&self, index: usize) -> u32 {
+        self.extra_value_reference(&extra::TIME) + 1 + index as u32
+    }
+
+    /// Unit of all elements of array `index`, and which outputs they are.
+    ///
+    /// # Panics
+    /// If there is no such array.
+    pub fn array_elements(&self, index: usize) -> (&str, &[usize]) {
+        let columns = &self.array_columns[index];
+        (&self.outputs()[columns[0]].unit, columns)
     }
 
     /// FMI 2.0 `guid` and FMI 3.0 `instantiationToken`: the first 128 bits of the content digest, so that a description
@@ -255,13 +293,16 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     let mut names = HashSet::new();
     let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
     let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
-    for (name, min, max) in inputs.chain(outputs) {
+    let arrays = metadata.arrays.iter().map(|array| &array.name);
+    for name in inputs.clone().chain(outputs.clone()).map(|(name, ..)| name).chain(arrays) {
         if extra::ALL.iter().any(|extra| extra.name == name) || (!has_time && extra::TIME.name == name) {
             return Err(FormatError::ReservedName { name: name.clone() });
         }
         if !names.insert(name) {
             return Err(FormatError::DuplicateVariable { name: name.clone() });
         }
+    }
+    for (name, min, max) in inputs.chain(outputs) {
         if !(min.is_finite() && max.is_finite() && min <= max) {
             return Err(FormatError::EmptyRange { name: name.clone(), min, max });
         }
@@ -284,6 +325,41 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
         return Err(FormatError::Digest { found: digest.clone() });
     }
     Ok(())
+}
+
+/// The output columns of each array.
+fn array_columns(metadata: &Metadata) -> Result<Vec<Vec<usize>>, FormatError> {
+    let positions: HashMap<&str, usize> =
+        metadata.outputs.iter().enumerate().map(|(column, output)| (output.name.as_str(), column)).collect();
+    metadata.arrays.iter().map(|array| columns_of(array, &metadata.outputs, &positions)).collect()
+}
+
+fn columns_of(
+    array: &OutputArray,
+    outputs: &[Output],
+    positions: &HashMap<&str, usize>,
+) -> Result<Vec<usize>, FormatError> {
+    let name = || array.name.clone();
+    if array.outputs.len() < 2 {
+        return Err(FormatError::ShortArray { array: name(), count: array.outputs.len() });
+    }
+    let mut columns = Vec::with_capacity(array.outputs.len());
+    let mut seen = HashSet::new();
+    for output in &array.outputs {
+        let Some(&column) = positions.get(output.as_str()) else {
+            return Err(FormatError::UnknownElement { array: name(), output: output.clone() });
+        };
+        if !seen.insert(column) {
+            return Err(FormatError::DuplicateElement { array: name(), output: output.clone() });
+        }
+        columns.push(column);
+        let (found, expected) = (&outputs[column].unit, &outputs[columns[0]].unit);
+        if found != expected {
+            let (output, found, expected) = (output.clone(), found.clone(), expected.clone());
+            return Err(FormatError::ElementUnit { array: name(), output, found, expected });
+        }
+    }
+    Ok(columns)
 }
 
 fn validate_layers(layers: &[Layer], inputs: usize, outputs: usize) -> Result<(), FormatError> {

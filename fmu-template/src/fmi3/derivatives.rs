@@ -34,12 +34,15 @@ pub(super) unsafe extern "C" fn fmi3GetVariableDependencies(
     unsafe {
         call(instance, Function::GetVariableDependencies, |instance| {
             count(nDependencies, instance.dependencies(dependent)?.count(), "independents")?;
+            let elements = slice_mut(elementIndicesOfDependent, nDependencies, "elementIndicesOfDependent")?;
+            let independents = slice_mut(independents, nDependencies, "independents")?;
             // zero: all elements of a variable, which is the only one of a scalar
-            slice_mut(elementIndicesOfDependent, nDependencies, "elementIndicesOfDependent")?.fill(0);
             slice_mut(elementIndicesOfIndependents, nDependencies, "elementIndicesOfIndependents")?.fill(0);
             slice_mut(dependencyKinds, nDependencies, "dependencyKinds")?.fill(DEPENDENT);
-            let independents = slice_mut(independents, nDependencies, "independents")?;
-            independents.iter_mut().zip(instance.dependencies(dependent)?).for_each(|(to, from)| *to = from);
+            let places = elements.iter_mut().zip(independents);
+            places.zip(instance.dependencies(dependent)?).for_each(|((element, independent), dependency)| {
+                (*element, *independent) = dependency;
+            });
             Ok(())
         })
     }
@@ -60,11 +63,13 @@ pub(super) unsafe extern "C" fn fmi3GetDirectionalDerivative(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetDirectionalDerivative, |instance| {
-            count(nSeed, nKnowns, "seed")?;
-            count(nSensitivity, nUnknowns, "sensitivity")?;
+            let unknowns = slice(unknowns, nUnknowns, "unknowns")?;
+            let knowns = slice(knowns, nKnowns, "knowns")?;
+            count(nSeed, instance.size(knowns)?, "seed")?;
+            count(nSensitivity, instance.size(unknowns)?, "sensitivity")?;
             instance.directional_derivative(
-                slice(unknowns, nUnknowns, "unknowns")?,
-                slice(knowns, nKnowns, "knowns")?,
+                unknowns,
+                knowns,
                 slice(seed, nSeed, "seed")?,
                 slice_mut(sensitivity, nSensitivity, "sensitivity")?,
             )
@@ -87,11 +92,13 @@ pub(super) unsafe extern "C" fn fmi3GetAdjointDerivative(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetAdjointDerivative, |instance| {
-            count(nSeed, nUnknowns, "seed")?;
-            count(nSensitivity, nKnowns, "sensitivity")?;
+            let unknowns = slice(unknowns, nUnknowns, "unknowns")?;
+            let knowns = slice(knowns, nKnowns, "knowns")?;
+            count(nSeed, instance.size(unknowns)?, "seed")?;
+            count(nSensitivity, instance.size(knowns)?, "sensitivity")?;
             instance.adjoint_derivative(
-                slice(unknowns, nUnknowns, "unknowns")?,
-                slice(knowns, nKnowns, "knowns")?,
+                unknowns,
+                knowns,
                 slice(seed, nSeed, "seed")?,
                 slice_mut(sensitivity, nSensitivity, "sensitivity")?,
             )
@@ -111,9 +118,10 @@ pub(super) unsafe extern "C" fn fmi3GetOutputDerivatives(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetOutputDerivatives, |instance| {
-            count(nValues, nValueReferences, "values")?;
+            let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, instance.size(references)?, "values")?;
             instance.output_derivatives(
-                slice(valueReferences, nValueReferences, "valueReferences")?,
+                references,
                 slice(orders, nValueReferences, "orders")?,
                 slice_mut(values, nValues, "values")?,
             )

@@ -15,6 +15,7 @@ use std::{
     sync::Mutex,
 };
 
+mod arrays;
 mod instances;
 mod sensitivities;
 mod states;

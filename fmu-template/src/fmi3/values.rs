@@ -1,4 +1,4 @@
-//! Getting and setting variables in FMI 3.0. All are scalars.
+//! Getting and setting variables in FMI 3.0. All are scalars but for the arrays of outputs, which are Float64.
 
 use super::{Boolean, Function, Refusal, Status, call, count, slice, slice_mut};
 use std::ffi::{c_char, c_void};
@@ -14,8 +14,8 @@ pub(super) unsafe extern "C" fn fmi3GetFloat64(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetFloat64, |instance| {
-            count(nValues, nValueReferences, "values")?;
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, instance.size(references)?, "values")?;
             instance.get_real(references, slice_mut(values, nValues, "values")?)
         })
     }
@@ -32,8 +32,8 @@ pub(super) unsafe extern "C" fn fmi3SetFloat64(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::SetFloat64, |instance| {
-            count(nValues, nValueReferences, "values")?;
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, instance.size(references)?, "values")?;
             instance.set_real(references, slice(values, nValues, "values")?)
         })
     }

@@ -1,15 +1,17 @@
 //! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
 
-use super::{Instance, Variable, finite};
+use super::{Instance, Real, Variable, finite};
 use crate::answer::Refusal;
 use metafmu_runtime::{MAX_OUTPUT_DERIVATIVE_ORDER, Role, extra::DomainPolicy};
+use std::slice;
 
 const KNOWN: &str = "input, parameter or time";
 const UNKNOWN: &str = "continuous output";
 
 impl Instance {
     /// `sensitivity = J seed`, `J` the derivatives of the unknowns (outputs) with respect to the knowns (inputs,
-    /// parameters, time). A direction in which the policy clamps has no effect on the surrogate's outputs.
+    /// parameters, time). A direction in which the policy clamps has no effect on the surrogate's outputs. Arrays count by
+    /// their elements, as [`Instance::size`] says.
     pub(crate) fn directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -25,14 +27,14 @@ impl Instance {
                 self.columns[0][column] += seed;
             }
         }
-        unknowns.iter().try_for_each(|&unknown| self.unknown(unknown).map(|_| ()))?;
+        self.check_unknowns(unknowns)?;
         let distance = self.distance_rate(0);
         self.update_point();
         self.zero_clamped(0);
         let [derivative, _] = &mut self.sensitivities;
         self.evaluator.directional(&self.point, &self.columns[0], derivative, &mut self.scratch);
-        for (result, &unknown) in sensitivity.iter_mut().zip(unknowns) {
-            *result = self.unknown(unknown)?.map_or(distance, |output| self.sensitivities[0][output]);
+        for (result, unknown) in sensitivity.iter_mut().zip(self.variables.reals(unknowns)) {
+            *result = if let Real::Output(output) = unknown { self.sensitivities[0][output] } else { distance };
         }
         Ok(())
     }
@@ -45,14 +47,17 @@ impl Instance {
         seed: &[f64],
         sensitivity: &mut [f64],
     ) -> Result<(), Refusal> {
+        self.check_unknowns(unknowns)?;
         self.sensitivities[0].fill(0.0);
         let mut weight_of_distance = 0.0;
-        for (&unknown, &seed) in unknowns.iter().zip(seed) {
+        for (unknown, &seed) in self.variables.reals(unknowns).zip(seed) {
             finite("seed", seed)?;
-            match self.unknown(unknown)? {
-                Some(output) => self.sensitivities[0][output] += seed,
-                None => weight_of_distance += seed,
-            }
+            let weight = if let Real::Output(output) = unknown {
+                &mut self.sensitivities[0][output]
+            } else {
+                &mut weight_of_distance
+            };
+            *weight += seed;
         }
         knowns.iter().try_for_each(|&known| self.known(known).map(|_| ()))?;
         self.update_point();
@@ -69,17 +74,15 @@ impl Instance {
     }
 
     /// Derivatives of outputs with respect to time at the present communication point, inputs following the derivatives
-    /// that the host gave.
+    /// that the host gave. There is one order for each variable, and a value for each element.
     pub(crate) fn output_derivatives(
         &mut self,
         references: &[u32],
         orders: &[i32],
         values: &mut [f64],
     ) -> Result<(), Refusal> {
-        for (&reference, &order) in references.iter().zip(orders) {
-            self.unknown(reference)?;
-            index_of_order(order)?;
-        }
+        self.check_unknowns(references)?;
+        orders.iter().try_for_each(|&order| index_of_order(order).map(drop))?;
         for order in [0, 1] {
             self.columns[order].copy_from_slice(&self.now.rates[order]);
         }
@@ -92,9 +95,13 @@ impl Instance {
         let [first, second] = &self.columns;
         let [once, twice] = &mut self.sensitivities;
         self.evaluator.along_curve(&self.point, [first, second], [once, twice], &mut self.scratch);
-        for ((value, &reference), &order) in values.iter_mut().zip(references).zip(orders) {
+        let mut values = values.iter_mut();
+        for (reference, &order) in references.iter().zip(orders) {
             let order = index_of_order(order)?;
-            *value = self.unknown(reference)?.map_or(distance[order], |output| self.sensitivities[order][output]);
+            for (real, value) in self.variables.reals(slice::from_ref(reference)).zip(&mut values) {
+                *value =
+                    if let Real::Output(output) = real { self.sensitivities[order][output] } else { distance[order] };
+            }
         }
         Ok(())
     }
@@ -131,13 +138,12 @@ impl Instance {
         }
     }
 
-    /// The output of an unknown, none for the distance from the domain.
-    fn unknown(&self, reference: u32) -> Result<Option<usize>, Refusal> {
-        match self.variable(reference)? {
-            Variable::Output(output) => Ok(Some(output)),
-            Variable::Distance => Ok(None),
+    /// Unknowns are outputs, arrays of them, and the distance from the domain.
+    fn check_unknowns(&self, references: &[u32]) -> Result<(), Refusal> {
+        references.iter().try_for_each(|&reference| match self.variable(reference)? {
+            Variable::Output(_) | Variable::Array(_) | Variable::Distance => Ok(()),
             other => Err(Refusal::NotDifferentiable { name: self.name(other), reference, expected: UNKNOWN }),
-        }
+        })
     }
 
     /// Change of the distance from the domain along the columns' work space; to be asked before it is clamped.

@@ -4,7 +4,7 @@ use crate::{Activation, Precision, Role, Variability, example};
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
     let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
-    for surrogate in [example::surrogate(), example::with_input(), single] {
+    for surrogate in [example::surrogate(), example::with_input(), example::with_arrays(), single] {
         let bytes = surrogate.to_bytes().unwrap();
         let again = Surrogate::from_bytes(&bytes).unwrap();
         assert_eq!(again, surrogate);
@@ -37,12 +37,82 @@ fn roles_are_written_in_the_words_of_the_standard() {
 #[test]
 fn names_of_the_variables_every_fmu_adds_are_refused() {
     for extra in crate::extra::ALL {
-        let surrogate = example::surrogate();
-        let (scaling, layers) = (surrogate.scaling().clone(), surrogate.layers().to_vec());
-        let mut metadata = surrogate.metadata().clone();
-        metadata.outputs[0].name = extra.name.into();
-        let refused = Surrogate::new(metadata, scaling, layers).unwrap_err();
-        assert!(matches!(&refused, FormatError::ReservedName { name } if name == extra.name), "{refused}");
+        let changes: [&dyn Fn(&mut Metadata); 2] =
+            [&|metadata| metadata.outputs[0].name = extra.name.into(), &|metadata| {
+                metadata.arrays[1].name = extra.name.into()
+            }];
+        for change in changes {
+            let refused = changed(change).unwrap_err();
+            assert!(matches!(&refused, FormatError::ReservedName { name } if name == extra.name), "{refused}");
+        }
+    }
+    let without_time = |array: &str| {
+        changed(|metadata| {
+            metadata.inputs[2].role = Role::Input;
+            metadata.inputs[2].name = "load".into();
+            metadata.arrays[0].name = array.into();
+        })
+    };
+    assert_eq!(without_time("time").unwrap_err().to_string(), RESERVED_TIME);
+    assert!(without_time("place").is_ok());
+}
+
+const RESERVED_TIME: &str = "variable `time`: the name is reserved for a variable that every FMU adds";
+
+/// [`example::with_arrays`] with other metadata.
+fn changed(change: impl FnOnce(&mut Metadata)) -> Result<Surrogate, FormatError> {
+    let surrogate = example::with_arrays();
+    let mut metadata = surrogate.metadata().clone();
+    change(&mut metadata);
+    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec())
+}
+
+#[test]
+fn a_file_without_arrays_is_written_as_before_there_were_any() {
+    let text = |surrogate: Surrogate| serde_json::to_string(surrogate.metadata()).unwrap();
+    assert!(!text(example::surrogate()).contains("arrays"));
+    let elements = r#""arrays":[{"name":"position","description":"example array position","outputs":["x","y"]},"#;
+    assert!(text(example::with_arrays()).contains(elements));
+}
+
+#[test]
+fn an_array_has_the_unit_and_the_columns_of_its_outputs() {
+    let surrogate = example::with_arrays();
+    assert_eq!(surrogate.arrays().len(), 2);
+    assert_eq!(surrogate.array_elements(0), ("m", &[0, 1][..]));
+    assert_eq!(surrogate.array_elements(1), ("m", &[1, 0][..]));
+}
+
+#[test]
+fn value_references_of_arrays_leave_room_for_the_time_whether_or_not_it_is_added() {
+    let references = |surrogate: &Surrogate| [0, 1].map(|index| surrogate.array_value_reference(index));
+    assert_eq!(references(&example::with_arrays()), [9, 10]);
+    let without_time = changed(|metadata| {
+        metadata.inputs[2].role = Role::Input;
+        metadata.inputs[2].name = "load".into();
+    });
+    assert_eq!(references(&without_time.unwrap()), [9, 10]);
+}
+
+#[test]
+fn arrays_that_make_no_sense_are_refused_by_name() {
+    let refused = |change: &dyn Fn(&mut Metadata)| changed(change).unwrap_err().to_string();
+    let of = |outputs: &'static [&str]| {
+        refused(&|metadata| metadata.arrays[1].outputs = outputs.iter().map(|&name| name.into()).collect())
+    };
+    assert_eq!(of(&[]), "array `swapped` has 0 elements, expected at least 2");
+    assert_eq!(of(&["x"]), "array `swapped` has 1 elements, expected at least 2");
+    assert_eq!(of(&["x", "z"]), "array `swapped`: `z` is no output");
+    assert_eq!(of(&["x", "length"]), "array `swapped`: `length` is no output");
+    assert_eq!(of(&["x", "position"]), "array `swapped`: `position` is no output");
+    assert_eq!(of(&["x", "y", "x"]), "array `swapped`: output `x` stands twice");
+    assert_eq!(
+        refused(&|metadata| metadata.outputs[1].unit = "mm".into()),
+        "array `position`: output `y` is in `mm`, expected `m` as the first element"
+    );
+    for name in ["length", "x", "position"] {
+        let twice = refused(&|metadata| metadata.arrays[1].name = name.into());
+        assert_eq!(twice, format!("variable `{name}` stands twice"));
     }
 }
 
@@ -66,7 +136,7 @@ fn read(bytes: &[u8]) -> bool {
 
 #[test]
 fn no_damage_to_a_file_makes_reading_it_panic() {
-    let bytes = example::surrogate().to_bytes().unwrap();
+    let bytes = example::with_arrays().to_bytes().unwrap();
     for length in 0..bytes.len() {
         assert!(!read(&bytes[..length]), "cut to {length} bytes");
     }

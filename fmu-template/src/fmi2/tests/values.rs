@@ -79,6 +79,28 @@ fn an_unknown_value_reference_cannot_be_read() {
 }
 
 #[test]
+fn arrays_are_for_the_other_version_and_unknown_here() {
+    let refused = |call: &dyn Fn(*mut c_void) -> Status, reference: u32| {
+        let host = Host::of(&example::with_arrays());
+        host.initialize(0.0);
+        assert_eq!(host.outputs(), expected(starts()[0], starts()[1], 0.0));
+        assert_eq!(call(host.c), Status::Error);
+        let message = host.message();
+        let unknown = format!("value reference {reference} is unknown, expected at most 7");
+        assert!(message.ends_with(&unknown), "{message}");
+    };
+    for reference in [8, 9, 10, 11] {
+        unsafe {
+            refused(&|c| fmi2GetReal(c, &reference, 1, &mut 0.0), reference);
+            refused(&|c| fmi2SetReal(c, &reference, 1, &0.0), reference);
+            refused(&|c| fmi2GetInteger(c, &reference, 1, &mut 0), reference);
+            refused(&|c| fmi2GetDirectionalDerivative(c, &reference, 1, &0, 1, &1.0, &mut 0.0), reference);
+            refused(&|c| fmi2GetRealOutputDerivatives(c, &reference, 1, &1, &mut 0.0), reference);
+        }
+    }
+}
+
+#[test]
 fn a_parameter_outside_its_training_range_is_accepted_with_a_warning() {
     let host = Host::stepping();
     assert_eq!(host.set(&[LENGTH], &[0.2 * (1.0 + 1e-12)]), Status::Ok, "rounding");
