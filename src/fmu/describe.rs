@@ -2,13 +2,14 @@
 
 use super::{
     model_description::{
-        Causality, CoSimulation, DefaultExperiment, FmiVersion, Initial, Integer, Interface, ModelDescription,
-        ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown, Variability, VariableType, Width,
+        Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, Interface,
+        ModelDescription, ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown, Variability,
+        VariableType, Width,
     },
     unit::BaseUnit,
 };
 use metafmu_runtime::{
-    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, Role, Surrogate,
+    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
     extra::{self, Extra, Kind},
 };
 
@@ -25,15 +26,16 @@ const MARGIN: f64 = 0.1;
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// A variable's position is its value reference: input columns, outputs, then the variables every FMU has. Nothing
-    /// of it depends on when or where it is called.
+    /// Input columns come first, then outputs, then the variables every FMU has, each with its position for a value
+    /// reference; in FMI 3.0 arrays of outputs follow. Nothing of it depends on when or where it is called.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
         let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
         let extras = extras(surrogate, fmi_version).into_iter().map(|extra| extra_variable(&extra));
-        let variables = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
-        let variables =
-            variables.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let columns = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
+        let columns =
+            columns.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let arrays = (0..array_count(surrogate, fmi_version)).map(|index| array_variable(surrogate, index));
         let v3 = fmi_version == FmiVersion::V3;
         let interface = Interface {
             model_identifier: model_identifier(name),
@@ -65,8 +67,8 @@ impl ModelDescription {
             units: units(surrogate.metadata()),
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: variables.collect(),
-            structure: structure(surrogate),
+            variables: columns.chain(arrays).collect(),
+            structure: structure(surrogate, fmi_version),
             ..Self::default()
         }
     }
@@ -137,6 +139,26 @@ fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
         ..Real::default()
     };
     variable(&input.name, &input.description, what, VariableType::Real(real))
+}
+
+/// FMI 2.0 has no arrays.
+fn array_count(surrogate: &Surrogate, fmi_version: FmiVersion) -> usize {
+    if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 }
+}
+
+/// Several outputs under one name, beside their own.
+fn array_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+    let OutputArray { name, description, .. } = &surrogate.arrays()[index];
+    let (unit, columns) = surrogate.array_elements(index);
+    let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
+    let largest = elements.map(|output| nominal(output.min, output.max)).fold(0.0, f64::max);
+    let real = Real { unit: text(unit), nominal: Some(largest), ..Real::default() };
+    let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+    ScalarVariable {
+        value_reference: surrogate.array_value_reference(index),
+        dimensions: vec![Dimension::Fixed(columns.len() as u64)],
+        ..variable(name, description, what, VariableType::Real(real))
+    }
 }
 
 fn extra_variable(extra: &Extra) -> ScalarVariable {
@@ -222,10 +244,13 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
 /// Every output is computed from every input column, and those of the network from the domain policy as well, which may
 /// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
 /// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
-fn structure(surrogate: &Surrogate) -> ModelStructure {
+fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
     let inputs = surrogate.inputs();
+    let first_extra = inputs.len() + surrogate.outputs().len();
+    let first_array = first_extra + extras(surrogate, fmi_version).len();
     let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
-    let network = (0..surrogate.outputs().len()).map(|output| inputs.len() + output);
+    let arrays = first_array..first_array + array_count(surrogate, fmi_version);
+    let network = || (inputs.len()..first_extra).chain(arrays.clone());
     let domain =
         [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
     let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
@@ -233,9 +258,9 @@ fn structure(surrogate: &Surrogate) -> ModelStructure {
     let first: Vec<usize> = (0..inputs.len()).collect();
     let unknown =
         |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
-    let of_network = network.clone().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
+    let of_network = network().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
     ModelStructure {
-        outputs: network.chain(domain).map(|output| unknown(output, later.clone())).collect(),
+        outputs: network().chain(domain).map(|output| unknown(output, later.clone())).collect(),
         initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
         ..ModelStructure::default()
     }
