@@ -76,7 +76,7 @@ pub enum Error {
         /// The model file.
         path: PathBuf,
         /// How it is wrong.
-        source: metafmu_runtime::FormatError,
+        source: Box<metafmu_runtime::FormatError>,
     },
     /// The parts of a surrogate do not fit each other.
     #[error("surrogate: {source}")]

@@ -99,7 +99,7 @@ pub fn seal(surrogate: Surrogate) -> Result<Surrogate> {
 /// content was changed or it was never sealed.
 pub fn load(path: &Path) -> Result<Surrogate> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
-    let model = |source| Error::Model { path: path.to_owned(), source };
+    let model = |source| Error::Model { path: path.to_owned(), source: Box::new(source) };
     let surrogate = Surrogate::from_bytes(&bytes).map_err(model)?;
     let (found, expected) = (&surrogate.metadata().provenance.content_digest, content_digest(&surrogate)?);
     if *found != expected {

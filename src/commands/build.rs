@@ -22,7 +22,7 @@ pub fn run(args: &ExportArgs) -> Result<Outcome> {
     for Written { fmu, .. } in &written {
         let report = validate(fmu)?;
         problems += report.problems.len();
-        eprint!("{}: {report}", fmu.display());
+        eprint!("validated {}: {report}", fmu.display());
     }
     if job.json {
         print_json(&metrics)?;

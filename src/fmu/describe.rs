@@ -26,18 +26,17 @@ const MARGIN: f64 = 0.1;
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// A variable's position is its value reference: input columns, outputs, then the variables every FMU has. Nothing
-    /// of it depends on when or where it is called.
+    /// Input columns come first, then outputs, then the variables every FMU has, each with its position for a value
+    /// reference; in FMI 3.0 arrays of outputs follow. Nothing of it depends on when or where it is called.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
         let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
         let extras = extras(surrogate, fmi_version).into_iter().map(|extra| extra_variable(&extra));
-        let variables = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
-        let variables =
-            variables.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let columns = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
+        let columns =
+            columns.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let arrays = (0..array_count(surrogate, fmi_version)).map(|index| array_variable(surrogate, index));
         let v3 = fmi_version == FmiVersion::V3;
-        // FMI 2.0 has no arrays
-        let arrays = (0..if v3 { surrogate.arrays().len() } else { 0 }).map(|array| array_variable(surrogate, array));
         let interface = Interface {
             model_identifier: model_identifier(name),
             own_memory_management: true,
@@ -68,7 +67,7 @@ impl ModelDescription {
             units: units(surrogate.metadata()),
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: variables.chain(arrays).collect(),
+            variables: columns.chain(arrays).collect(),
             structure: structure(surrogate, fmi_version),
             ..Self::default()
         }
@@ -142,6 +141,26 @@ fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
     variable(&input.name, &input.description, what, VariableType::Real(real))
 }
 
+/// FMI 2.0 has no arrays.
+fn array_count(surrogate: &Surrogate, fmi_version: FmiVersion) -> usize {
+    if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 }
+}
+
+/// Several outputs under one name, beside their own.
+fn array_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+    let OutputArray { name, description, .. } = &surrogate.arrays()[index];
+    let (unit, columns) = surrogate.array_elements(index);
+    let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
+    let largest = elements.map(|output| nominal(output.min, output.max)).fold(0.0, f64::max);
+    let real = Real { unit: text(unit), nominal: Some(largest), ..Real::default() };
+    let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+    ScalarVariable {
+        value_reference: surrogate.array_value_reference(index),
+        dimensions: vec![Dimension::Fixed(columns.len() as u64)],
+        ..variable(name, description, what, VariableType::Real(real))
+    }
+}
+
 fn extra_variable(extra: &Extra) -> ScalarVariable {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match extra.kind {
@@ -181,23 +200,6 @@ fn output_variable(output: &Output) -> ScalarVariable {
     };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
     variable(&output.name, &output.description, what, VariableType::Real(real))
-}
-
-/// Several outputs under one name; their bounds are those of all of them.
-fn array_variable(surrogate: &Surrogate, array: usize) -> ScalarVariable {
-    let (_, elements) = surrogate.array_elements(array);
-    let outputs = elements.iter().map(|&element| &surrogate.outputs()[element]);
-    let (min, max) = outputs
-        .clone()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), output| (min.min(output.min), max.max(output.max)));
-    let OutputArray { name, description, .. } = &surrogate.arrays()[array];
-    let unit = outputs.map(|output| output.unit.clone()).next().unwrap_or_default();
-    let whole = Output { name: name.clone(), unit, description: description.clone(), min, max };
-    ScalarVariable {
-        value_reference: surrogate.array_value_reference(array),
-        dimensions: vec![Dimension::Fixed(elements.len() as u64)],
-        ..output_variable(&whole)
-    }
 }
 
 /// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.
@@ -244,11 +246,11 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
 /// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
 fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
     let inputs = surrogate.inputs();
+    let first_extra = inputs.len() + surrogate.outputs().len();
+    let first_array = first_extra + extras(surrogate, fmi_version).len();
     let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
-    // arrays stand after the variables that are no columns, and have the dependencies of their elements
-    let first_array = inputs.len() + surrogate.outputs().len() + extras(surrogate, fmi_version).len();
-    let arrays = if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 };
-    let network = (inputs.len()..inputs.len() + surrogate.outputs().len()).chain(first_array..first_array + arrays);
+    let arrays = first_array..first_array + array_count(surrogate, fmi_version);
+    let network = || (inputs.len()..first_extra).chain(arrays.clone());
     let domain =
         [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
     let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
@@ -256,9 +258,9 @@ fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
     let first: Vec<usize> = (0..inputs.len()).collect();
     let unknown =
         |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
-    let of_network = network.clone().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
+    let of_network = network().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
     ModelStructure {
-        outputs: network.chain(domain).map(|output| unknown(output, later.clone())).collect(),
+        outputs: network().chain(domain).map(|output| unknown(output, later.clone())).collect(),
         initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
         ..ModelStructure::default()
     }

@@ -24,6 +24,11 @@ pub fn fmu_with_input(folder: &Path, version: FmiVersion) -> PathBuf {
     write(folder, &example::with_input(), version, |_| {})
 }
 
+/// Writes the FMU of an example whose outputs are grouped into arrays in FMI 3.0.
+pub fn fmu_with_arrays(folder: &Path, version: FmiVersion) -> PathBuf {
+    write(folder, &example::with_arrays(), version, |_| {})
+}
+
 /// Entries of an archive.
 pub type Entries = Vec<(String, Vec<u8>)>;
 

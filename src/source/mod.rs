@@ -54,6 +54,7 @@ impl Source {
         };
         let mut problems = source.resolve_inputs(study);
         problems.extend(source.resolve_outputs(study));
+        problems.extend(source.array_problems(study));
         study.refuse(problems)?;
         Ok(source)
     }
@@ -112,6 +113,14 @@ impl Source {
             }
         }
         problems
+    }
+
+    /// The elements of an array share its unit.
+    fn array_problems(&self, study: &Study) -> Vec<(String, String)> {
+        let unit = |name: &String| self.outputs.iter().find(|output| output.name == *name).map(|output| &output.unit);
+        let mixed =
+            study.arrays.iter().filter(|(_, outputs)| outputs.iter().any(|name| unit(name) != unit(&outputs[0])));
+        mixed.map(|(name, _)| (format!("arrays.{name}"), "the outputs have different units".to_owned())).collect()
     }
 
     /// The parameters, in the study's order.
@@ -232,6 +241,11 @@ mod tests {
             ("\nthetad = {", "\nomega = {", "no output `omega`"),
             ("unit = \"m\"", "unit = \"mm\"", "`mm`, expected `m`"),
             ("m = 0.3", "L = 0.3", "is a parameter"),
+            (
+                "[sampling]",
+                "[arrays]\nq = [\"theta\", \"thetad\"]\n[sampling]",
+                "arrays.q: the outputs have different units",
+            ),
         ] {
             let message = Source::new(&study(from, to)).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");

@@ -113,11 +113,11 @@ impl Study {
         Ok(study)
     }
 
-    /// SHA-256 of what decides the surrogate, in hexadecimal digits: of `[export]` the precision only, so that another
-    /// version of the standard or another author asks for no new training. Comments and layout do not count.
+    /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
+    /// do not count.
     pub fn digest(&self) -> String {
-        let export = ExportOptions { precision: self.export.precision, ..ExportOptions::default() };
-        digest(&Self { export, ..self.clone() })
+        let about = (&self.name, &self.description, &self.arrays);
+        digest(&(about, &self.network, &self.training, &self.export.precision, self.sampling_digest()))
     }
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
@@ -376,6 +376,13 @@ mod tests {
             ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
             ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "unknown variant `4`"),
             ("\"double\"", "\"half\"", "precision", "export.precision", "unknown variant `half`"),
+            (
+                "[sampling]",
+                "[arrays]\nq = [\"theta\", \"omega\"]\n[sampling]",
+                "[sampling]",
+                "arrays.q",
+                "`omega` is no output",
+            ),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));

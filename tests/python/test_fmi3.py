@@ -145,8 +145,8 @@ def test_one_network_one_description(both):
     names = [[variable.name for variable in description.modelVariables] for description in descriptions.values()]
     assert names[0] == names[1]
     for description in descriptions.values():
-        assert description.coSimulation.providesDirectionalDerivatives
-        assert description.modelExchange.providesDirectionalDerivatives
+        assert description.coSimulation.providesDirectionalDerivative
+        assert description.modelExchange.providesDirectionalDerivative
 
 
 def test_both_exports_are_reproducible(both, pendulum):

@@ -1,7 +1,7 @@
 //! Runs FMUs made here.
 
 use super::*;
-use crate::fmu::testing::{changed_fmu, entry, fmu, fmu_described_as, fmu_of, fmu_with_input};
+use crate::fmu::testing::{changed_fmu, entry, fmu, fmu_described_as, fmu_of, fmu_with_arrays, fmu_with_input};
 use metafmu_runtime::{Evaluator, example};
 
 fn predict(inputs: [f64; 3]) -> [f64; 2] {
@@ -283,4 +283,15 @@ fn an_fmu_that_cannot_run_here_says_why() {
 fn a_path_becomes_a_percent_encoded_uri() {
     let uri = file_uri(Path::new("/tmp/a b/\u{fc}#%/resources"));
     assert_eq!(uri.to_str().unwrap(), "file:///tmp/a%20b/%C3%BC%23%25/resources");
+}
+
+#[test]
+fn elements_of_an_array_are_columns_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let fmu = Fmu::open(fmu_with_arrays(folder.path(), FmiVersion::V3)).unwrap();
+    let table = simulate(&fmu.instantiate("test", true).unwrap(), &SimulationOptions::default()).unwrap();
+    let names: Vec<&str> = table.columns.iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names[..2], ["x", "y"]);
+    assert_eq!(names[4..], ["position[1]", "position[2]", "swapped[1]", "swapped[2]"]);
+    assert!(table.rows.iter().all(|row| row[..2] == row[4..6] && row[0] == row[7] && row[1] == row[6]));
 }

@@ -166,9 +166,10 @@ fn mismatch(kind: Kind, value: &str) -> Option<String> {
             return (!whole(value, (min, max))).then(|| format!("an integer from {min} to {max}"));
         }
         Kind::Boolean => (parse_boolean(value).is_some(), "true or false"),
-        Kind::Hex => {
-            (value.len().is_multiple_of(2) && value.bytes().all(|b| b.is_ascii_hexdigit()), "pairs of hexadecimal digits")
-        }
+        Kind::Hex => (
+            value.len().is_multiple_of(2) && value.bytes().all(|b| b.is_ascii_hexdigit()),
+            "pairs of hexadecimal digits",
+        ),
         Kind::Indices => (words.all(|index| index.parse::<u32>().is_ok()), "a list of indices"),
         Kind::Reals => (words.all(|word| parse_real(word).is_some()), "a list of numbers"),
         Kind::Wholes(min, max) => {
