@@ -1,0 +1,88 @@
+"""The single pendulum's FMU in other tools than fmpy: fmpy's numbers, as close to the solution as metrics.json says."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import CASES, OUTPUTS, PARAMETERS, reference, simulate_with_fmpy
+
+# host and the FMI version it gets; both run co-simulation only
+RUNS = [("libcosimpy", 2), ("ecospy", 2)]
+TOOLS = Path(sys.executable).parent
+
+
+def run_in_host(host, fmu, case, step=0.01, steps=200):
+    """A table of time and outputs, by run_host.py."""
+    request = {
+        "fmu": str(fmu),
+        "start_values": dict(zip(PARAMETERS, case)),
+        "outputs": OUTPUTS,
+        "step": step,
+        "steps": steps,
+    }
+    command = [sys.executable, str(Path(__file__).with_name("run_host.py")), host, json.dumps(request)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, f"{host} ended with {result.returncode}:\n{result.stdout}\n{result.stderr}"
+    return np.array(json.loads(result.stdout.splitlines()[-1]))
+
+
+def assert_is_the_run(build, version, case, table):
+    """That a host's table of time and outputs is fmpy's, and as close to scipy's as metrics.json promises.
+
+    It is the same binary, but a host that adds up its time steps is off by 200 roundings: 1e-12 of each output's
+    largest value.
+    """
+    expected = simulate_with_fmpy(build, *case, version=version)
+    assert table.shape == (201, 1 + len(OUTPUTS))
+    np.testing.assert_allclose(table[:, 0], expected["time"], rtol=0, atol=1e-12)
+    exact = reference(*case, expected["time"])
+    for output, values, solution in zip(OUTPUTS, table.T[1:], exact):
+        np.testing.assert_allclose(values, expected[output], rtol=0, atol=1e-12 * np.max(np.abs(expected[output])))
+        assert np.max(np.abs(values - solution)) <= build.metrics["outputs"][output]["max_abs_error"]
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("host", "version"), RUNS)
+def test_the_host_computes_what_fmpy_does(pendulum, host, version, case):
+    assert_is_the_run(pendulum, version, case, run_in_host(host, pendulum.fmus[version], case))
+
+
+@pytest.mark.parametrize(("host", "version"), RUNS)
+def test_the_host_may_take_longer_steps(pendulum, host, version):
+    """Rows at the same times are the same whatever the step: the surrogate has no history."""
+    fmu = pendulum.fmus[version]
+    fine = run_in_host(host, fmu, CASES[0])
+    coarse = run_in_host(host, fmu, CASES[0], step=0.25, steps=8)
+    largest = np.max(np.abs(fine), axis=0)
+    np.testing.assert_allclose(coarse / largest, fine[::25] / largest, rtol=0, atol=1e-12)
+
+
+def run_fmutool(fmu):
+    command = [TOOLS / "fmutool", "-input", fmu, "-check"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("version", [2])
+def test_fmutool_finds_no_problem(pendulum, version):
+    result = run_fmutool(pendulum.fmus[version])
+    report = result.stdout + result.stderr
+    assert result.returncode == 0 and "ERROR" not in report and "WARNING" not in report, report
+    assert f"compliant with FMI-{version}.0" in report, report
+    assert f"No semantic error against the FMI-{version} standard" in report, report
+
+
+def test_fmutool_reports_a_problem_that_was_put_in(pendulum, tmp_path):
+    """Guards the test above against a tool that finds nothing in any FMU."""
+    broken = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(pendulum.fmus[2]) as source, zipfile.ZipFile(broken, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "modelDescription.xml":
+                content = content.replace(b'causality="output"', b'causality="local"', 1)
+            target.writestr(name, content)
+    result = run_fmutool(broken)
+    assert result.returncode != 0 and "is not an output" in result.stdout + result.stderr
