@@ -1,6 +1,6 @@
-"""Runs one FMU in one host and prints every row as JSON, in a process of its own: a host that crashes takes no test along.
+"""Runs an FMU or SSP in a host and prints every row as JSON, in a process of its own: a host that crashes takes no test along.
 
-Usage: run_host.py HOST REQUEST, the request being JSON: fmu, start_values, outputs, step, steps.
+Usage: run_host.py HOST REQUEST, the request being the JSON of the arguments of the host's function below.
 A row is the time and the outputs; the first is that of the start time.
 """
 
@@ -19,20 +19,30 @@ def load_ecospy():
 
 
 def run_ecospy(fmu, start_values, outputs, step, steps):
-    """Initializes in `init`, then adds up the time step by step."""
+    """One FMU."""
     ecospy = load_ecospy()
-    names = [f"fmu::{output}" for output in outputs]
-    rows = []
     with ecospy.EcosSimulationStructure() as structure:
         structure.add_model("fmu", fmu)
         structure.add_parameter_set("start", {f"fmu::{name}": value for name, value in start_values.items()})
         with ecospy.EcosSimulation(structure=structure, step_size=step) as simulation:
-            assert simulation.init(parameter_set="start"), ecospy.EcosLib.get_last_error()
-            for index in range(steps + 1):
-                rows.append([simulation.get_time(), *(simulation.get_real(name) for name in names)])
-                if index < steps:
-                    simulation.step()
-            simulation.terminate()
+            return step_ecospy(simulation, "start", [f"fmu::{output}" for output in outputs], steps)
+
+
+def run_ecospy_ssp(ssp, outputs, step, steps):
+    """A system of FMUs."""
+    with load_ecospy().EcosSimulation(ssp_path=ssp, step_size=step) as simulation:
+        return step_ecospy(simulation, None, outputs, steps)
+
+
+def step_ecospy(simulation, parameter_set, outputs, steps):
+    """Everything is initialized before the first step; the time is added up step by step."""
+    assert simulation.init(parameter_set=parameter_set)
+    rows = []
+    for index in range(steps + 1):
+        rows.append([simulation.get_time(), *(simulation.get_real(output) for output in outputs)])
+        if index < steps:
+            simulation.step()
+    simulation.terminate()
     return rows
 
 
@@ -68,7 +78,7 @@ def run_libcosimpy(fmu, start_values, outputs, step, steps):
     return list(zip(times, *columns))
 
 
-HOSTS = {"ecospy": run_ecospy, "libcosimpy": run_libcosimpy}
+HOSTS = {"ecospy": run_ecospy, "ecospy-ssp": run_ecospy_ssp, "libcosimpy": run_libcosimpy}
 
 if __name__ == "__main__":
     host, request = sys.argv[1:]

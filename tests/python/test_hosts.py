@@ -3,31 +3,48 @@
 import json
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import CASES, OUTPUTS, PARAMETERS, reference, simulate_with_fmpy
+from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, reference, simulate_with_fmpy
 
-# host and the FMI version it gets; both run co-simulation only
-RUNS = [("libcosimpy", 2), ("ecospy", 2)]
-TOOLS = Path(sys.executable).parent
+# host and the FMI version it gets, all by co-simulation
+RUNS = [("libcosimpy", 2), ("ecospy", 2), ("fmi-sim", 2)]
+FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 
 
 def run_in_host(host, fmu, case, step=0.01, steps=200):
-    """A table of time and outputs, by run_host.py."""
-    request = {
-        "fmu": str(fmu),
-        "start_values": dict(zip(PARAMETERS, case)),
-        "outputs": OUTPUTS,
-        "step": step,
-        "steps": steps,
-    }
-    command = [sys.executable, str(Path(__file__).with_name("run_host.py")), host, json.dumps(request)]
+    """A table of time and outputs."""
+    start_values = dict(zip(PARAMETERS, case))
+    if host == "fmi-sim":
+        return run_fmi_sim(fmu, start_values, step, steps)
+    request = {"fmu": str(fmu), "start_values": start_values, "outputs": OUTPUTS, "step": step, "steps": steps}
+    return run_python_host(host, request)
+
+
+def run_python_host(host, request):
+    command = [sys.executable, Path(__file__).with_name("run_host.py"), host, json.dumps(request)]
+    return np.array(json.loads(run(command).stdout.splitlines()[-1]))
+
+
+def run_fmi_sim(fmu, start_values, step, steps):
+    assert FMI_SIM.exists(), "run scripts/fmi-sim.sh first"
+    options = [option for name, value in start_values.items() for option in ("--init-values", f"{name}={value!r}")]
+    times = ["--output-interval", repr(step), "-f", repr(step * steps)]
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "result.csv"
+        run([FMI_SIM, "--model", fmu, "-o", result, "co-simulation", *options, *times])
+        assert result.read_text().splitlines()[0] == ",".join(["time", *OUTPUTS])
+        return np.loadtxt(result, delimiter=",", skiprows=1)
+
+
+def run(command):
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert result.returncode == 0, f"{host} ended with {result.returncode}:\n{result.stdout}\n{result.stderr}"
-    return np.array(json.loads(result.stdout.splitlines()[-1]))
+    assert result.returncode == 0, f"{command} ended with {result.returncode}:\n{result.stdout}\n{result.stderr}"
+    return result
 
 
 def assert_is_the_run(build, version, case, table):
@@ -62,7 +79,7 @@ def test_the_host_may_take_longer_steps(pendulum, host, version):
 
 
 def run_fmutool(fmu):
-    command = [TOOLS / "fmutool", "-input", fmu, "-check"]
+    command = [Path(sys.executable).with_name("fmutool"), "-input", fmu, "-check"]
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
