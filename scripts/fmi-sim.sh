@@ -8,8 +8,10 @@ version=0.7.0
 if grep -qs "^\"fmi-sim $version " target/tools/.crates.toml; then exit 0; fi
 
 if [ -z "${LIBCLANG_PATH:-}" ] && ! ldconfig -p | grep -q 'libclang[-.0-9]*\.so'; then
-  [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null || {
-    echo "scripts/fmi-sim.sh: libclang is missing: install libclang-dev" >&2; exit 1; }
+  if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
+    echo "scripts/fmi-sim.sh: libclang is missing: install libclang-dev" >&2
+    exit 1
+  fi
   apt-get update -qq && apt-get install -y -qq libclang-dev
 fi
 # it only runs small FMUs: without optimization it builds in a third of the time
