@@ -2,6 +2,7 @@
 
 use crate::study::{Method, ParameterOptions, Study};
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
+use sobol::{Sobol, params::JoeKuoD6};
 
 /// Parameter values of every run, training and test.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,6 +12,9 @@ pub struct Plan {
     /// One row of parameter values a test run, none of them a training run's.
     pub test: Vec<Vec<f64>>,
 }
+
+/// Parameters a Sobol plan can have: as many as there are direction numbers for.
+pub const MAX_SOBOL_PARAMETERS: usize = 100;
 
 /// What a stream of random numbers is for; streams of one seed are independent of each other.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +38,11 @@ impl Plan {
     /// The study's plan; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
         let parameters: Vec<&ParameterOptions> = study.parameters.values().collect();
+        let (runs, generator) = (study.sampling.runs.unwrap_or(0), random(study.seed, Stream::Train));
         let train = match study.sampling.method {
             Method::Mesh => mesh(&parameters, study.sampling.levels),
-            Method::Random => {
-                let runs = study.sampling.runs.unwrap_or(0);
-                uniform(&parameters, random(study.seed, Stream::Train)).take(runs).collect()
-            }
+            Method::Random => uniform(&parameters, generator).take(runs).collect(),
+            Method::Sobol => sobol(&parameters, generator).take(runs).collect(),
         };
         let unseen = |point: &Vec<f64>| !train.contains(point);
         let test = uniform(&parameters, random(study.seed, Stream::Test)).filter(unseen).take(study.sampling.test_runs);
@@ -63,6 +66,18 @@ fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl 
     let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
     std::iter::repeat_with(move || {
         ranges.iter().map(|(min, max)| min + (max - min) * unit_interval(&mut generator)).collect()
+    })
+}
+
+/// Sobol's sequence with the direction numbers of Joe and Kuo (2008), each coordinate shifted by a random binary number
+/// (digital shift), which keeps its even spread: any first `n` points of a longer plan are the plan of `n`.
+fn sobol(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+    const BITS: f64 = (1u64 << 53) as f64;
+    let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
+    let shifts: Vec<u64> = ranges.iter().map(|_| generator.next_u64() >> 11).collect();
+    Sobol::<f64>::new(ranges.len(), &JoeKuoD6::minimal()).map(move |point| {
+        let shifted = point.iter().zip(&shifts).map(|(x, shift)| ((x * BITS) as u64 ^ shift) as f64 / BITS);
+        shifted.zip(&ranges).map(|(x, (min, max))| min + (max - min) * x).collect()
     })
 }
 
@@ -123,6 +138,40 @@ mod tests {
         assert_ne!(plan, Plan::new(&study(|text| random(text).replace("seed = 1", "seed = 2"))));
         let mean = plan.train.iter().map(|point| point[2]).sum::<f64>() / 500.0;
         assert!((mean - 2.5).abs() < 0.25, "the mean of 500 points is within 4 standard deviations: {mean}");
+    }
+
+    #[test]
+    fn sobol_points_fill_every_cell_once_and_a_shorter_plan_begins_a_longer_one() {
+        let sobol = |runs: usize| {
+            let text = move |text: String| {
+                text.replace("method = \"mesh\"", "method = \"sobol\"")
+                    .replace("levels = 11", &format!("runs = {runs}"))
+            };
+            Plan::new(&study(text)).train
+        };
+        let points = sobol(1024);
+        assert_eq!(points[..100], sobol(100));
+        let ranges = [(0.1, 0.2), (0.0, 0.15), (0.0, 5.0)];
+        let cell = |point: &[f64], column: usize, cells: f64| {
+            ((point[column] - ranges[column].0) / (ranges[column].1 - ranges[column].0) * cells) as usize
+        };
+        for column in 0..3 {
+            let mut seen = vec![0; 1024];
+            points.iter().for_each(|point| seen[cell(point, column, 1024.0)] += 1);
+            assert_eq!(seen, vec![1; 1024], "each 1024th of column {column} has one point");
+        }
+        // the first two coordinates are a (0, 2)-sequence: one point in each of 32 x 32 cells
+        let mut seen = vec![0; 1024];
+        points.iter().for_each(|point| seen[32 * cell(point, 0, 32.0) + cell(point, 1, 32.0)] += 1);
+        assert_eq!(seen, vec![1; 1024]);
+    }
+
+    #[test]
+    fn sobol_points_exist_up_to_the_stated_number_of_parameters() {
+        let study = study(|text| text);
+        let parameter = &study.parameters[0];
+        let parameters = vec![parameter; MAX_SOBOL_PARAMETERS];
+        assert_eq!(sobol(&parameters, random(1, Stream::Train)).next().unwrap().len(), MAX_SOBOL_PARAMETERS);
     }
 
     #[test]

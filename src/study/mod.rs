@@ -22,7 +22,7 @@
 //! theta = { unit = "rad" }
 //!
 //! [sampling]
-//! method = "mesh"                       # or "random" with `runs`
+//! method = "mesh"                       # or "random" or "sobol" with `runs`
 //! levels = 11                           # of each parameter; a parameter may have `levels` of its own
 //! test_runs = 200
 //! ```
@@ -38,7 +38,7 @@ pub use options::{
 };
 pub use origin::Problem;
 
-use crate::{Error, Result};
+use crate::{Error, Result, sampling::MAX_SOBOL_PARAMETERS};
 use indexmap::IndexMap;
 use origin::Origin;
 use serde::{Deserialize, Serialize};
@@ -188,10 +188,15 @@ impl Study {
             problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
         }
         if let (true, Some(_)) = (mesh, runs) {
-            problems.add("sampling.runs", "belongs to the method \"random\"; a mesh has `levels`".into());
+            problems
+                .add("sampling.runs", "belongs to the methods \"random\" and \"sobol\"; a mesh has `levels`".into());
         }
         if !mesh && runs.is_none_or(|runs| runs < 2) {
-            problems.add("sampling.runs", "the method \"random\" needs at least 2 runs".into());
+            problems.add("sampling.runs", "expected at least 2 runs".into());
+        }
+        if *method == Method::Sobol && self.parameters.len() > MAX_SOBOL_PARAMETERS {
+            let message = format!("the method \"sobol\" takes at most {MAX_SOBOL_PARAMETERS} parameters");
+            problems.add("sampling.method", message);
         }
         for (name, parameter) in &self.parameters {
             let key = format!("parameters.{name}.levels");
@@ -220,7 +225,7 @@ impl Study {
                 let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
                 self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
             }
-            Method::Random => self.sampling.runs.unwrap_or(0) as u64,
+            Method::Random | Method::Sobol => self.sampling.runs.unwrap_or(0) as u64,
         }
     }
 
@@ -341,7 +346,7 @@ mod tests {
             ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
             ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
-            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the method"),
+            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));

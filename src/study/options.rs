@@ -70,7 +70,7 @@ pub struct SamplingOptions {
     pub method: Method,
     /// Levels of each parameter in a mesh, both ends of its range included.
     pub levels: Option<usize>,
-    /// Number of random training runs.
+    /// Number of training runs of the methods that have no levels.
     pub runs: Option<usize>,
     /// Number of test runs: random, from the same ranges, never part of training.
     #[serde(default = "default_test_runs")]
@@ -89,6 +89,8 @@ pub enum Method {
     Mesh,
     /// Independent and uniform over the ranges.
     Random,
+    /// Low-discrepancy: a randomly shifted Sobol sequence, which leaves no gaps and no clusters.
+    Sobol,
 }
 
 /// `[export]`: what the FMU says about itself.
