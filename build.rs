@@ -1,4 +1,5 @@
-//! Builds what goes into every FMU, the `fmu-template` library, and the C shim of the FMU host's logger.
+//! Builds what goes into every FMU, the `fmu-template` library, and the C shim of the FMU host's logger. Libraries for other
+//! platforms, made by scripts/build-runtimes.sh, are embedded as well if METAFMU_RUNTIMES names their folder.
 //!
 //! The library is built by a cargo of its own, with the profile `fmu`, into a target directory inside `OUT_DIR`: neither
 //! target directory nor profile is shared with the cargo that runs this script, so neither waits for the other's lock.
@@ -57,6 +58,60 @@ fn build_fmu_library() {
         fail(&format!("cannot copy {} to {}: {reason}", library.display(), copy.display()));
     }
     println!("cargo::rustc-env=METAFMU_FMU_LIBRARY={}", copy.display());
+    embed(copy, &out);
+}
+
+/// Writes `libraries.rs`, a list of platforms and their libraries: the one just built, and those in the folder that
+/// METAFMU_RUNTIMES names, each as TUPLE/NAME. One for the host's own platform in there goes before the one just built:
+/// it was made to be given away, against an older C library for instance.
+fn embed(own: PathBuf, out: &Path) {
+    println!("cargo::rerun-if-env-changed=METAFMU_RUNTIMES");
+    let mut libraries = vec![(own_tuple(), own)];
+    if let Some(folder) = env::var_os("METAFMU_RUNTIMES").filter(|folder| !folder.is_empty()) {
+        let folder = PathBuf::from(folder);
+        println!("cargo::rerun-if-changed={}", folder.display());
+        for platform in entries(&folder).into_iter().filter(|entry| entry.is_dir()) {
+            let tuple = platform.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let is_library = |path: &PathBuf| path.extension().is_some_and(|e| e == "so" || e == "dll" || e == "dylib");
+            let files: Vec<PathBuf> = entries(&platform).into_iter().filter(is_library).collect();
+            let [file] = files.as_slice() else {
+                fail(&format!("{} has {} libraries, expected one", platform.display(), files.len()));
+            };
+            println!("cargo::rerun-if-changed={}", file.display());
+            libraries.retain(|(known, _)| *known != tuple);
+            libraries.push((tuple, fs::canonicalize(file).unwrap_or_else(|_| file.clone())));
+        }
+    }
+    libraries.sort();
+    let item = |(tuple, path): &(String, PathBuf)| format!("    ({tuple:?}, include_bytes!({path:?})),\n");
+    let list: String = libraries.iter().map(item).collect();
+    let file = out.join("libraries.rs");
+    if let Err(reason) = fs::write(&file, format!("&[\n{list}]\n")) {
+        fail(&format!("cannot write {}: {reason}", file.display()));
+    }
+}
+
+/// The target's name in FMI 3.0.
+fn own_tuple() -> String {
+    let system = variable("CARGO_CFG_TARGET_OS");
+    let architecture = variable("CARGO_CFG_TARGET_ARCH");
+    match (architecture.as_str(), system.as_str()) {
+        ("x86_64" | "x86" | "aarch64", "linux" | "windows") => format!("{architecture}-{system}"),
+        ("x86_64" | "aarch64", "macos") => format!("{architecture}-darwin"),
+        _ => "other".into(),
+    }
+}
+
+/// What is in a folder, sorted.
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    match fs::read_dir(folder) {
+        Ok(entries) => {
+            let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+            paths.sort();
+            paths
+        }
+        Err(reason) => fail(&format!("METAFMU_RUNTIMES: cannot read {}: {reason}", folder.display())),
+    }
 }
 
 /// Takes away what the cargo outside set for this package, and what would make the library depend on who builds it.

@@ -1,6 +1,6 @@
 //! The command line: definitions only.
 
-use clap::{Args, Parser, Subcommand, builder::PossibleValuesParser};
+use clap::{Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use metafmu::source::systems::SYSTEMS;
 use std::path::PathBuf;
 
@@ -29,9 +29,10 @@ pub enum Command {
     /// Do everything: sample, train, evaluate, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
-Writes into DIR: NAME.fmu, NAME.safetensors, metrics.json, train.csv, test.csv, samples.json, history.csv.
+Writes into DIR: NAME.fmu (with --fmi both: NAME-fmi2.fmu and NAME-fmi3.fmu), NAME.safetensors, metrics.json, train.csv,
+test.csv, samples.json, history.csv.
 Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
-    Build(StudyArgs),
+    Build(ExportArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
     #[command(after_help = "Example:\n  metafmu sample examples/single-pendulum.toml")]
     Sample(StudyArgs),
@@ -42,16 +43,21 @@ Ctrl-C during training keeps the best network so far and goes on with it; presse
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
     Evaluate(StudyArgs),
     /// Package NAME.safetensors as NAME.fmu
-    #[command(after_help = "Example:\n  metafmu export examples/single-pendulum.toml")]
-    Export(StudyArgs),
+    #[command(after_help = "Examples:
+  metafmu export examples/single-pendulum.toml
+  metafmu export examples/single-pendulum.toml --fmi both --binary aarch64-linux=libfmu_template.so
+
+The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise.")]
+    Export(ExportArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
-Exit code 1 if there are problems.")]
+Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer. Exit code 1 if there are problems.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV
     #[command(after_help = "Example:
-  metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg")]
+  metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg
+  metafmu simulate plant.fmu --input force.csv --interface me")]
     Simulate(SimulateArgs),
 }
 
@@ -78,6 +84,38 @@ pub struct StudyArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct ExportArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Version of FMI; `both` writes NAME-fmi2.fmu and NAME-fmi3.fmu [default: the study's, else 2]
+    #[arg(long, value_name = "VERSION")]
+    pub fmi: Option<FmiArg>,
+    /// Platforms with a binary in the FMU, of those embedded in this program, for instance x86_64-linux
+    #[arg(long, value_name = "TUPLE,...", value_delimiter = ',')]
+    pub platform: Vec<String>,
+    /// Adds the library for a platform; may be given several times
+    #[arg(long, value_name = "TUPLE=FILE", value_parser = tuple_and_file)]
+    pub binary: Vec<(String, PathBuf)>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum FmiArg {
+    #[value(name = "2")]
+    V2,
+    #[value(name = "3")]
+    V3,
+    Both,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum InterfaceArg {
+    /// Co-simulation
+    Cs,
+    /// Model exchange, of FMUs without continuous states
+    Me,
+}
+
+#[derive(Debug, Args)]
 pub struct ValidateArgs {
     /// FMU to check
     #[arg(value_name = "FMU")]
@@ -89,12 +127,18 @@ pub struct ValidateArgs {
 
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// FMU to run: FMI 2.0 co-simulation
+    /// FMU to run: FMI 2.0 or 3.0
     #[arg(value_name = "FMU")]
     pub fmu: PathBuf,
     /// Start value of a parameter or input; may be given several times
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub start: Vec<(String, f64)>,
+    /// CSV file with inputs over time: a header `time,NAME,...`; continuous inputs are interpolated between its rows
+    #[arg(long, value_name = "FILE.csv")]
+    pub input: Option<PathBuf>,
+    /// Interface to run it by [default: cs if the FMU offers it]
+    #[arg(long)]
+    pub interface: Option<InterfaceArg>,
     /// First communication point in seconds [default: the FMU's, else 0]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub start_time: Option<f64>,
@@ -116,6 +160,11 @@ fn name_and_value(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE")?;
     let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
     Ok((name.trim().to_owned(), number))
+}
+
+fn tuple_and_file(text: &str) -> Result<(String, PathBuf), String> {
+    let (tuple, file) = text.split_once('=').ok_or("expected TUPLE=FILE")?;
+    Ok((tuple.trim().to_owned(), PathBuf::from(file)))
 }
 
 #[cfg(test)]

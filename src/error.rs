@@ -123,12 +123,53 @@ pub enum Error {
         problem: String,
     },
     /// An FMU does not offer the interface needed.
-    #[error("{}: offers {found}, expected co-simulation", path.display())]
+    #[error("{}: offers {found}, expected {expected}", path.display())]
     Interface {
         /// The FMU.
         path: PathBuf,
         /// What it offers.
-        found: &'static str,
+        found: String,
+        /// What was needed.
+        expected: String,
+    },
+    /// An FMU for model exchange has states or event indicators, and there is no solver for them.
+    #[error(
+        "model exchange with {states} continuous states and {indicators} event indicators needs an integrator, which is \
+         not built in: run the FMU for co-simulation, or in another host"
+    )]
+    NeedsIntegrator {
+        /// Number of continuous states.
+        states: usize,
+        /// Number of event indicators.
+        indicators: usize,
+    },
+    /// A platform that there is no library for in this program.
+    #[error(
+        "platform `{tuple}` is not embedded in this program, which has {}: add a library with --binary {tuple}=FILE, or \
+         build metafmu with METAFMU_RUNTIMES",
+        list_or_none(known)
+    )]
+    NotEmbedded {
+        /// The platform asked for.
+        tuple: String,
+        /// The platforms there are.
+        known: Vec<String>,
+    },
+    /// Two libraries that belong in the same place.
+    #[error("`{entry}`: the place of {tuple} is taken already; a universal library serves both processors of darwin")]
+    SamePlace {
+        /// The archive entry.
+        entry: String,
+        /// The second platform.
+        tuple: &'static str,
+    },
+    /// A library that cannot go into an FMU.
+    #[error("{}: {problem}", path.display())]
+    Binary {
+        /// Its file.
+        path: PathBuf,
+        /// Why not.
+        problem: String,
     },
     /// An FMU has no binary for this platform.
     #[error("{}: no binary for this platform: found {}, expected `{expected}`", path.display(), list_or_none(found))]

@@ -1,12 +1,13 @@
 //! How good a surrogate is on runs it has not seen.
 
 use crate::dataset::{Dataset, Run};
+use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Accuracy of one output over all rows of all test runs, in the output's unit.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OutputMetrics {
     /// Coefficient of determination, `1 - sum (y - prediction)^2 / sum (y - mean y)^2`; none for a constant output.
     pub r2: Option<f64>,
@@ -18,6 +19,32 @@ pub struct OutputMetrics {
     pub worst_run: usize,
     /// Time of the largest error, in seconds.
     pub worst_time: f64,
+}
+
+/// Accuracy of a surrogate, and on what it was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Accuracy {
+    /// Accuracy of each output, by name.
+    pub outputs: IndexMap<String, OutputMetrics>,
+    /// Number of test runs.
+    pub test_runs: usize,
+    /// Number of rows of all of them.
+    pub test_rows: usize,
+    /// Content digest of the surrogate, so that figures of one are not taken for those of another.
+    pub content_digest: String,
+}
+
+impl Accuracy {
+    /// Measures a surrogate on unseen runs.
+    pub fn of(surrogate: &Surrogate, test: &Dataset) -> Self {
+        let names = surrogate.outputs().iter().map(|output| output.name.clone());
+        Self {
+            outputs: names.zip(evaluate(surrogate, test)).collect(),
+            test_runs: test.runs.len(),
+            test_rows: test.row_count(),
+            content_digest: surrogate.metadata().provenance.content_digest.clone(),
+        }
+    }
 }
 
 /// Predictions of the surrogate for a run: shape `[times, outputs]`.

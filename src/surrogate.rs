@@ -48,6 +48,7 @@ pub fn assemble(
         inputs: parameters.chain([time]).collect(),
         outputs: outputs.collect(),
         activation: study.network.activation,
+        precision: study.export.precision,
         time_step: study.time.step,
         provenance: Provenance {
             tool: concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),

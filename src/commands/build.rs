@@ -1,37 +1,52 @@
 //! `metafmu build`: the whole way from a study to a validated FMU.
 
-use super::{Outcome, evaluate, export, job::Job, print, print_json, sample, train};
-use crate::cli::StudyArgs;
+use super::{
+    Outcome, evaluate,
+    export::{self, Plan, Written},
+    job::Job,
+    print, print_json, sample, train,
+};
+use crate::cli::ExportArgs;
 use metafmu::{Result, fmu::validate};
+use std::path::PathBuf;
 
-pub fn run(args: &StudyArgs) -> Result<Outcome> {
-    let job = Job::new(args)?;
+pub fn run(args: &ExportArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
+    let plan = Plan::new(&job, args)?;
     job.prepare_folder()?;
     let samples = sample::stage(&job)?;
     let (surrogate, training) = train::stage(&job, &samples.train)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.test, &samples.record, &training)?;
-    let size = export::stage(&job, &surrogate)?;
-    let report = validate(job.fmu())?;
+    let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy))?;
+    let mut problems = 0;
+    for Written { fmu, .. } in &written {
+        let report = validate(fmu)?;
+        problems += report.problems.len();
+        eprint!("{}: {report}", fmu.display());
+    }
     if job.json {
         print_json(&metrics)?;
     } else {
         print(&format!("\n{}\n", evaluate::table(&job, &metrics)))?;
-        print(&files(&job, size))?;
+        print(&files(&job, &written))?;
     }
-    eprint!("validated: {report}");
-    Ok(if report.problems.is_empty() { Outcome::Fine } else { Outcome::ProblemsFound })
+    Ok(if problems == 0 { Outcome::Fine } else { Outcome::ProblemsFound })
 }
 
 /// Where the results are, the FMU first.
-fn files(job: &Job, size: usize) -> String {
-    let rows = [
-        (job.fmu(), format!("FMI 2.0 co-simulation, {} kB", size.div_ceil(1000))),
+fn files(job: &Job, written: &[Written]) -> String {
+    let fmu = |Written { fmu, bytes, version }: &Written| {
+        let what = format!("FMI {version} co-simulation and model exchange, {} kB", bytes.div_ceil(1000));
+        (fmu.clone(), what)
+    };
+    let others = [
         (job.model(), "network, scaling, variables: opens with safetensors in Python".into()),
         (job.metrics(), "accuracy on the test runs".into()),
         (job.history(), "loss of each epoch".into()),
         (job.train_table(), "training and validation runs".into()),
         (job.test_table(), "test runs".into()),
     ];
+    let rows: Vec<(PathBuf, String)> = written.iter().map(fmu).chain(others).collect();
     let width = rows.iter().map(|(path, _)| path.display().to_string().len()).max().unwrap_or(0);
     rows.iter().map(|(path, what)| format!("{:<width$}  {what}\n", path.display().to_string())).collect()
 }

@@ -2,11 +2,10 @@
 
 use super::{Outcome, job::Job, job::SamplesRecord, print, print_json, train::TrainingRecord};
 use crate::cli::StudyArgs;
-use indexmap::IndexMap;
 use metafmu::{
     Result,
     dataset::Dataset,
-    evaluation::{self, OutputMetrics},
+    evaluation::{Accuracy, OutputMetrics},
     files,
 };
 use metafmu_runtime::Surrogate;
@@ -17,9 +16,8 @@ use std::fmt::Write;
 #[derive(Debug, Serialize)]
 pub struct Metrics {
     name: String,
-    outputs: IndexMap<String, OutputMetrics>,
-    test_runs: usize,
-    test_rows: usize,
+    #[serde(flatten)]
+    pub accuracy: Accuracy,
     train_runs: usize,
     sample_seconds: f64,
     #[serde(flatten)]
@@ -52,12 +50,9 @@ pub fn stage(
     training: &TrainingRecord,
 ) -> Result<Metrics> {
     let provenance = &surrogate.metadata().provenance;
-    let names = surrogate.outputs().iter().map(|output| output.name.clone());
     let metrics = Metrics {
         name: job.study.name.clone(),
-        outputs: names.zip(evaluation::evaluate(surrogate, test)).collect(),
-        test_runs: test.runs.len(),
-        test_rows: test.row_count(),
+        accuracy: Accuracy::of(surrogate, test),
         train_runs: samples.train_runs,
         sample_seconds: samples.sample_seconds,
         training: training.clone(),
@@ -71,10 +66,11 @@ pub fn stage(
 
 /// The results as a table for people: errors in the outputs' units.
 pub fn table(job: &Job, metrics: &Metrics) -> String {
-    let mut text = format!("{} on {} unseen runs, {} rows\n\n", metrics.name, metrics.test_runs, metrics.test_rows);
+    let Accuracy { outputs, test_runs, test_rows, .. } = &metrics.accuracy;
+    let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
     let header = ("output", "unit", "R²", "MSE", "largest error");
     let _ = writeln!(text, "{:<12} {:<8} {:>10} {:>12}  {}", header.0, header.1, header.2, header.3, header.4);
-    for ((name, metrics), variable) in metrics.outputs.iter().zip(job.source.outputs()) {
+    for ((name, metrics), variable) in outputs.iter().zip(job.source.outputs()) {
         let OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time } = metrics;
         let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.7}"));
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };

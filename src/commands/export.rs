@@ -1,26 +1,83 @@
 //! `metafmu export`: packages the surrogate as an FMU.
 
 use super::{Outcome, job::Job, print, print_json};
-use crate::cli::StudyArgs;
-use metafmu::{Result, files, fmu};
+use crate::cli::{ExportArgs, FmiArg};
+use metafmu::{
+    Result,
+    evaluation::Accuracy,
+    files,
+    fmu::{self, Binary, Contents, FmiVersion},
+    study::FmiChoice,
+};
 use metafmu_runtime::Surrogate;
+use serde::Serialize;
+use std::path::PathBuf;
 
-pub fn run(args: &StudyArgs) -> Result<Outcome> {
-    let job = Job::new(args)?;
+/// What is to be made.
+pub struct Plan {
+    choice: FmiChoice,
+    binaries: Vec<Binary>,
+}
+
+/// An FMU that was written.
+#[derive(Debug, Serialize)]
+pub struct Written {
+    pub fmu: PathBuf,
+    pub bytes: usize,
+    #[serde(skip)]
+    pub version: FmiVersion,
+}
+
+pub fn run(args: &ExportArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
+    let plan = Plan::new(&job, args)?;
     let surrogate = job.load_model()?;
+    let accuracy = job.load_accuracy(&surrogate)?;
     job.prepare_folder()?;
-    let size = stage(&job, &surrogate)?;
-    if job.json {
-        print_json(&serde_json::json!({ "fmu": job.fmu(), "bytes": size }))?;
-    } else {
-        print(&format!("{}\n", job.fmu().display()))?;
+    let written = stage(&job, &plan, &surrogate, accuracy.as_ref())?;
+    match written.as_slice() {
+        [one] if job.json => print_json(one)?,
+        all if job.json => print_json(&all)?,
+        all => all.iter().try_for_each(|written| print(&format!("{}\n", written.fmu.display())))?,
     }
     Ok(Outcome::Fine)
 }
 
-/// Writes the FMU and returns its size in bytes.
-pub fn stage(job: &Job, surrogate: &Surrogate) -> Result<usize> {
-    let fmu = fmu::pack(surrogate, &job.study.export)?;
-    files::write_whole(&job.fmu(), &fmu)?;
-    Ok(fmu.len())
+impl Plan {
+    /// Finds the libraries, so that one that is missing is found before the work and not after it.
+    pub fn new(job: &Job, args: &ExportArgs) -> Result<Self> {
+        let choice = match args.fmi {
+            None => job.study.export.fmi,
+            Some(FmiArg::V2) => FmiChoice::V2,
+            Some(FmiArg::V3) => FmiChoice::V3,
+            Some(FmiArg::Both) => FmiChoice::Both,
+        };
+        let added = args.binary.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
+        let added = added.collect::<Result<Vec<Binary>>>()?;
+        let mut binaries = if args.platform.is_empty() {
+            Binary::embedded()
+        } else {
+            args.platform.iter().map(|tuple| Binary::of_platform(tuple.trim())).collect::<Result<_>>()?
+        };
+        // a library given by name goes before the embedded one
+        binaries.retain(|binary| added.iter().all(|added| added.platform != binary.platform));
+        binaries.extend(added);
+        Ok(Self { choice, binaries })
+    }
+}
+
+/// Writes the FMUs.
+pub fn stage(job: &Job, plan: &Plan, surrogate: &Surrogate, accuracy: Option<&Accuracy>) -> Result<Vec<Written>> {
+    let wanted = match plan.choice {
+        FmiChoice::V2 => vec![(FmiVersion::V2, "")],
+        FmiChoice::V3 => vec![(FmiVersion::V3, "")],
+        FmiChoice::Both => vec![(FmiVersion::V2, "-fmi2"), (FmiVersion::V3, "-fmi3")],
+    };
+    let write = |(version, suffix)| {
+        let contents = Contents { version, about: &job.study.export, binaries: &plan.binaries, accuracy };
+        let (path, bytes) = (job.fmu(suffix), fmu::pack(surrogate, &contents)?);
+        files::write_whole(&path, &bytes)?;
+        Ok(Written { fmu: path, bytes: bytes.len(), version })
+    };
+    wanted.into_iter().map(write).collect()
 }

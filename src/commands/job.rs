@@ -2,7 +2,7 @@
 
 use super::train::TrainingRecord;
 use crate::cli::StudyArgs;
-use metafmu::{Error, Result, dataset::Dataset, files, source::Source, study::Study, surrogate};
+use metafmu::{Error, Result, dataset::Dataset, evaluation::Accuracy, files, source::Source, study::Study, surrogate};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::io::ErrorKind;
@@ -70,8 +70,8 @@ impl Job {
         self.folder.join("metrics.json")
     }
 
-    pub fn fmu(&self) -> PathBuf {
-        self.folder.join(format!("{}.fmu", self.study.name))
+    pub fn fmu(&self, suffix: &str) -> PathBuf {
+        self.folder.join(format!("{}{suffix}.fmu", self.study.name))
     }
 
     /// Reads the record of the sampled tables and checks that they are this study's.
@@ -88,6 +88,18 @@ impl Job {
     /// Reads how the training went.
     pub fn load_training_record(&self) -> Result<TrainingRecord> {
         self.load_json(&self.training_record(), "metafmu train")
+    }
+
+    /// Reads the accuracy of a surrogate from `metrics.json`; none if that has not been measured.
+    pub fn load_accuracy(&self, surrogate: &Surrogate) -> Result<Option<Accuracy>> {
+        let path = self.metrics();
+        if !path.exists() {
+            return Ok(None);
+        }
+        let accuracy: Accuracy = self.load_json(&path, "metafmu evaluate")?;
+        let digest = &surrogate.metadata().provenance.content_digest;
+        // measured on an earlier network
+        Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
     }
 
     fn load_json<T: DeserializeOwned>(&self, path: &Path, verb: &str) -> Result<T> {

@@ -1,21 +1,26 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
 use super::{Outcome, print};
-use crate::cli::SimulateArgs;
+use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
-    fmu::host::{Fmu, SimulationOptions, Table, simulate},
+    fmu::host::{Fmu, Inputs, InterfaceKind, SimulationOptions, Table, simulate},
     report::{Curve, time_series_svg},
 };
 use std::{fmt::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
-    let fmu = Fmu::open(&args.fmu)?;
+    let fmu = match args.interface {
+        None => Fmu::open(&args.fmu)?,
+        Some(InterfaceArg::Cs) => Fmu::open_for(&args.fmu, InterfaceKind::CoSimulation)?,
+        Some(InterfaceArg::Me) => Fmu::open_for(&args.fmu, InterfaceKind::ModelExchange)?,
+    };
     let options = SimulationOptions {
         start: args.start_time,
         stop: args.stop_time,
         step: args.step_size,
         start_values: args.start.clone(),
+        inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
         record: Vec::new(),
     };
     let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;

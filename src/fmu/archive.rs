@@ -112,7 +112,7 @@ impl Archive {
     /// Reads modelDescription.xml as far as it can be read.
     ///
     /// # Errors
-    /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML or not FMI 2.0.
+    /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML or of another FMI version.
     pub fn document(&mut self) -> Result<Document> {
         let bytes = self.read("modelDescription.xml", MAX_DESCRIPTION)?;
         xml::read(&bytes).map_err(|problem| self.description_error(&problem))

@@ -2,12 +2,15 @@
 
 use super::{
     model_description::{
-        Causality, CoSimulation, DefaultExperiment, Initial, Interface, ModelDescription, ModelStructure, Real,
-        ScalarVariable, UnitDefinition, Unknown, Variability, VariableType,
+        Causality, CoSimulation, DefaultExperiment, FmiVersion, Initial, Integer, Interface, ModelDescription,
+        ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown, Variability, VariableType, Width,
     },
     unit::BaseUnit,
 };
-use metafmu_runtime::{Input, Metadata, Output, Role, Surrogate};
+use metafmu_runtime::{
+    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, Role, Surrogate,
+    extra::{self, Extra, Kind},
+};
 
 /// Categories of the messages that the library inside every FMU logs.
 const LOG_CATEGORIES: [(&str, &str); 3] = [
@@ -22,27 +25,41 @@ const MARGIN: f64 = 0.1;
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// A variable's position is its value reference: input columns, then outputs. Nothing of it depends on when or where
-    /// it is called.
-    pub fn of_surrogate(surrogate: &Surrogate) -> Self {
+    /// A variable's position is its value reference: input columns, outputs, then the variables every FMU has. Nothing
+    /// of it depends on when or where it is called.
+    pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
-        let variables = inputs.iter().map(input_kind).chain(outputs.iter().map(output_kind));
+        let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
+        let extras = extras(surrogate, fmi_version).into_iter().map(|extra| extra_variable(&extra));
+        let variables = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
         let variables =
             variables.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let v3 = fmi_version == FmiVersion::V3;
+        let interface = Interface {
+            model_identifier: model_identifier(name),
+            own_memory_management: true,
+            get_and_set_state: true,
+            serialize_state: true,
+            directional_derivative: true,
+            adjoint_derivative: v3,
+            ..Interface::default()
+        };
         Self {
+            fmi_version,
             model_name: name.clone(),
             token: surrogate.instantiation_token(),
             description: text(description),
             generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
+            model_exchange: Some(ModelExchange {
+                interface: interface.clone(),
+                needs_completed_integrator_step: false,
+            }),
             co_simulation: Some(CoSimulation {
-                interface: Interface {
-                    model_identifier: model_identifier(name),
-                    own_memory_management: true,
-                    get_and_set_state: true,
-                    serialize_state: true,
-                    ..Interface::default()
-                },
+                interface,
                 variable_step_size: true,
+                max_output_derivative_order: MAX_OUTPUT_DERIVATIVE_ORDER,
+                interpolate_inputs: !v3,
+                event_mode: v3,
                 ..CoSimulation::default()
             }),
             units: units(surrogate.metadata()),
@@ -64,63 +81,107 @@ pub fn model_identifier(name: &str) -> String {
     identifier
 }
 
-fn input_kind(input: &Input) -> ScalarVariable {
-    let (causality, variability, initial) = match input.role {
+/// The variables that are no columns of the surrogate, in the order of their value references.
+fn extras(surrogate: &Surrogate, fmi_version: FmiVersion) -> Vec<Extra> {
+    let mut extras = extra::ALL.to_vec();
+    // FMI 3.0 wants exactly one independent variable, FMI 2.0 at most one
+    if fmi_version == FmiVersion::V3 && surrogate.time_column().is_none() {
+        extras.push(extra::TIME);
+    }
+    extras
+}
+
+/// A variable without attributes that are seldom needed; its value reference is its position.
+fn variable(
+    name: &str,
+    description: &str,
+    (causality, variability, initial): (Causality, Variability, Option<Initial>),
+    kind: VariableType,
+) -> ScalarVariable {
+    ScalarVariable {
+        name: name.into(),
+        value_reference: 0,
+        description: text(description),
+        causality,
+        variability,
+        initial,
+        declared_type: None,
+        kind,
+        dimensions: Vec::new(),
+        clocks: Vec::new(),
+        aliases: Vec::new(),
+    }
+}
+
+fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
+    let what = match input.role {
         Role::Parameter(metafmu_runtime::Variability::Fixed) => {
             (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
         }
         Role::Parameter(metafmu_runtime::Variability::Tunable) => {
             (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
         }
+        Role::Input => {
+            let initial = (fmi_version == FmiVersion::V3).then_some(Initial::Exact);
+            (Causality::Input, Variability::Continuous, initial)
+        }
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
-    ScalarVariable {
-        name: input.name.clone(),
-        value_reference: 0,
-        description: text(&input.description),
-        causality,
-        variability,
-        initial,
-        declared_type: None,
-        kind: VariableType::Real(Real {
-            unit: text(&input.unit),
-            min: Some(input.min),
-            max: Some(input.max),
-            nominal: Some(nominal(input.min, input.max)),
-            // the independent variable has none
-            start: initial.map(|_| input.start),
-            ..Real::default()
-        }),
-    }
+    let real = Real {
+        unit: text(&input.unit),
+        min: Some(input.min),
+        max: Some(input.max),
+        nominal: Some(nominal(input.min, input.max)),
+        // the independent variable has none
+        start: (input.role != Role::Time).then_some(input.start),
+        ..Real::default()
+    };
+    variable(&input.name, &input.description, what, VariableType::Real(real))
+}
+
+fn extra_variable(extra: &Extra) -> ScalarVariable {
+    let calculated = Some(Initial::Calculated);
+    let (what, kind) = match extra.kind {
+        Kind::IntegerParameter { start, min, max } => {
+            let [start, min, max] = [start, min, max].map(|number| Some(number.into()));
+            let integer = Integer { width: Width::Int32, min, max, start };
+            ((Causality::Parameter, Variability::Tunable, Some(Initial::Exact)), VariableType::Integer(integer))
+        }
+        Kind::BooleanOutput => {
+            ((Causality::Output, Variability::Discrete, calculated), VariableType::Boolean { start: None })
+        }
+        Kind::RealOutput => {
+            let real = Real { min: Some(0.0), nominal: Some(1.0), ..Real::default() };
+            ((Causality::Output, Variability::Continuous, calculated), VariableType::Real(real))
+        }
+        Kind::Time => {
+            let real = Real { unit: Some("s".into()), ..Real::default() };
+            ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
+        }
+    };
+    variable(extra.name, extra.description, what, kind)
 }
 
 /// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes
 /// of the samples a little, and some hosts warn when a variable leaves its bounds. Past the margin such a warning is
 /// right, for then the surrogate is far from anything it was trained on.
-fn output_kind(output: &Output) -> ScalarVariable {
+fn output_variable(output: &Output) -> ScalarVariable {
     let nominal = nominal(output.min, output.max);
     let width = output.max - output.min;
     let margin = MARGIN * if width > 0.0 { width } else { nominal };
-    ScalarVariable {
-        name: output.name.clone(),
-        value_reference: 0,
-        description: text(&output.description),
-        causality: Causality::Output,
-        variability: Variability::Continuous,
-        initial: Some(Initial::Calculated),
-        declared_type: None,
-        kind: VariableType::Real(Real {
-            unit: text(&output.unit),
-            min: Some((output.min - margin).max(f64::MIN)),
-            max: Some((output.max + margin).min(f64::MAX)),
-            nominal: Some(nominal),
-            ..Real::default()
-        }),
-    }
+    let real = Real {
+        unit: text(&output.unit),
+        min: Some((output.min - margin).max(f64::MIN)),
+        max: Some((output.max + margin).min(f64::MAX)),
+        nominal: Some(nominal),
+        ..Real::default()
+    };
+    let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+    variable(&output.name, &output.description, what, VariableType::Real(real))
 }
 
 /// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.
-fn nominal(min: f64, max: f64) -> f64 {
+pub(super) fn nominal(min: f64, max: f64) -> f64 {
     let largest = min.abs().max(max.abs());
     if largest == 0.0 {
         return 1.0;
@@ -136,6 +197,10 @@ fn text(text: &str) -> Option<String> {
 fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
     let inputs = metadata.inputs.iter().map(|input| &input.unit);
     let mut names: Vec<&String> = inputs.chain(metadata.outputs.iter().map(|output| &output.unit)).collect();
+    let second = "s".to_owned();
+    if metadata.inputs.iter().all(|input| input.role != Role::Time) {
+        names.push(&second);
+    }
     names.retain(|name| !name.is_empty());
     names.sort_unstable();
     names.dedup();
@@ -154,19 +219,25 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     }
 }
 
-/// Every output is computed from every input column. While the simulation runs the standard counts only inputs, states
-/// and the time as known, and parameters at initialization as well.
+/// Every output is computed from every input column, and those of the network from the domain policy as well, which may
+/// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
+/// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
 fn structure(surrogate: &Surrogate) -> ModelStructure {
-    let inputs = surrogate.inputs().len();
-    let unknowns = |dependencies: Vec<usize>| {
-        let unknown =
-            |output| Unknown { variable: inputs + output, dependencies: Some(dependencies.clone()), kinds: None };
-        (0..surrogate.outputs().len()).map(unknown).collect()
-    };
+    let inputs = surrogate.inputs();
+    let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
+    let network = (0..surrogate.outputs().len()).map(|output| inputs.len() + output);
+    let domain =
+        [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
+    let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
+    let later: Vec<usize> = (0..inputs.len()).filter(|&column| known_later(inputs[column].role)).collect();
+    let first: Vec<usize> = (0..inputs.len()).collect();
+    let unknown =
+        |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
+    let of_network = network.clone().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
     ModelStructure {
-        outputs: unknowns(surrogate.time_column().into_iter().collect()),
-        derivatives: Vec::new(),
-        initial_unknowns: unknowns((0..inputs).collect()),
+        outputs: network.chain(domain).map(|output| unknown(output, later.clone())).collect(),
+        initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
+        ..ModelStructure::default()
     }
 }
 
@@ -204,7 +275,7 @@ mod tests {
 
     #[test]
     fn variables_have_the_causality_and_bounds_of_their_columns() {
-        let description = ModelDescription::of_surrogate(&example::surrogate());
+        let description = ModelDescription::of_surrogate(&example::surrogate(), FmiVersion::V2);
         let kinds: Vec<_> = description.variables.iter().map(|v| (v.causality, v.variability, v.initial)).collect();
         let calculated = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
         assert_eq!(
@@ -215,11 +286,29 @@ mod tests {
                 (Causality::Independent, Variability::Continuous, None),
                 calculated,
                 calculated,
+                (Causality::Parameter, Variability::Tunable, Some(Initial::Exact)),
+                (Causality::Output, Variability::Discrete, Some(Initial::Calculated)),
+                calculated,
             ]
         );
         let references: Vec<_> = description.variables.iter().map(|v| v.value_reference).collect();
-        assert_eq!(references, [0, 1, 2, 3, 4]);
+        assert_eq!(references, [0, 1, 2, 3, 4, 5, 6, 7]);
         let angle = description.variables[3].kind.as_real().unwrap();
         assert_eq!((angle.min, angle.max, angle.start), (Some(-2.4), Some(2.4), None));
+    }
+
+    #[test]
+    fn a_surrogate_without_time_has_an_independent_variable_in_fmi_3_only() {
+        let surrogate = example::surrogate();
+        let mut metadata = surrogate.metadata().clone();
+        metadata.inputs[2].role = Role::Input;
+        metadata.inputs[2].name = "force".into();
+        let surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
+        let independent = |version| {
+            let description = ModelDescription::of_surrogate(&surrogate, version);
+            description.variables.into_iter().find(|v| v.causality == Causality::Independent)
+        };
+        assert_eq!(independent(FmiVersion::V2), None);
+        assert_eq!(independent(FmiVersion::V3).map(|time| (time.name, time.value_reference)), Some(("time".into(), 8)));
     }
 }

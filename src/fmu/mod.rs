@@ -1,16 +1,19 @@
 //! Functional Mock-up Units: made of surrogates, read, run and checked.
 //!
-//! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 does.
-//! - [`pack`]: a surrogate becomes an FMU.
-//! - [`Fmu`] and [`Instance`]: load anyone's FMI 2.0 co-simulation FMU and run it; [`simulate`] does a whole run.
+//! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
+//! - [`pack`]: a surrogate becomes an FMU; [`Binary`]: the library for a platform.
+//! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
 //! - [`validate()`]: every problem of an FMU.
 
 mod archive;
+mod binary;
+mod card;
 mod describe;
 pub mod host;
 pub mod model_description;
 mod package;
 mod platform;
+mod reference;
 #[cfg(test)]
 mod testing;
 pub mod unit;
@@ -18,9 +21,11 @@ pub mod validate;
 pub mod xml;
 
 pub use archive::Archive;
+pub use binary::Binary;
 pub use describe::model_identifier;
-pub use host::{Fmu, Instance, SimulationOptions, Table, simulate};
-pub use model_description::ModelDescription;
-pub use package::{MODEL_FILE, pack};
+pub use host::{Fmu, Inputs, Instance, InterfaceKind, SimulationOptions, Table, simulate};
+pub use model_description::{FmiVersion, ModelDescription};
+pub use package::{Contents, MODEL_FILE, pack};
 pub use platform::Platform;
+pub use reference::ReferenceOptions;
 pub use validate::{Report, validate};

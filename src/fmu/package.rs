@@ -1,41 +1,90 @@
-//! A model file and the library inside every FMU become an `.fmu` archive.
+//! A model file, libraries and what explains them become an `.fmu` archive.
 
-use super::{ModelDescription, Platform, describe::model_identifier, xml};
-use crate::{Error, Result, study::ExportOptions};
+use super::{
+    Binary, FmiVersion, ModelDescription,
+    card::card,
+    describe::model_identifier,
+    reference::{OPTIONS_FILE, RESULT_FILE, reference},
+    xml,
+};
+use crate::{Error, Result, evaluation::Accuracy, study::ExportOptions};
 use metafmu_runtime::Surrogate;
-use std::io::{Cursor, Write};
+use std::{
+    collections::HashSet,
+    io::{Cursor, Write},
+};
 use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::SimpleFileOptions};
 
 /// Archive entry with the model file, byte for byte what was trained.
 pub const MODEL_FILE: &str = "resources/model.safetensors";
 
-/// The library for this program's own platform, built with it.
-const LIBRARY: &[u8] = include_bytes!(env!("METAFMU_FMU_LIBRARY"));
+const ICON: &[u8] = include_bytes!("assets/icon.png");
+const LICENSES: [(&str, &[u8]); 3] = [
+    ("license.txt", include_bytes!("assets/license.txt")),
+    ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
+    ("Apache-2.0.txt", include_bytes!("../../LICENSE-APACHE")),
+];
 
-struct Entry<'a> {
+/// What an FMU is made of, beside the surrogate.
+#[derive(Clone, Debug)]
+pub struct Contents<'a> {
+    /// Version of the standard.
+    pub version: FmiVersion,
+    /// What the FMU says about itself.
+    pub about: &'a ExportOptions,
+    /// The library for each platform; [`Binary::embedded`] has those that came with this program.
+    pub binaries: &'a [Binary],
+    /// How good the surrogate is, if that was measured.
+    pub accuracy: Option<&'a Accuracy>,
+}
+
+struct Entry {
     name: String,
-    bytes: &'a [u8],
+    bytes: Vec<u8>,
     executable: bool,
 }
 
-/// The bytes of the FMU of a surrogate; the same surrogate always gives the same bytes. No compiler is needed.
+/// The bytes of the FMU of a surrogate; the same surrogate and contents always give the same bytes. No compiler is needed.
 ///
 /// # Errors
-/// [`Error::Surrogate`] if it cannot be written as a model file.
-pub fn pack(surrogate: &Surrogate, about: &ExportOptions) -> Result<Vec<u8>> {
+/// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
+/// the same place.
+pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
+    let Contents { version, about, binaries, accuracy } = contents;
+    let identifier = model_identifier(&surrogate.metadata().name);
+    let file = |name: &str, bytes: Vec<u8>| Entry { name: name.into(), bytes, executable: false };
+    let icon = match version {
+        FmiVersion::V2 => "model.png",
+        FmiVersion::V3 => "terminalsAndIcons/icon.png",
+    };
+    let (options, result) = reference(surrogate);
     let model = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
-    let ExportOptions { author, copyright, license } = about.clone();
-    let description = ModelDescription { author, copyright, license, ..ModelDescription::of_surrogate(surrogate) };
-    let description = xml::write(&description);
-    let binary = Platform::CURRENT.binary(&model_identifier(&surrogate.metadata().name));
-    let entries = [
-        // first, for hosts that read the archive as a stream; the others are sorted
-        Entry { name: "modelDescription.xml".into(), bytes: description.as_bytes(), executable: false },
-        Entry { name: binary, bytes: LIBRARY, executable: true },
-        Entry { name: MODEL_FILE.into(), bytes: &model, executable: false },
+    let mut entries = vec![
+        file("documentation/index.html", card(surrogate, about, *accuracy).into()),
+        file(icon, ICON.into()),
+        file(OPTIONS_FILE, options.into()),
+        file(RESULT_FILE, result.into()),
+        file(MODEL_FILE, model),
     ];
+    entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
+    let mut places = HashSet::new();
+    for Binary { platform, bytes } in *binaries {
+        let name = platform.binary(*version, &identifier);
+        if !places.insert(name.clone()) {
+            return Err(Error::SamePlace { entry: name, tuple: platform.tuple });
+        }
+        entries.push(Entry { name, bytes: bytes.to_vec(), executable: true });
+    }
+    entries.sort_by(|a, b| a.name.cmp(&b.name));
+    // first, for hosts that read the archive as a stream
+    entries.insert(0, file("modelDescription.xml", xml::write(&description(surrogate, contents)).into()));
     // in memory: the only failures left are those of the zip format's limits
     write_zip(&entries).map_err(|source| Error::Archive { path: "the new FMU".into(), source })
+}
+
+fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
+    let ExportOptions { author, copyright, license, .. } = contents.about.clone();
+    ModelDescription { author, copyright, license, ..ModelDescription::of_surrogate(surrogate, contents.version) }
 }
 
 fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {
@@ -55,32 +104,50 @@ fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surrogate::seal;
+    use crate::{fmu::Platform, surrogate::seal};
     use metafmu_runtime::example;
     use std::io::Read;
 
+    fn pack_example(version: FmiVersion, binaries: &[Binary]) -> Result<Vec<u8>> {
+        let about = ExportOptions { author: Some("A. Uthor".into()), ..ExportOptions::default() };
+        let surrogate = seal(example::surrogate()).unwrap();
+        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None })
+    }
+
     #[test]
     fn an_fmu_is_reproducible_small_and_in_order() {
-        let surrogate = seal(example::surrogate()).unwrap();
-        let about = ExportOptions { author: Some("A. Uthor".into()), ..ExportOptions::default() };
-        let fmu = pack(&surrogate, &about).unwrap();
-        assert!(fmu.len() < 1 << 20, "{} bytes", fmu.len());
-        assert!(fmu == pack(&surrogate, &about).unwrap());
+        for (version, icon) in [(FmiVersion::V2, "model.png"), (FmiVersion::V3, "terminalsAndIcons/icon.png")] {
+            let fmu = pack_example(version, &Binary::embedded()).unwrap();
+            assert!(fmu.len() < 1 << 20, "{} bytes", fmu.len());
+            assert!(fmu == pack_example(version, &Binary::embedded()).unwrap());
 
-        let mut zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
-        let binary = Platform::CURRENT.binary("example");
-        for (index, (name, mode)) in
-            [("modelDescription.xml", 0o100644), (binary.as_str(), 0o100755), (MODEL_FILE, 0o100644)]
-                .into_iter()
-                .enumerate()
-        {
-            let entry = zip.by_index(index).unwrap();
-            assert_eq!((entry.name().unwrap().as_ref(), entry.unix_mode()), (name, Some(mode)));
-            let time = entry.last_modified().unwrap();
-            assert_eq!((time.year(), time.month(), time.day(), time.hour()), (1980, 1, 1, 0));
+            let mut zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
+            let names: Vec<String> = zip.file_names().map(str::to_owned).collect();
+            assert_eq!(names[0], "modelDescription.xml");
+            assert!(names[1..].is_sorted());
+            let binary = Platform::CURRENT.binary(version, "example");
+            for (name, mode) in [(binary.as_str(), 0o100755), (icon, 0o100644), (MODEL_FILE, 0o100644)] {
+                let entry = zip.by_name(name).unwrap();
+                assert_eq!(entry.unix_mode(), Some(mode), "{name}");
+                let time = entry.last_modified().unwrap();
+                assert_eq!((time.year(), time.month(), time.day(), time.hour()), (1980, 1, 1, 0));
+            }
+            let mut inside = Vec::new();
+            zip.by_name(MODEL_FILE).unwrap().read_to_end(&mut inside).unwrap();
+            assert!(inside == seal(example::surrogate()).unwrap().to_bytes().unwrap());
         }
-        let mut inside = Vec::new();
-        zip.by_name(MODEL_FILE).unwrap().read_to_end(&mut inside).unwrap();
-        assert!(inside == surrogate.to_bytes().unwrap());
+    }
+
+    #[test]
+    fn platforms_share_an_fmu_unless_they_share_a_place() {
+        let binary = |tuple| Binary { platform: Platform::from_tuple(tuple).unwrap(), bytes: b"library".into() };
+        let both = [binary("x86_64-darwin"), binary("aarch64-darwin")];
+        assert!(pack_example(FmiVersion::V3, &both).is_ok());
+        let message = pack_example(FmiVersion::V2, &both).unwrap_err().to_string();
+        assert!(message.contains("binaries/darwin64/example.dylib"), "{message}");
+        let fmu = pack_example(FmiVersion::V2, &[binary("x86_64-windows"), binary("aarch64-linux")]).unwrap();
+        let zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
+        assert!(zip.index_for_name("binaries/win64/example.dll").is_some());
+        assert!(zip.index_for_name("binaries/aarch64-linux/example.so").is_some());
     }
 }

@@ -33,8 +33,8 @@ mod options;
 mod origin;
 
 pub use options::{
-    ExportOptions, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions, Schedule,
-    SourceOptions, TimeOptions, TrainingOptions,
+    ExportOptions, FmiChoice, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions,
+    Schedule, SourceOptions, TimeOptions, TrainingOptions,
 };
 pub use origin::Problem;
 
@@ -107,10 +107,11 @@ impl Study {
         Ok(study)
     }
 
-    /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` do not count.
+    /// SHA-256 of what decides the surrogate, in hexadecimal digits: of `[export]` the precision only, so that another
+    /// version of the standard or another author asks for no new training. Comments and layout do not count.
     pub fn digest(&self) -> String {
-        let model = (&self.name, &self.description, &self.network, &self.training);
-        digest(&(model, self.sampling_digest()))
+        let export = ExportOptions { precision: self.export.precision, ..ExportOptions::default() };
+        digest(&Self { export, ..self.clone() })
     }
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
@@ -328,6 +329,9 @@ mod tests {
         let other = parse(&GOOD.replacen("epochs = ", "epochs = 1", 1));
         assert_ne!(study.digest(), other.digest());
         assert_eq!(study.sampling_digest(), other.sampling_digest());
+        let exported = |line: &str| parse(&GOOD.replacen("[export]", &format!("[export]\n{line}"), 1)).digest();
+        assert_eq!(study.digest(), exported("fmi = \"both\""));
+        assert_ne!(study.digest(), exported("precision = \"single\""));
     }
 
     #[test]
@@ -347,6 +351,7 @@ mod tests {
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
             ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
             ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
+            ("[export]", "[export]\nfmi = \"4\"", "[export]", "export.fmi", "unknown variant `4`"),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));

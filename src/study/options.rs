@@ -1,7 +1,7 @@
 //! The sections of a study file as plain data.
 
 use indexmap::IndexMap;
-use metafmu_runtime::{Activation, Variability};
+use metafmu_runtime::{Activation, Precision, Variability};
 use serde::{Deserialize, Serialize};
 
 /// `[source]`: what is sampled.
@@ -93,16 +93,35 @@ pub enum Method {
     Sobol,
 }
 
-/// `[export]`: what the FMU says about itself.
+/// `[export]`: what kind of FMU is made, and what it says about itself.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExportOptions {
+    /// Version of the standard.
+    pub fmi: FmiChoice,
+    /// What the FMU computes in.
+    pub precision: Precision,
     /// Author of the model.
     pub author: Option<String>,
     /// Copyright of the model.
     pub copyright: Option<String>,
     /// Licence of the model.
     pub license: Option<String>,
+}
+
+/// Version of the standard that FMUs are made for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FmiChoice {
+    /// FMI 2.0, which more hosts know.
+    #[default]
+    #[serde(rename = "2")]
+    V2,
+    /// FMI 3.0.
+    #[serde(rename = "3")]
+    V3,
+    /// An FMU of each.
+    #[serde(rename = "both")]
+    Both,
 }
 
 /// `[network]`: the feed-forward network.

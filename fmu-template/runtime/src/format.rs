@@ -106,6 +106,12 @@ pub enum FormatError {
         /// The name.
         name: String,
     },
+    /// A variable named like one that every FMU adds.
+    #[error("variable `{name}`: the name is reserved for a variable that every FMU adds")]
+    ReservedName {
+        /// The name.
+        name: String,
+    },
     /// A range that is empty or not finite.
     #[error("variable `{name}`: range from {min} to {max} is empty or not finite")]
     EmptyRange {
@@ -270,127 +276,4 @@ fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::example;
-
-    fn good() -> Vec<u8> {
-        example::surrogate().to_bytes().unwrap()
-    }
-
-    /// The error of the example's file with a changed description.
-    fn described(from: &str, to: &str) -> FormatError {
-        let bytes = good();
-        let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-        let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
-        assert!(header.contains(from), "{from} is not in {header}");
-        rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..])
-    }
-
-    fn rebuilt(header: &str, data: &[u8]) -> FormatError {
-        let length = (header.len() as u64).to_le_bytes();
-        Surrogate::from_bytes(&[&length, header.as_bytes(), data].concat()).unwrap_err()
-    }
-
-    /// The error of the example's parts after a change of them.
-    fn assembled(change: impl Fn(&mut Metadata, &mut Scaling, &mut Vec<Layer>)) -> FormatError {
-        let surrogate = example::surrogate();
-        let (mut metadata, mut scaling) = (surrogate.metadata().clone(), surrogate.scaling().clone());
-        let mut layers = surrogate.layers().to_vec();
-        change(&mut metadata, &mut scaling, &mut layers);
-        Surrogate::new(metadata, scaling, layers).unwrap_err()
-    }
-
-    #[test]
-    fn a_file_reads_back_as_the_same_surrogate_and_writes_the_same_bytes() {
-        let mut surrogate = example::surrogate();
-        let mut metadata = surrogate.metadata().clone();
-        // numbers whose shortest decimals a careless reader gets wrong in the last bit
-        metadata.outputs[0].min = -113.09733552923255;
-        metadata.outputs[1].max = 9.869604401089358e22;
-        surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
-        let bytes = surrogate.to_bytes().unwrap();
-        let again = Surrogate::from_bytes(&bytes).unwrap();
-        assert_eq!(again, surrogate);
-        assert!(again.to_bytes().unwrap() == bytes);
-    }
-
-    #[test]
-    fn a_file_cut_short_anywhere_is_refused() {
-        let bytes = good();
-        for length in (0..bytes.len()).step_by(7).chain([bytes.len() - 1]) {
-            assert!(matches!(Surrogate::from_bytes(&bytes[..length]), Err(FormatError::Container(_))), "{length}");
-        }
-        assert!(matches!(Surrogate::from_bytes(b"no container at all"), Err(FormatError::Container(_))));
-    }
-
-    #[test]
-    fn a_container_of_another_program_is_told_apart() {
-        assert!(matches!(described("\"metafmu\":", "\"other\":"), FormatError::NoMetadata));
-        let header = r#"{"weight":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}"#;
-        assert!(matches!(rebuilt(header, &[0; 4]), FormatError::NoMetadata));
-    }
-
-    #[test]
-    fn a_description_that_is_wrong_is_refused_with_its_reason() {
-        for (from, to, says) in [
-            (r#"\"time_step\":0.01"#, r#"\"time_step\":\"x\""#, "expected f64"),
-            (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
-            (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
-            (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
-            (r#"\"format\":1"#, r#"\"format\":2"#, "model file format 2, expected 1"),
-            (r#"{\"format\""#, r#"{{\"format\""#, "metadata entry"),
-        ] {
-            let message = described(from, to).to_string();
-            assert!(message.contains(says), "{message}");
-        }
-    }
-
-    #[test]
-    fn tensors_that_are_missing_unknown_or_of_the_wrong_kind_are_named() {
-        let missing = described("layers.1.bias", "layers.1.bius");
-        assert!(matches!(missing, FormatError::MissingTensor { name } if name == "layers.1.bias"));
-        // without its weight, the second layer is not looked for, and what is left of it means nothing
-        let unknown = described("layers.1.weight", "layers.7.weight");
-        assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "layers.1.bias"));
-        let kind = described(r#""layers.0.bias":{"dtype":"F32""#, r#""layers.0.bias":{"dtype":"I32""#);
-        assert!(matches!(kind, FormatError::Type { name, found, .. } if name == "layers.0.bias" && found == "I32"));
-        let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[48]"#);
-        assert!(matches!(shape, FormatError::Shape { name, .. } if name == "layers.0.weight"));
-        let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[3,16]"#);
-        assert!(matches!(shape, FormatError::Shape { found, expected, .. } if found == [3, 16] && expected == [3, 3]));
-    }
-
-    #[test]
-    fn numbers_that_cannot_be_are_located() {
-        let error = assembled(|_, _, layers| layers[1].weight[5] = f32::NAN);
-        assert!(matches!(error, FormatError::NotFinite { name, index: 5, .. } if name == "layers.1.weight"));
-        let error = assembled(|_, scaling, _| scaling.output_mean[1] = f64::INFINITY);
-        assert!(matches!(error, FormatError::NotFinite { name, index: 1, .. } if name == "output_mean"));
-        let error = assembled(|_, scaling, _| scaling.input_scale[2] = 0.0);
-        assert!(matches!(error, FormatError::NotPositive { name, index: 2, .. } if name == "input_scale"));
-        let error = assembled(|_, scaling, _| scaling.input_mean.truncate(1));
-        assert!(matches!(error, FormatError::Shape { name, .. } if name == "input_mean"));
-        assert!(matches!(assembled(|_, _, layers| layers.clear()), FormatError::MissingTensor { .. }));
-    }
-
-    #[test]
-    fn variables_that_cannot_be_are_named() {
-        let error = assembled(|metadata, _, _| metadata.inputs.clear());
-        assert!(matches!(error, FormatError::NoVariables { what: "inputs" }));
-        let error = assembled(|metadata, _, _| metadata.outputs.clear());
-        assert!(matches!(error, FormatError::NoVariables { what: "outputs" }));
-        let error = assembled(|metadata, _, _| metadata.outputs[1].name = "length".into());
-        assert!(matches!(error, FormatError::DuplicateVariable { name } if name == "length"));
-        let error = assembled(|metadata, _, _| metadata.inputs[1].min = 7.0);
-        assert!(matches!(error, FormatError::EmptyRange { name, .. } if name == "speed"));
-        let error = assembled(|metadata, _, _| metadata.inputs[1].start = 7.0);
-        assert!(matches!(error, FormatError::StartOutsideRange { name, .. } if name == "speed"));
-        let error = assembled(|metadata, _, _| metadata.inputs[1].role = metadata.inputs[2].role);
-        assert!(matches!(error, FormatError::SeveralTimes { count: 2 }));
-        let error = assembled(|metadata, _, _| metadata.time_step = 0.0);
-        assert!(matches!(error, FormatError::TimeStep { .. }));
-        let error = assembled(|metadata, _, _| metadata.provenance.content_digest = "abc".into());
-        assert!(matches!(error, FormatError::Digest { .. }));
-    }
-}
+mod tests;

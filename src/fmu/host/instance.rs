@@ -1,12 +1,10 @@
-//! One instance of an FMU.
+//! One instance of an FMU: its life from instantiation to its end, and steps of co-simulation.
 
 use super::{
-    Fmu,
-    ffi::{
-        self, CO_SIMULATION, Callbacks, Component, DISCARD, FALSE, FATAL, LAST_SUCCESSFUL_TIME, StatePointer, Status,
-        TERMINATED, TRUE, WARNING,
-    },
-    journal::{Journal, LogMessage},
+    Fmu, Functions, InterfaceKind,
+    ffi::{self, Component, DISCARD, FATAL, Status, WARNING},
+    fmi2, fmi3,
+    journal::{self, Journal, LogMessage},
 };
 use crate::{Error, Result};
 use std::{
@@ -17,16 +15,17 @@ use std::{
 
 /// One instance of an FMU, freed when dropped. It stays in the thread that made it; other threads make their own.
 ///
-/// Which call is legal in which state is for the FMU to judge: it answers an illegal one with an error.
+/// Which call is legal in which state is for the FMU to judge: it answers an illegal one with an error. Calls that the
+/// interface of the instance does not have fail with [`Error::MissingFunction`].
 #[derive(Debug)]
 pub struct Instance<'fmu> {
-    fmu: &'fmu Fmu,
+    pub(super) fmu: &'fmu Fmu,
     component: Component,
     /// After this the standard forbids every call, even that which frees the instance.
     fatal: Cell<bool>,
     // the FMU keeps their addresses
     journal: Box<Journal>,
-    _callbacks: Box<Callbacks>,
+    _callbacks: Option<Box<fmi2::Callbacks>>,
 }
 
 /// How a step ended.
@@ -41,33 +40,76 @@ pub enum Step {
     },
 }
 
-/// A state taken from an [`Instance`], freed when dropped.
-#[derive(Debug)]
-pub struct State<'instance> {
-    instance: &'instance Instance<'instance>,
-    pointer: StatePointer,
-}
-
 impl<'fmu> Instance<'fmu> {
     pub(super) fn new(fmu: &'fmu Fmu, name: &CStr, token: &CStr, logging: bool) -> Result<Self> {
         let journal = Box::<Journal>::default();
-        let callbacks = Box::new(Callbacks::new(&journal));
-        // SAFETY: the texts end with a zero byte and live until the call returns; callbacks and journal live in boxes
-        // until the instance has been freed
-        let component = unsafe {
-            (fmu.functions.instantiate)(
-                name.as_ptr(),
-                CO_SIMULATION,
-                token.as_ptr(),
-                fmu.resources.as_ptr(),
-                &raw const *callbacks,
-                FALSE,
-                c_bool(logging),
-            )
+        let resources = fmu.resources.as_ptr();
+        let (name, token) = (name.as_ptr(), token.as_ptr());
+        let environment = (&raw const *journal).cast_mut().cast();
+        let mut callbacks = None;
+        let (component, function) = match &fmu.functions {
+            Functions::V2(functions) => {
+                let callbacks = callbacks.insert(Box::new(fmi2::Callbacks::new(&journal)));
+                let kind = match fmu.interface {
+                    InterfaceKind::CoSimulation => fmi2::CO_SIMULATION,
+                    InterfaceKind::ModelExchange => fmi2::MODEL_EXCHANGE,
+                };
+                // SAFETY: the texts end with a zero byte and live until the call returns; callbacks and journal live in
+                // boxes until the instance has been freed
+                let component = unsafe {
+                    (functions.instantiate)(
+                        name,
+                        kind,
+                        token,
+                        resources,
+                        &raw const **callbacks,
+                        fmi2::FALSE,
+                        c_bool(logging),
+                    )
+                };
+                (component, "fmi2Instantiate")
+            }
+            Functions::V3(fmi3::Functions { co_simulation: Some(functions), .. }) => {
+                // neither Event Mode nor early return nor intermediate updates are asked for
+                // SAFETY: as above
+                let component = unsafe {
+                    (functions.instantiate)(
+                        name,
+                        token,
+                        resources,
+                        0,
+                        logging.into(),
+                        0,
+                        0,
+                        ptr::null(),
+                        0,
+                        environment,
+                        journal::log_message,
+                        ptr::null(),
+                    )
+                };
+                (component, "fmi3InstantiateCoSimulation")
+            }
+            Functions::V3(fmi3::Functions { model_exchange: Some(functions), .. }) => {
+                // SAFETY: as above
+                let component = unsafe {
+                    (functions.instantiate)(
+                        name,
+                        token,
+                        resources,
+                        0,
+                        logging.into(),
+                        environment,
+                        journal::log_message,
+                    )
+                };
+                (component, "fmi3InstantiateModelExchange")
+            }
+            Functions::V3(_) => (ptr::null_mut(), "fmi3Instantiate"),
         };
         if component.is_null() {
             let messages = texts(journal.take_after(0));
-            return Err(Error::Fmi { function: "fmi2Instantiate", status: "no instance", messages });
+            return Err(Error::Fmi { function, status: "no instance", messages });
         }
         Ok(Self { fmu, component, fatal: Cell::new(false), journal, _callbacks: callbacks })
     }
@@ -82,34 +124,45 @@ impl<'fmu> Instance<'fmu> {
         self.journal.take_after(0)
     }
 
-    /// Tells the FMU when the simulation starts and, perhaps, stops.
+    /// Enters Initialization Mode: tells the FMU when the simulation starts and, perhaps, stops. What has no effect on the
+    /// initialization is set before or after, start values of parameters before.
     ///
     /// # Errors
     /// [`Error::Fmi`] if the FMU refuses; so do all functions of this type.
-    pub fn setup_experiment(&self, start: f64, stop: Option<f64>) -> Result<()> {
-        let function = self.fmu.functions.setup_experiment;
-        self.call("fmi2SetupExperiment", |component| {
-            // SAFETY: as for `call`
-            unsafe { function(component, FALSE, 0.0, start, c_bool(stop.is_some()), stop.unwrap_or(0.0)) }
-        })
+    pub fn enter_initialization_mode(&self, start: f64, stop: Option<f64>) -> Result<()> {
+        let end = stop.unwrap_or(0.0);
+        match &self.fmu.functions {
+            Functions::V2(functions) => {
+                self.call("fmi2SetupExperiment", |component| {
+                    // SAFETY: as for `call`
+                    unsafe {
+                        (functions.setup_experiment)(component, fmi2::FALSE, 0.0, start, c_bool(stop.is_some()), end)
+                    }
+                })?;
+                let enter = functions.enter_initialization_mode;
+                // SAFETY: as for `call`
+                self.call("fmi2EnterInitializationMode", |component| unsafe { enter(component) })
+            }
+            Functions::V3(functions) => self.call("fmi3EnterInitializationMode", |component| {
+                let enter = functions.enter_initialization_mode;
+                // SAFETY: as for `call`
+                unsafe { enter(component, 0, 0.0, start, stop.is_some().into(), end) }
+            }),
+        }
     }
 
-    /// Enters Initialization Mode.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    pub fn enter_initialization_mode(&self) -> Result<()> {
-        // SAFETY: as for `call`
-        self.call("fmi2EnterInitializationMode", |c| unsafe { (self.fmu.functions.enter_initialization_mode)(c) })
-    }
-
-    /// Leaves Initialization Mode: outputs at the start time are known, and steps may follow.
+    /// Leaves Initialization Mode: outputs at the start time are known, and steps may follow; in model exchange, Event
+    /// Mode.
     ///
     /// # Errors
     /// [`Error::Fmi`].
     pub fn exit_initialization_mode(&self) -> Result<()> {
+        let (name, function) = match &self.fmu.functions {
+            Functions::V2(functions) => ("fmi2ExitInitializationMode", functions.exit_initialization_mode),
+            Functions::V3(functions) => ("fmi3ExitInitializationMode", functions.exit_initialization_mode),
+        };
         // SAFETY: as for `call`
-        self.call("fmi2ExitInitializationMode", |c| unsafe { (self.fmu.functions.exit_initialization_mode)(c) })
+        self.call(name, |component| unsafe { function(component) })
     }
 
     /// Computes from time `time` to `time + step`.
@@ -117,30 +170,63 @@ impl<'fmu> Instance<'fmu> {
     /// # Errors
     /// [`Error::Fmi`]; also when the FMU computes the step asynchronously, or discards it and would go on.
     pub fn do_step(&self, time: f64, step: f64) -> Result<Step> {
-        let functions = &self.fmu.functions;
+        match &self.fmu.functions {
+            Functions::V2(fmi2::Functions { co_simulation: Some(functions), .. }) => {
+                self.do_step_2(functions, time, step)
+            }
+            Functions::V3(fmi3::Functions { co_simulation: Some(functions), .. }) => {
+                self.do_step_3(functions, time, step)
+            }
+            _ => Err(self.missing("DoStep")),
+        }
+    }
+
+    fn do_step_2(&self, functions: &fmi2::CoSimulation, time: f64, step: f64) -> Result<Step> {
         let mut status = 0;
         let result = self.call("fmi2DoStep", |component| {
             // SAFETY: as for `call`
-            status = unsafe { (functions.do_step)(component, time, step, TRUE) };
+            status = unsafe { (functions.do_step)(component, time, step, fmi2::TRUE) };
             status
         });
         if status != DISCARD {
             return result.map(|()| Step::Done);
         }
         // an FMU that wants to end the simulation discards the step and says so when asked
-        let (mut terminated, mut last) = (FALSE, time);
+        let (mut terminated, mut last) = (fmi2::FALSE, time);
         if let (Some(boolean), Some(real)) = (functions.get_boolean_status, functions.get_real_status) {
             let answer = self.call("fmi2GetBooleanStatus", |component| {
                 // SAFETY: as for `call`
-                unsafe { boolean(component, TERMINATED, &raw mut terminated) }
+                unsafe { boolean(component, fmi2::TERMINATED, &raw mut terminated) }
             });
-            if answer.is_ok() && terminated != FALSE {
-                // SAFETY: as for `call`
-                self.call("fmi2GetRealStatus", |c| unsafe { real(c, LAST_SUCCESSFUL_TIME, &raw mut last) })?;
+            if answer.is_ok() && terminated != fmi2::FALSE {
+                self.call("fmi2GetRealStatus", |component| {
+                    // SAFETY: as for `call`
+                    unsafe { real(component, fmi2::LAST_SUCCESSFUL_TIME, &raw mut last) }
+                })?;
                 return Ok(Step::Terminated { time: last });
             }
         }
         result.map(|()| Step::Done)
+    }
+
+    fn do_step_3(&self, functions: &fmi3::CoSimulation, time: f64, step: f64) -> Result<Step> {
+        let (mut event, mut terminate, mut early, mut last) = (0, 0, 0, time);
+        self.call("fmi3DoStep", |component| {
+            // SAFETY: as for `call`; the results are written to living variables
+            unsafe {
+                (functions.do_step)(
+                    component,
+                    time,
+                    step,
+                    1,
+                    &raw mut event,
+                    &raw mut terminate,
+                    &raw mut early,
+                    &raw mut last,
+                )
+            }
+        })?;
+        Ok(if terminate == 0 { Step::Done } else { Step::Terminated { time: last } })
     }
 
     /// Ends the simulation.
@@ -148,8 +234,12 @@ impl<'fmu> Instance<'fmu> {
     /// # Errors
     /// [`Error::Fmi`].
     pub fn terminate(&self) -> Result<()> {
+        let (name, function) = match &self.fmu.functions {
+            Functions::V2(functions) => ("fmi2Terminate", functions.terminate),
+            Functions::V3(functions) => ("fmi3Terminate", functions.terminate),
+        };
         // SAFETY: as for `call`
-        self.call("fmi2Terminate", |c| unsafe { (self.fmu.functions.terminate)(c) })
+        self.call(name, |component| unsafe { function(component) })
     }
 
     /// Back to the state after instantiation, start values included.
@@ -157,135 +247,26 @@ impl<'fmu> Instance<'fmu> {
     /// # Errors
     /// [`Error::Fmi`].
     pub fn reset(&self) -> Result<()> {
+        let (name, function) = match &self.fmu.functions {
+            Functions::V2(functions) => ("fmi2Reset", functions.reset),
+            Functions::V3(functions) => ("fmi3Reset", functions.reset),
+        };
         // SAFETY: as for `call`
-        self.call("fmi2Reset", |c| unsafe { (self.fmu.functions.reset)(c) })
+        self.call(name, |component| unsafe { function(component) })
     }
 
-    /// Values of real variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<()> {
-        self.get("fmi2GetReal", self.fmu.functions.get_real, references, values)
+    /// A function that the FMU need not have.
+    pub(super) fn offered<T>(&self, name: &'static str, function: Option<T>) -> Result<T> {
+        function.ok_or_else(|| self.missing(name))
     }
 
-    /// Sets real variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn set_real(&self, references: &[u32], values: &[f64]) -> Result<()> {
-        self.set("fmi2SetReal", self.fmu.functions.set_real, references, values)
-    }
-
-    /// Values of integer and enumeration variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<()> {
-        self.get("fmi2GetInteger", self.fmu.functions.get_integer, references, values)
-    }
-
-    /// Sets integer and enumeration variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<()> {
-        self.set("fmi2SetInteger", self.fmu.functions.set_integer, references, values)
-    }
-
-    /// Values of boolean variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn get_boolean(&self, references: &[u32], values: &mut [bool]) -> Result<()> {
-        let mut numbers = vec![FALSE; values.len()];
-        self.get("fmi2GetBoolean", self.fmu.functions.get_boolean, references, &mut numbers)?;
-        values.iter_mut().zip(numbers).for_each(|(value, number)| *value = number != FALSE);
-        Ok(())
-    }
-
-    /// Sets boolean variables, by value reference.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn set_boolean(&self, references: &[u32], values: &[bool]) -> Result<()> {
-        let numbers: Vec<c_int> = values.iter().map(|&value| c_bool(value)).collect();
-        self.set("fmi2SetBoolean", self.fmu.functions.set_boolean, references, &numbers)
-    }
-
-    /// Takes the state.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no states to offer.
-    pub fn state(&self) -> Result<State<'_>> {
-        let function = self.offered("fmi2GetFMUstate", self.fmu.functions.get_state)?;
-        let mut pointer = ptr::null_mut();
-        // SAFETY: as for `call`; a null pointer asks the FMU to allocate a new state
-        self.call("fmi2GetFMUstate", |component| unsafe { function(component, &raw mut pointer) })?;
-        Ok(State { instance: self, pointer })
-    }
-
-    /// A state from the bytes of [`State::to_bytes`], of this or another instance of the same FMU.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no states to offer.
-    pub fn state_from_bytes(&self, bytes: &[u8]) -> Result<State<'_>> {
-        let function = self.offered("fmi2DeSerializeFMUstate", self.fmu.functions.deserialize_state)?;
-        let mut pointer = ptr::null_mut();
-        self.call("fmi2DeSerializeFMUstate", |component| {
-            // SAFETY: as for `call`; pointer and length are those of a slice
-            unsafe { function(component, bytes.as_ptr(), bytes.len(), &raw mut pointer) }
-        })?;
-        Ok(State { instance: self, pointer })
-    }
-
-    fn get<T>(
-        &self,
-        name: &'static str,
-        function: ffi::GetValues<T>,
-        references: &[u32],
-        values: &mut [T],
-    ) -> Result<()> {
-        assert_eq!(references.len(), values.len(), "one value per value reference");
-        self.call(name, |component| {
-            // SAFETY: as for `call`; both arrays have the length that is passed
-            unsafe { function(component, references.as_ptr(), references.len(), values.as_mut_ptr()) }
-        })
-    }
-
-    fn set<T>(&self, name: &'static str, function: ffi::SetValues<T>, references: &[u32], values: &[T]) -> Result<()> {
-        assert_eq!(references.len(), values.len(), "one value per value reference");
-        self.call(name, |component| {
-            // SAFETY: as for `call`; both arrays have the length that is passed
-            unsafe { function(component, references.as_ptr(), references.len(), values.as_ptr()) }
-        })
-    }
-
-    fn offered<T>(&self, name: &'static str, function: Option<T>) -> Result<T> {
-        function.ok_or_else(|| Error::MissingFunction { path: self.fmu.path.clone(), function: name })
+    pub(super) fn missing(&self, function: &'static str) -> Error {
+        Error::MissingFunction { path: self.fmu.path.clone(), function }
     }
 
     /// Calls a function with the component, which is valid for as long as `self` lives and nothing fatal has happened;
     /// the library is loaded for longer than that.
-    fn call(&self, function: &'static str, call: impl FnOnce(Component) -> Status) -> Result<()> {
+    pub(super) fn call(&self, function: &'static str, call: impl FnOnce(Component) -> Status) -> Result<()> {
         if self.fatal.get() {
             return Err(Error::Fmi { function, status: "nothing: an earlier call was fatal", messages: Vec::new() });
         }
@@ -302,57 +283,18 @@ impl<'fmu> Instance<'fmu> {
 impl Drop for Instance<'_> {
     fn drop(&mut self) {
         if !self.fatal.get() {
+            let free = match &self.fmu.functions {
+                Functions::V2(functions) => functions.free_instance,
+                Functions::V3(functions) => functions.free_instance,
+            };
             // SAFETY: the component is valid and is not used again
-            unsafe { (self.fmu.functions.free_instance)(self.component) }
+            unsafe { free(self.component) }
         }
     }
 }
 
-impl State<'_> {
-    /// Puts the instance back into this state.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`].
-    pub fn restore(&self) -> Result<()> {
-        let function = self.instance.offered("fmi2SetFMUstate", self.instance.fmu.functions.set_state)?;
-        // SAFETY: as for `call`; the state is one of this instance
-        self.instance.call("fmi2SetFMUstate", |component| unsafe { function(component, self.pointer) })
-    }
-
-    /// The state as bytes.
-    ///
-    /// # Errors
-    /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that cannot serialize.
-    pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        let functions = &self.instance.fmu.functions;
-        let size_of = self.instance.offered("fmi2SerializedFMUstateSize", functions.serialized_state_size)?;
-        let serialize = self.instance.offered("fmi2SerializeFMUstate", functions.serialize_state)?;
-        let mut size = 0;
-        self.instance.call("fmi2SerializedFMUstateSize", |component| {
-            // SAFETY: as for `call`; the state is one of this instance
-            unsafe { size_of(component, self.pointer, &raw mut size) }
-        })?;
-        let mut bytes = vec![0; size];
-        self.instance.call("fmi2SerializeFMUstate", |component| {
-            // SAFETY: as above; the array has the length that is passed
-            unsafe { serialize(component, self.pointer, bytes.as_mut_ptr(), bytes.len()) }
-        })?;
-        Ok(bytes)
-    }
-}
-
-impl Drop for State<'_> {
-    fn drop(&mut self) {
-        if let Some(free) = self.instance.fmu.functions.free_state {
-            // a failure here leaves nothing to be done
-            // SAFETY: as for `call`; the state is one of this instance and is not used again
-            let _ = self.instance.call("fmi2FreeFMUstate", |c| unsafe { free(c, &raw mut self.pointer) });
-        }
-    }
-}
-
-fn c_bool(value: bool) -> c_int {
-    if value { TRUE } else { FALSE }
+pub(super) fn c_bool(value: bool) -> c_int {
+    if value { fmi2::TRUE } else { fmi2::FALSE }
 }
 
 fn texts(messages: Vec<LogMessage>) -> Vec<String> {

@@ -83,6 +83,23 @@ unsafe extern "C" fn metafmu_journal_add(
     });
 }
 
+/// `fmi3LogMessageCallback`.
+///
+/// # Safety
+/// `journal` must be that of a living instance, the texts null or with a zero byte at their ends.
+pub unsafe extern "C" fn log_message(
+    journal: *mut c_void,
+    status: Status,
+    category: *const c_char,
+    message: *const c_char,
+) {
+    let category = if category.is_null() { c"".as_ptr() } else { category };
+    if !journal.is_null() && !message.is_null() {
+        // SAFETY: as asked of the caller
+        unsafe { metafmu_journal_add(journal, status, category, message) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

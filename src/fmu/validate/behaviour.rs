@@ -1,37 +1,37 @@
-//! Runs an FMU and compares what it does with what the standard says.
+//! Runs an FMU by one of its interfaces and compares what it does with what the standard says.
 
-use super::{Area, Report};
+use super::{
+    Area, Report,
+    run::{Run, experiment, whole_run},
+};
 use crate::{
     Result,
     fmu::{
-        Fmu, Instance,
-        host::{Grid, Recorder, SimulationOptions, Step},
+        FmiVersion, Fmu, InterfaceKind,
+        host::{Grid, Recorder},
     },
 };
-use std::ops::Range;
-
-/// A run that would take more steps than this is cut short.
-const MAX_STEPS: usize = 1000;
 
 /// Reports what the binary lacks and what goes wrong when it is run.
 pub fn check(fmu: &Fmu, report: &mut Report) {
-    for function in fmu.missing_functions() {
-        report.problem(Area::Binary, format!("does not export `{function}`"));
-    }
-    for (function, found, expected) in
-        [("fmi2GetVersion", fmu.version(), "2.0"), ("fmi2GetTypesPlatform", fmu.types_platform(), "default")]
-    {
-        if found != expected {
-            report.problem(Area::Binary, format!("{function} returns \"{found}\", expected \"{expected}\""));
-        }
-    }
+    binary(fmu, report);
     if fmu.instantiate_as("wrong token", "{no such token}", false).is_ok() {
-        report.problem(Area::Behaviour, "fmi2Instantiate accepts a guid that is not that of modelDescription.xml");
+        report.problem(Area::Behaviour, "an instance is made with a token that is not that of modelDescription.xml");
+    }
+    let description = fmu.description();
+    let (states, indicators) = (description.state_count(), description.event_indicators);
+    if fmu.interface() == InterfaceKind::ModelExchange && (states > 0 || indicators > 0) {
+        report.skipped(format!(
+            "runs of model exchange: {states} states and {indicators} event indicators need an integrator"
+        ));
+        return attempt(fmu, report, "outputs in Initialization Mode", || {
+            in_initialization_mode(fmu, description.default_experiment.unwrap_or_default().start.unwrap_or(0.0))
+        });
     }
     let Some(mut experiment) = experiment(fmu, report) else { return };
     let mut reference = Vec::new();
-    attempt(report, "the default experiment", || {
-        reference = run(&fmu.instantiate("validation", true)?, &experiment)?;
+    attempt(fmu, report, "the default experiment", || {
+        reference = whole_run(&fmu.instantiate("validation", true)?, &experiment)?;
         Ok(reference.iter().flatten().any(|value| !value.is_finite()).then_some("an output is not a finite number"))
     });
     if reference.is_empty() {
@@ -39,86 +39,53 @@ pub fn check(fmu: &Fmu, report: &mut Report) {
     }
     // an FMU may end the simulation by itself; after that nothing may be called but what ends it
     experiment.shorten(reference.len() - 1);
-    attempt(report, "outputs in Initialization Mode", || in_initialization_mode(fmu, &experiment));
-    attempt(report, "a run after fmi2Reset", || {
+    attempt(fmu, report, "outputs in Initialization Mode", || in_initialization_mode(fmu, experiment.time(0)));
+    attempt(fmu, report, "a run after a reset", || {
         let instance = fmu.instantiate("reset", true)?;
-        run(&instance, &experiment)?;
+        whole_run(&instance, &experiment)?;
         instance.reset()?;
-        Ok(differ(&run(&instance, &experiment)?, &reference))
+        Ok(differ(&whole_run(&instance, &experiment)?, &reference))
     });
-    if fmu.co_simulation().interface.only_once_per_process {
+    if fmu.capabilities().only_once_per_process {
         report.skipped("two instances at once: the FMU allows one per process");
     } else {
-        attempt(report, "two instances at once", || two_at_once(fmu, &experiment, &reference));
+        attempt(fmu, report, "two instances at once", || two_at_once(fmu, &experiment, &reference));
     }
-    states(fmu, &experiment, &reference, report);
+    states_put_back(fmu, &experiment, &reference, report);
+}
+
+fn binary(fmu: &Fmu, report: &mut Report) {
+    for function in fmu.missing_functions() {
+        report.problem(Area::Binary, format!("does not export `{function}`"));
+    }
+    let version = fmu.version();
+    let right = match fmu.description().fmi_version {
+        FmiVersion::V2 => version == "2.0",
+        FmiVersion::V3 => version.starts_with("3."),
+    };
+    if !right {
+        let expected = fmu.description().fmi_version;
+        report.problem(Area::Binary, format!("says it is of version \"{version}\", expected \"{expected}\""));
+    }
+    if let Some(platform) = fmu.types_platform().filter(|platform| platform != "default") {
+        report.problem(Area::Binary, format!("fmi2GetTypesPlatform returns \"{platform}\", expected \"default\""));
+    }
 }
 
 /// Runs a check that returns what is different from what it should be, and reports that or the failure.
-fn attempt(report: &mut Report, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
+pub fn attempt(fmu: &Fmu, report: &mut Report, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
+    let interface = fmu.interface();
     match check() {
         Ok(None) => {}
-        Ok(Some(difference)) => report.problem(Area::Behaviour, format!("{what}: {difference}")),
-        Err(error) => report.problem(Area::Behaviour, format!("{what}: {error}")),
+        Ok(Some(difference)) => report.problem(Area::Behaviour, format!("{interface}, {what}: {difference}")),
+        Err(error) => report.problem(Area::Behaviour, format!("{interface}, {what}: {error}")),
     }
-}
-
-/// The communication points of the default experiment, as far as they are run.
-pub fn experiment(fmu: &Fmu, report: &mut Report) -> Option<Grid> {
-    let suggested = fmu.description().default_experiment.unwrap_or_default();
-    let mut options = SimulationOptions::default();
-    if suggested.stop.is_none() {
-        options.stop = Some(suggested.start.unwrap_or(0.0) + 1.0);
-    }
-    match Grid::new(fmu, &options) {
-        Ok(mut grid) => {
-            if grid.steps() > MAX_STEPS {
-                let time = grid.time(MAX_STEPS);
-                report.skipped(format!("the default experiment after {MAX_STEPS} steps, from {time} s on"));
-                grid.shorten(MAX_STEPS);
-            }
-            Some(grid)
-        }
-        Err(error) => {
-            report.problem(Area::Behaviour, format!("the default experiment cannot be run: {error}"));
-            None
-        }
-    }
-}
-
-/// Rows of the outputs at every communication point of a fresh or reset instance.
-fn run(instance: &Instance, experiment: &Grid) -> Result<Vec<Vec<f64>>> {
-    initialize(instance, experiment)?;
-    let mut rows = vec![Recorder::new(instance, &[])?.row()?];
-    rows.extend(steps(instance, experiment, 0..experiment.steps())?);
-    Ok(rows)
-}
-
-fn initialize(instance: &Instance, experiment: &Grid) -> Result<()> {
-    instance.setup_experiment(experiment.time(0), Some(experiment.time(experiment.steps())))?;
-    instance.enter_initialization_mode()?;
-    instance.exit_initialization_mode()
-}
-
-/// Rows after each step, up to that in which the FMU ends the simulation.
-fn steps(instance: &Instance, experiment: &Grid, range: Range<usize>) -> Result<Vec<Vec<f64>>> {
-    let recorder = Recorder::new(instance, &[])?;
-    let mut rows = Vec::new();
-    for step in range {
-        let end = instance.do_step(experiment.time(step), experiment.size(step))?;
-        rows.push(recorder.row()?);
-        if end != Step::Done {
-            break;
-        }
-    }
-    Ok(rows)
 }
 
 /// A host must be able to read the outputs in Initialization Mode.
-fn in_initialization_mode(fmu: &Fmu, experiment: &Grid) -> Result<Option<&'static str>> {
+fn in_initialization_mode(fmu: &Fmu, start: f64) -> Result<Option<&'static str>> {
     let instance = fmu.instantiate("initialization", true)?;
-    instance.setup_experiment(experiment.time(0), None)?;
-    instance.enter_initialization_mode()?;
+    instance.enter_initialization_mode(start, None)?;
     let row = Recorder::new(&instance, &[])?.row()?;
     instance.exit_initialization_mode()?;
     Ok(row.iter().any(|value| !value.is_finite()).then_some("one is not a finite number"))
@@ -127,47 +94,47 @@ fn in_initialization_mode(fmu: &Fmu, experiment: &Grid) -> Result<Option<&'stati
 /// Two instances must not share anything: they are stepped in turn.
 fn two_at_once(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>]) -> Result<Option<&'static str>> {
     let instances = [fmu.instantiate("first", true)?, fmu.instantiate("second", true)?];
-    let mut rows = [Vec::new(), Vec::new()];
-    for (instance, rows) in instances.iter().zip(&mut rows) {
-        initialize(instance, experiment)?;
-        rows.push(Recorder::new(instance, &[])?.row()?);
-    }
+    let mut runs =
+        [Run::start(&instances[0], experiment, |_| Ok(()))?, Run::start(&instances[1], experiment, |_| Ok(()))?];
+    let mut rows = [vec![runs[0].row()?], vec![runs[1].row()?]];
     for step in 0..experiment.steps() {
-        for (instance, rows) in instances.iter().zip(&mut rows) {
-            rows.extend(steps(instance, experiment, step..step + 1)?);
+        for (run, rows) in runs.iter_mut().zip(&mut rows) {
+            rows.extend(run.steps(step..step + 1)?);
         }
     }
     Ok(rows.iter().find_map(|rows| differ(rows, reference)))
 }
 
 /// A state taken in the middle of a run and put back must lead to the same end.
-fn states(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report: &mut Report) {
-    let interface = &fmu.co_simulation().interface;
-    if !interface.get_and_set_state {
+fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report: &mut Report) {
+    let capabilities = fmu.capabilities();
+    if !capabilities.get_and_set_state {
         return report.skipped("FMU states: the FMU offers none");
     }
     let middle = experiment.steps() / 2;
     let rest = middle..experiment.steps();
-    attempt(report, "a state put back", || {
+    attempt(fmu, report, "a state put back", || {
         let instance = fmu.instantiate("state", true)?;
-        initialize(&instance, experiment)?;
-        steps(&instance, experiment, 0..middle)?;
-        let state = instance.state()?;
-        steps(&instance, experiment, rest.clone())?;
+        let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
+        run.steps(0..middle)?;
+        let (state, next_event) = (instance.state()?, run.next_event());
+        run.steps(rest.clone())?;
         state.restore()?;
-        Ok(differ(&steps(&instance, experiment, rest.clone())?, &reference[middle + 1..]))
+        run.rewind(next_event);
+        Ok(differ(&run.steps(rest.clone())?, &reference[middle + 1..]))
     });
-    if !interface.serialize_state {
+    if !capabilities.serialize_state {
         return report.skipped("FMU states as bytes: the FMU offers none");
     }
-    attempt(report, "a state put back from bytes", || {
+    attempt(fmu, report, "a state put back from bytes", || {
         let instance = fmu.instantiate("bytes", true)?;
-        initialize(&instance, experiment)?;
-        steps(&instance, experiment, 0..middle)?;
-        let bytes = instance.state()?.to_bytes()?;
-        steps(&instance, experiment, rest.clone())?;
+        let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
+        run.steps(0..middle)?;
+        let (bytes, next_event) = (instance.state()?.to_bytes()?, run.next_event());
+        run.steps(rest.clone())?;
         instance.state_from_bytes(&bytes)?.restore()?;
-        Ok(differ(&steps(&instance, experiment, rest.clone())?, &reference[middle + 1..]))
+        run.rewind(next_event);
+        Ok(differ(&run.steps(rest.clone())?, &reference[middle + 1..]))
     });
 }
 

@@ -1,11 +1,11 @@
-//! Checks modelDescription.xml against the rules of the FMI 2.0 standard that hosts apply.
+//! Checks modelDescription.xml against the rules of the FMI standard that hosts apply.
 
 use super::Report;
 use crate::fmu::{
     describe::model_identifier,
     model_description::{
-        Causality, Initial, Integer, ModelDescription, Named, NamingConvention, Real, ScalarVariable, Unknown,
-        Variability, VariableType,
+        Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention, Real,
+        ScalarVariable, Unknown, Variability, VariableType,
     },
     xml::Document,
 };
@@ -40,12 +40,16 @@ struct Checker<'a> {
 impl Checker<'_> {
     /// The root element has no line of its own in a [`Document`]; messages name the attribute instead.
     fn interfaces(&mut self) {
-        let ModelDescription { co_simulation, model_exchange, .. } = self.description;
+        let ModelDescription { co_simulation, model_exchange, scheduled_execution, .. } = self.description;
         let co_simulation = co_simulation.as_ref().map(|co_simulation| &co_simulation.interface);
-        if co_simulation.is_none() && model_exchange.is_none() {
+        let model_exchange = model_exchange.as_ref().map(|exchange| &exchange.interface);
+        if co_simulation.is_none() && model_exchange.is_none() && scheduled_execution.is_none() {
             self.report.at_line(1, "there is neither <CoSimulation> nor <ModelExchange>");
         }
-        for interface in co_simulation.into_iter().chain(model_exchange) {
+        if self.description.token.is_empty() {
+            self.report.at_line(1, format!("the {} is empty", self.token_name()));
+        }
+        for interface in co_simulation.into_iter().chain(model_exchange).chain(scheduled_execution) {
             let name = &interface.model_identifier;
             if !name.is_empty() && model_identifier(name) != *name {
                 self.report.at_line(1, format!("modelIdentifier \"{name}\" is no C identifier"));
@@ -54,6 +58,18 @@ impl Checker<'_> {
                 self.report.at_line(1, "canSerializeFMUstate is true, but canGetAndSetFMUstate is not");
             }
         }
+    }
+
+    fn v3(&self) -> bool {
+        self.description.fmi_version == FmiVersion::V3
+    }
+
+    fn token_name(&self) -> &'static str {
+        if self.v3() { "instantiationToken" } else { "guid" }
+    }
+
+    fn type_name(&self, kind: &VariableType) -> &'static str {
+        kind.name(self.description.fmi_version)
     }
 
     fn units_and_types(&mut self) {
@@ -102,8 +118,11 @@ impl Checker<'_> {
         let mut independent: Option<&str> = None;
         for (variable, &line) in self.description.variables.iter().zip(&self.document.variable_lines) {
             let name = variable.name.as_str();
-            if let Some(known) = first.insert(name, line) {
-                self.report.at_line(line, format!("variable \"{name}\" has the name of the variable in line {known}"));
+            for name in std::iter::once(name).chain(variable.aliases.iter().map(|alias| alias.name.as_str())) {
+                if let Some(known) = first.insert(name, line) {
+                    let message = format!("variable \"{name}\" has the name of the variable in line {known}");
+                    self.report.at_line(line, message);
+                }
             }
             if name.is_empty() {
                 self.report.at_line(line, "a variable has an empty name");
@@ -118,6 +137,9 @@ impl Checker<'_> {
                 self.report.at_line(line, format!("variable \"{name}\" is independent, and so is \"{other}\""));
             }
         }
+        if self.v3() && independent.is_none() {
+            self.report.at_line(1, "there is no independent variable, expected exactly one");
+        }
     }
 
     fn combination(&mut self, variable: &ScalarVariable, line: usize) {
@@ -125,13 +147,25 @@ impl Checker<'_> {
         let (c, v) = (Causality::name(*causality), Variability::name(*variability));
         let real = kind.as_real().is_some();
         if *variability == Variability::Continuous && !real {
-            let message = format!("variable \"{name}\" is of type {} and cannot be continuous", kind.name());
+            let message = format!("variable \"{name}\" is of type {} and cannot be continuous", self.type_name(kind));
             return self.report.at_line(line, message);
         }
         if *causality == Causality::Independent && !real {
-            self.report.at_line(line, format!("variable \"{name}\" is independent, but not of type Real"));
+            self.report.at_line(line, format!("variable \"{name}\" is independent, but no real number"));
         }
-        match (Initial::allowed(*causality, *variability), initial) {
+        if *causality == Causality::StructuralParameter && !matches!(kind, VariableType::Integer(_)) {
+            self.report.at_line(line, format!("variable \"{name}\" is a structural parameter, but no integer"));
+        }
+        if matches!(kind, VariableType::Clock { .. }) {
+            // a clock ticks: there is nothing to initialize
+            let known = matches!(causality, Causality::Input | Causality::Output | Causality::Local);
+            if !known || *variability != Variability::Discrete {
+                let message = format!("clock \"{name}\": causality {c} and variability {v} are not allowed");
+                self.report.at_line(line, message);
+            }
+            return;
+        }
+        match (Initial::allowed(self.description.fmi_version, *causality, *variability), initial) {
             (None, _) => {
                 let message = format!("variable \"{name}\": variability {v} is not allowed for causality {c}");
                 self.report.at_line(line, message);
@@ -149,7 +183,9 @@ impl Checker<'_> {
 
     fn start(&mut self, variable: &ScalarVariable, line: usize) {
         let ScalarVariable { name, causality, initial, kind, .. } = variable;
-        let needed = *causality == Causality::Input || matches!(initial, Some(Initial::Exact | Initial::Approx));
+        let clock = matches!(kind, VariableType::Clock { .. });
+        let needed =
+            *causality == Causality::Input && !clock || matches!(initial, Some(Initial::Exact | Initial::Approx));
         let forbidden = *causality == Causality::Independent || *initial == Some(Initial::Calculated);
         if needed && !kind.has_start() {
             self.report.at_line(line, format!("variable \"{name}\" has no start value"));
@@ -177,13 +213,14 @@ impl Checker<'_> {
             }
             VariableType::Integer(integer) | VariableType::Enumeration(integer) => {
                 let default = match of_type {
-                    Some(VariableType::Integer(default)) => *default,
+                    Some(VariableType::Integer(default) | VariableType::Enumeration(default)) => *default,
                     _ => Integer::default(),
                 };
-                let Integer { min, max, start } = *integer;
-                (min.or(default.min).map(f64::from), max.or(default.max).map(f64::from), start.map(f64::from))
+                let Integer { min, max, start, .. } = *integer;
+                let real = |number: Option<i128>| number.map(|number| number as f64);
+                (real(min.or(default.min)), real(max.or(default.max)), real(start))
             }
-            VariableType::Boolean { .. } | VariableType::String { .. } => return,
+            _ => return,
         };
         if let (Some(min), Some(max)) = (min, max)
             && min > max
@@ -208,8 +245,8 @@ impl Checker<'_> {
                     let message = format!("variable \"{name}\" has the type \"{declared}\", which is not defined");
                     self.report.at_line(line, message);
                 }
-                Some(definition) if definition.kind.name() != variable.kind.name() => {
-                    let (found, expected) = (definition.kind.name(), variable.kind.name());
+                Some(definition) if self.type_name(&definition.kind) != self.type_name(&variable.kind) => {
+                    let (found, expected) = (self.type_name(&definition.kind), self.type_name(&variable.kind));
                     let message =
                         format!("variable \"{name}\" is of type {expected}, its type \"{declared}\" is {found}");
                     self.report.at_line(line, message);
@@ -217,13 +254,15 @@ impl Checker<'_> {
                 Some(_) => {}
             }
         }
+        self.clocks(variable, line);
         let Some(real) = variable.kind.as_real() else { return };
         let unit = self.description.unit_of(variable);
         let definition = unit.and_then(|unit| self.description.units.iter().find(|known| known.name == unit));
         if let Some(unit) = unit.filter(|_| definition.is_none()) {
             self.report.at_line(line, format!("variable \"{name}\" has the unit \"{unit}\", which is not defined"));
         }
-        if let Some(display) = &real.display_unit {
+        let aliases = variable.aliases.iter().filter_map(|alias| alias.display_unit.as_ref());
+        for display in real.display_unit.iter().chain(aliases) {
             let known = definition.is_some_and(|unit| unit.display.iter().any(|known| known.name == *display));
             // a unit displayed as itself needs no definition
             if !known && unit != Some(display) {
@@ -242,7 +281,7 @@ impl Checker<'_> {
                 }
                 Some(state) if state.kind.as_real().is_none() => {
                     let message =
-                        format!("variable \"{name}\" is the derivative of \"{}\", which is not Real", state.name);
+                        format!("variable \"{name}\" is the derivative of \"{}\", which is no real number", state.name);
                     self.report.at_line(line, message);
                 }
                 Some(_) => {}
@@ -250,14 +289,44 @@ impl Checker<'_> {
         }
     }
 
-    /// Variables that share a value reference have one value; the host may set it through one of them only.
+    /// The clocks a variable belongs to.
+    fn clocks(&mut self, variable: &ScalarVariable, line: usize) {
+        let name = &variable.name;
+        for reference in &variable.clocks {
+            let found = self.description.variables.iter().find(|known| known.value_reference == *reference);
+            if !found.is_some_and(|known| matches!(known.kind, VariableType::Clock { .. })) {
+                let message = format!("variable \"{name}\" belongs to clock {reference}, which is no clock");
+                self.report.at_line(line, message);
+            }
+        }
+    }
+
+    /// FMI 2.0: variables that share a value reference have one value; the host may set it through one of them only.
+    /// FMI 3.0: value references are unique, other names are aliases.
     fn aliases(&mut self) {
+        let mut known: HashMap<u32, &str> = HashMap::new();
+        for (variable, &line) in self.description.variables.iter().zip(&self.document.variable_lines) {
+            if self.v3()
+                && let Some(other) = known.insert(variable.value_reference, &variable.name)
+            {
+                let ScalarVariable { name, value_reference, .. } = variable;
+                let message =
+                    format!("variables \"{other}\" and \"{name}\" share the value reference {value_reference}");
+                self.report.at_line(line, message);
+            }
+        }
+        if self.v3() {
+            return;
+        }
         let mut set_by: HashMap<(bool, &str, u32), &str> = HashMap::new();
         for (variable, &line) in self.description.variables.iter().zip(&self.document.variable_lines) {
             let settable =
                 matches!(variable.causality, Causality::Parameter | Causality::Input | Causality::Independent);
             // enumerations are read and set as integers
-            let kind = if variable.kind.name() == "Enumeration" { "Integer" } else { variable.kind.name() };
+            let kind = match variable.kind {
+                VariableType::Enumeration(_) => "Integer",
+                _ => self.type_name(&variable.kind),
+            };
             let key = (settable, kind, variable.value_reference);
             if settable && let Some(other) = set_by.insert(key, &variable.name) {
                 let message = format!(
@@ -272,10 +341,15 @@ impl Checker<'_> {
     fn structure(&mut self) {
         let structure = &self.description.structure;
         let variables = &self.description.variables;
+        let (output_list, initial_list) =
+            if self.v3() { ("Output", "InitialUnknown") } else { ("Outputs", "InitialUnknowns") };
+        let ModelStructure { outputs, derivatives, clocked_states, initial_unknowns, event_indicators } = structure;
         for (list, unknowns) in [
-            ("Outputs", &structure.outputs),
-            ("Derivatives", &structure.derivatives),
-            ("InitialUnknowns", &structure.initial_unknowns),
+            (output_list, outputs),
+            ("Derivatives", derivatives),
+            ("ClockedState", clocked_states),
+            (initial_list, initial_unknowns),
+            ("EventIndicator", event_indicators),
         ] {
             self.list(list, unknowns);
         }
@@ -287,7 +361,10 @@ impl Checker<'_> {
                 outputs.insert(position);
             }
             if variable.causality == Causality::CalculatedParameter
-                || variable.causality == Causality::Output && computed
+                || variable.causality == Causality::Output
+                    && computed
+                    && variable.clocks.is_empty()
+                    && !is_clock(variable)
             {
                 unknowns.insert(position);
             }
@@ -307,8 +384,12 @@ impl Checker<'_> {
                 matches!(initial, Some(Initial::Approx | Initial::Calculated))
             }));
         }
-        self.exactly("Outputs", &structure.outputs, &outputs);
-        self.exactly("InitialUnknowns", &structure.initial_unknowns, &unknowns);
+        // those of event indicators may be listed or not
+        let indicators: BTreeSet<usize> = structure.event_indicators.iter().map(|unknown| unknown.variable).collect();
+        let listed = structure.initial_unknowns.iter().map(|unknown| unknown.variable);
+        unknowns.extend(listed.filter(|position| indicators.contains(position)));
+        self.exactly(output_list, &structure.outputs, &outputs);
+        self.exactly(initial_list, &structure.initial_unknowns, &unknowns);
     }
 
     /// Reports what is missing from a list and what should not be in it.
@@ -352,11 +433,15 @@ impl Checker<'_> {
                     format!("{list}: \"{name}\" depends on variable {}, there are only {count}", dependency + 1);
                 self.report.at_line(line, message);
             }
-            if !dependencies.is_sorted_by(|a, b| a < b) {
+            if !self.v3() && !dependencies.is_sorted_by(|a, b| a < b) {
                 self.report.at_line(line, format!("{list}: the dependencies of \"{name}\" are not in ascending order"));
             }
         }
     }
+}
+
+fn is_clock(variable: &ScalarVariable) -> bool {
+    matches!(variable.kind, VariableType::Clock { .. })
 }
 
 /// `arm.joint[2,1].phi`, `der(x,2)`, `a.'odd name'`: FMI 2.0.4, section 2.2.9.
@@ -555,7 +640,12 @@ mod tests {
                 10,
                 "variable \"y\" is the derivative of variable 9, which does not exist",
             ),
-            (r#"nominal="2""#, r#"derivative="5""#, 10, "variable \"y\" is the derivative of \"n\", which is not Real"),
+            (
+                r#"nominal="2""#,
+                r#"derivative="5""#,
+                10,
+                "variable \"y\" is the derivative of \"n\", which is no real number",
+            ),
             (
                 r#"valueReference="2""#,
                 r#"valueReference="1""#,

@@ -1,18 +1,22 @@
-//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves, and whether it
-//! computes what the surrogate inside predicts.
+//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
+//! interfaces, and whether it computes what the surrogate and the reference result inside say.
 //!
 //! The binary is run in this process: an FMU that crashes takes the program along.
 
 mod archive;
+mod arrival;
 mod behaviour;
+mod derivatives;
 mod description;
+mod domain;
 mod prediction;
+mod run;
 
-use super::{Archive, Fmu, Platform, package::MODEL_FILE};
+use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, package::MODEL_FILE};
 use crate::Error;
 use metafmu_runtime::{FormatError, Surrogate};
 use serde::Serialize;
-use std::{fmt, path::Path};
+use std::{collections::HashSet, fmt, path::Path};
 
 /// Largest model file that is read.
 const MAX_MODEL: u64 = 1 << 30;
@@ -64,6 +68,13 @@ impl Report {
 
     fn skipped(&mut self, what: impl Into<String>) {
         self.not_checked.push(what.into());
+    }
+
+    /// What was found by way of both interfaces is said once.
+    fn forget_repetitions(&mut self) {
+        let mut known = HashSet::new();
+        self.problems.retain(|finding| known.insert(finding.to_string()));
+        self.not_checked.retain(|what| known.insert(what.clone()));
     }
 }
 
@@ -130,14 +141,28 @@ pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
     };
     description::check(&document, &mut report);
     let surrogate = surrogate(&mut archive, &mut report);
-    let Some(fmu) = load(&mut archive, &document.description, &mut report) else { return Ok(report) };
-    behaviour::check(&fmu, &mut report);
-    match surrogate {
-        Some(surrogate) => prediction::check(&fmu, &surrogate, &mut report),
-        None => report.skipped(format!(
-            "whether the outputs are right: there is no `{MODEL_FILE}` of a metafmu surrogate to compare with"
-        )),
+    let reference = arrival::read(&mut archive, &mut report);
+    if document.description.scheduled_execution.is_some() {
+        report.skipped("scheduled execution: only co-simulation and model exchange are run");
     }
+    for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
+        let Some(fmu) = load(path, &document.description, interface, &mut report) else { continue };
+        behaviour::check(&fmu, &mut report);
+        derivatives::check(&fmu, &mut report);
+        if let Some(surrogate) = &surrogate {
+            prediction::check(&fmu, surrogate, &mut report);
+            domain::check(&fmu, surrogate, &mut report);
+        }
+        if let Some(reference) = &reference {
+            arrival::check(&fmu, reference, &mut report);
+        }
+    }
+    if surrogate.is_none() {
+        report.skipped(format!(
+            "whether the outputs are right: there is no `{MODEL_FILE}` of a metafmu surrogate to compare with"
+        ));
+    }
+    report.forget_repetitions();
     Ok(report)
 }
 
@@ -168,31 +193,23 @@ fn surrogate(archive: &mut Archive, report: &mut Report) -> Option<Surrogate> {
     }
 }
 
-fn load(archive: &mut Archive, description: &super::ModelDescription, report: &mut Report) -> Option<Fmu> {
-    if description.model_exchange.is_some() {
-        report.skipped("model exchange: only co-simulation is run");
+/// The FMU for one of its interfaces, if it offers that and can be run here.
+fn load(path: &Path, description: &ModelDescription, interface: InterfaceKind, report: &mut Report) -> Option<Fmu> {
+    let offered = description.interface(interface)?;
+    if offered.needs_execution_tool {
+        report.skipped(format!("{interface}: the FMU needs another program to run"));
+        return None;
     }
-    match &description.co_simulation {
-        None => {
-            report.skipped("the binary and what it computes: the FMU offers no co-simulation");
-            return None;
-        }
-        Some(co_simulation) if co_simulation.interface.needs_execution_tool => {
-            report.skipped("the binary and what it computes: the FMU needs another program to run");
-            return None;
-        }
-        Some(_) => {}
-    }
-    match Fmu::open(archive.path()) {
+    match Fmu::open_for(path, interface) {
         Ok(fmu) => return Some(fmu),
         // what of it is wrong has been reported with its line
         Err(Error::Description { .. }) => {
             report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
         }
         Err(Error::NoBinary { found, expected, .. }) if !found.is_empty() => {
-            let (found, folder) = (found.join(", "), Platform::CURRENT.folder);
+            let (found, platform) = (found.join(", "), Platform::CURRENT.tuple);
             report.skipped(format!(
-                "the binary and what it computes: there is no `{expected}` for this platform, {folder}, only for {found}"
+                "the binary and what it computes: there is no `{expected}` for this platform, {platform}, only for {found}"
             ));
         }
         Err(Error::NoBinary { expected, .. }) => {
@@ -206,7 +223,10 @@ fn load(archive: &mut Archive, description: &super::ModelDescription, report: &m
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fmu::testing::{changed_fmu, fmu, fmu_described_as};
+    use crate::fmu::{
+        FmiVersion,
+        testing::{changed_fmu, entry, fmu_described_as, fmu_of, fmu_of_described_as, fmu_with_input},
+    };
     use std::path::PathBuf;
 
     fn problems(fmu: PathBuf) -> Vec<String> {
@@ -216,7 +236,10 @@ mod tests {
     #[test]
     fn our_own_fmu_has_no_problem_and_nothing_is_left_out() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(validate(fmu(folder.path())).unwrap(), Report::default());
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            assert_eq!(validate(fmu_of(folder.path(), version)).unwrap(), Report::default());
+            assert_eq!(validate(fmu_with_input(folder.path(), version)).unwrap(), Report::default());
+        }
     }
 
     #[test]
@@ -240,11 +263,11 @@ mod tests {
     #[test]
     fn a_description_that_cannot_be_read_is_the_only_finding() {
         let folder = tempfile::tempdir().unwrap();
-        let newer = fmu_described_as(folder.path(), |text| text.replace("fmiVersion=\"2.0\"", "fmiVersion=\"3.0\""));
+        let newer = fmu_described_as(folder.path(), |text| text.replace("fmiVersion=\"2.0\"", "fmiVersion=\"4.0\""));
         let report = validate(newer).unwrap();
         assert_eq!(
             report.problems[0].to_string(),
-            "modelDescription.xml, line 2: fmiVersion is \"3.0\": only FMI 2.0 is supported"
+            "modelDescription.xml, line 2: fmiVersion is \"4.0\": only FMI 2.0 and 3.0 are supported"
         );
         assert_eq!(report.not_checked, ["the binary and what it computes: modelDescription.xml cannot be read"]);
         let none = changed_fmu(folder.path(), |entries| drop(entries.remove(0)));
@@ -254,10 +277,12 @@ mod tests {
     #[test]
     fn an_fmu_without_a_binary_is_wrong_and_one_for_another_platform_is_not_checked() {
         let folder = tempfile::tempdir().unwrap();
-        let expected = Platform::CURRENT.binary("example");
-        let without = changed_fmu(folder.path(), |entries| drop(entries.remove(1)));
+        let expected = Platform::CURRENT.binary(FmiVersion::V2, "example");
+        let without = changed_fmu(folder.path(), |entries| entries.retain(|(name, _)| !name.starts_with("binaries/")));
         assert_eq!(problems(without), [format!("binary: there is no binary for any platform, expected `{expected}`")]);
-        let other = changed_fmu(folder.path(), |entries| entries[1].0 = "binaries/amiga/example.so".into());
+        let other = changed_fmu(folder.path(), |entries| {
+            entry(entries, "binaries/").0 = "binaries/amiga/example.so".into();
+        });
         let report = validate(other).unwrap();
         assert_eq!(report.problems, []);
         assert!(report.not_checked[0].ends_with("only for amiga"), "{:?}", report.not_checked);
@@ -266,7 +291,7 @@ mod tests {
     #[test]
     fn a_damaged_binary_is_found() {
         let folder = tempfile::tempdir().unwrap();
-        let damaged = changed_fmu(folder.path(), |entries| entries[1].1.truncate(1000));
+        let damaged = changed_fmu(folder.path(), |entries| entry(entries, "binaries/").1.truncate(1000));
         assert!(problems(damaged)[0].contains("is cut short: 1000 bytes"));
     }
 
@@ -275,7 +300,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let found = problems(fmu_described_as(folder.path(), |text| text.replace("guid=\"{", "guid=\"{0")));
         assert!(
-            found.iter().any(|problem| problem.starts_with("surrogate: the guid in modelDescription.xml is ")),
+            found.iter().any(|problem| problem.starts_with("surrogate: the token in modelDescription.xml is ")),
             "{found:?}"
         );
         assert!(found.iter().any(|problem| problem.contains("fmi2Instantiate returned no instance")), "{found:?}");
@@ -285,7 +310,7 @@ mod tests {
     fn a_changed_weight_is_found() {
         let folder = tempfile::tempdir().unwrap();
         let found = problems(changed_fmu(folder.path(), |entries| {
-            let model = &mut entries[2].1;
+            let model = &mut entry(entries, MODEL_FILE).1;
             let place = model.len() - 4;
             model[place] ^= 1;
         }));
@@ -310,7 +335,7 @@ mod tests {
     #[test]
     fn a_model_of_another_program_is_not_compared_with() {
         let folder = tempfile::tempdir().unwrap();
-        let without = changed_fmu(folder.path(), |entries| entries[2].0 = "resources/other".into());
+        let without = changed_fmu(folder.path(), |entries| entry(entries, MODEL_FILE).0 = "resources/other".into());
         let found = problems(without);
         assert!(found[0].contains("fmi2Instantiate returned no instance"), "{found:?}");
     }

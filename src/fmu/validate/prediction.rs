@@ -1,9 +1,12 @@
 //! Compares an FMU with the surrogate inside it.
 
-use super::{Area, Report, behaviour};
+use super::{
+    Area, Report,
+    run::{Run, experiment},
+};
 use crate::{
     Result,
-    fmu::{Fmu, Instance, host::Grid, package::MODEL_FILE},
+    fmu::{Fmu, Instance, InterfaceKind, host::Grid, package::MODEL_FILE},
     surrogate::content_digest,
 };
 use metafmu_runtime::{Evaluator, Input, Role, Scratch, Surrogate, Variability};
@@ -43,7 +46,7 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
     }
     let (found, expected) = (&fmu.description().token, surrogate.instantiation_token());
     if *found != expected {
-        let message = format!("the guid in modelDescription.xml is {found}, expected {expected} as in `{MODEL_FILE}`");
+        let message = format!("the token in modelDescription.xml is {found}, expected {expected} as in `{MODEL_FILE}`");
         report.problem(Area::Surrogate, message);
     }
 }
@@ -51,8 +54,7 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
 /// Values of the input columns at which to compare: the start values, then the corners of the parameter ranges.
 fn points(surrogate: &Surrogate, report: &mut Report) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs();
-    let mut parameters: Vec<usize> =
-        (0..inputs.len()).filter(|&column| matches!(inputs[column].role, Role::Parameter(_))).collect();
+    let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| inputs[column].role != Role::Time).collect();
     if parameters.len() > MAX_CORNER_PARAMETERS as usize {
         report.skipped(format!("corners of the parameter ranges beyond those of {MAX_CORNER_PARAMETERS} parameters"));
         parameters.truncate(MAX_CORNER_PARAMETERS as usize);
@@ -107,7 +109,7 @@ impl<'a> Oracle<'a> {
             surrogate,
             evaluator: Evaluator::new(surrogate),
             // what of it cannot be run has been reported
-            experiment: behaviour::experiment(fmu, &mut Report::default())?,
+            experiment: experiment(fmu, &mut Report::default())?,
             inputs: references[..inputs.len()].to_vec(),
             outputs: references[inputs.len()..].to_vec(),
             tolerances: outputs.iter().map(tolerance).collect(),
@@ -120,28 +122,32 @@ impl<'a> Oracle<'a> {
         let Self { experiment, surrogate, .. } = self;
         let mut comparison = Comparison { oracle: self, scratch: self.evaluator.scratch(), point: point.to_vec() };
         let instance = self.fmu.instantiate("comparison", true)?;
-        instance.setup_experiment(experiment.time(0), Some(experiment.time(experiment.steps())))?;
         comparison.set(&instance, point, |_| true)?;
-        instance.enter_initialization_mode()?;
-        let start = experiment.time(0);
-        let good = comparison.holds(&instance, start, "in Initialization Mode", report)?;
-        instance.exit_initialization_mode()?;
-        if !good || !comparison.holds(&instance, start, "at the start", report)? {
+        instance.enter_initialization_mode(experiment.time(0), None)?;
+        if !comparison.holds(&instance, experiment.time(0), "in Initialization Mode", report)? {
             return Ok(());
         }
-        let mut now = start;
+        let instance = self.fmu.instantiate("comparison", true)?;
+        let mut run = Run::start(&instance, experiment, |instance| comparison.set(instance, point, |_| true))?;
+        if !comparison.holds(&instance, experiment.time(0), "at the start", report)? {
+            return Ok(());
+        }
         for step in 0..experiment.steps() {
-            let (time, size) = (experiment.time(step), experiment.size(step));
-            instance.do_step(time, size)?;
-            now = time + size;
+            run.step(step)?;
             // one report a run is enough: the rest would be wrong as well
-            if !comparison.holds(&instance, now, "after a step", report)? {
+            if !comparison.holds(&instance, experiment.time(step + 1), "after a step", report)? {
                 return Ok(());
             }
         }
+        let now = experiment.time(experiment.steps());
+        if self.fmu.interface() == InterfaceKind::ModelExchange {
+            instance.enter_event_mode()?;
+        }
         let starts: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
-        comparison.set(&instance, &starts, |input| input.role == Role::Parameter(Variability::Tunable))?;
-        comparison.holds(&instance, now, "after a change of tunable parameters", report)?;
+        comparison.set(&instance, &starts, |input| {
+            matches!(input.role, Role::Parameter(Variability::Tunable) | Role::Input)
+        })?;
+        comparison.holds(&instance, now, "after a change of tunable parameters and inputs", report)?;
         Ok(())
     }
 }

@@ -1,14 +1,12 @@
-//! Reads modelDescription.xml of FMI 2.0.
+//! Reads modelDescription.xml of any version; what both versions have in common.
 
 use super::{
-    Problem, schema,
+    Problem, fmi2, fmi3, schema,
     tree::{Element, decode},
 };
 use crate::fmu::{
     model_description::{
-        CoSimulation, DefaultExperiment, DependencyKind, DisplayUnit, Initial, Integer, Interface, ModelDescription,
-        ModelStructure, Named, Real, ScalarVariable, TypeDefinition, UnitDefinition, Unknown, Variability,
-        VariableType,
+        DefaultExperiment, DependencyKind, DisplayUnit, FmiVersion, ModelDescription, Named, UnitDefinition,
     },
     unit::BaseUnit,
 };
@@ -32,7 +30,7 @@ pub struct Document {
 /// the standard gives to absent attributes are filled in.
 ///
 /// # Errors
-/// The one [`Problem`] that makes reading impossible: it is not UTF-8, not XML, or not FMI 2.0.
+/// The one [`Problem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
 pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
     let text = decode(bytes)?;
     let root = Element::parse(&text)?;
@@ -40,162 +38,51 @@ pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
         let message = format!("the root element is <{}>, expected <fmiModelDescription>", root.name);
         return Err(Problem::unusable(root.line, message));
     }
-    let version = root.attribute("fmiVersion").unwrap_or_default();
-    if version != "2.0" {
-        let message = format!("fmiVersion is \"{version}\": only FMI 2.0 is supported");
-        return Err(Problem::unusable(root.line, message));
-    }
-    let mut problems = Vec::new();
-    schema::check(&root, "", &mut problems);
-    let mut reader = Reader { problems };
-    let description = reader.description(&root);
-    Ok(Document {
-        description,
-        problems: reader.problems,
-        variable_lines: scalar_variables(&root).map(|variable| variable.line).collect(),
-        structure_line: root.child("ModelStructure").map_or(root.line, |structure| structure.line),
-    })
-}
-
-/// Positions in other parts of the file count these, so that none of them may be skipped.
-fn scalar_variables(root: &Element) -> impl Iterator<Item = &Element> {
-    root.list("ModelVariables").filter(|element| element.name == "ScalarVariable")
-}
-
-/// What the schema check has reported is not reported again here: a value that does not parse counts as absent.
-struct Reader {
-    problems: Vec<Problem>,
-}
-
-impl Reader {
-    fn description(&mut self, root: &Element) -> ModelDescription {
-        let named = |list: &'static str, name: &'static str| root.list(list).filter(move |e| e.name == name);
-        ModelDescription {
-            model_name: text(root, "modelName").unwrap_or_default(),
-            token: text(root, "guid").unwrap_or_default(),
-            description: text(root, "description"),
-            author: text(root, "author"),
-            version: text(root, "version"),
-            copyright: text(root, "copyright"),
-            license: text(root, "license"),
-            generation_tool: text(root, "generationTool"),
-            generation_date_and_time: text(root, "generationDateAndTime"),
-            naming: name(root, "variableNamingConvention").unwrap_or_default(),
-            co_simulation: root.child("CoSimulation").map(co_simulation),
-            model_exchange: root.child("ModelExchange").map(interface),
-            units: named("UnitDefinitions", "Unit").map(unit).collect(),
-            types: named("TypeDefinitions", "SimpleType").filter_map(|element| self.type_definition(element)).collect(),
-            log_categories: named("LogCategories", "Category")
-                .map(|element| (text(element, "name").unwrap_or_default(), text(element, "description")))
-                .collect(),
-            default_experiment: root.child("DefaultExperiment").map(default_experiment),
-            variables: scalar_variables(root).map(|element| self.variable(element)).collect(),
-            structure: root.child("ModelStructure").map(|element| self.structure(element)).unwrap_or_default(),
+    match root.attribute("fmiVersion").unwrap_or_default() {
+        "2.0" => Ok(fmi2::read(&root)),
+        version if version.starts_with("3.") => Ok(fmi3::read(&root)),
+        version => {
+            let message = format!("fmiVersion is \"{version}\": only FMI 2.0 and 3.0 are supported");
+            Err(Problem::unusable(root.line, message))
         }
     }
+}
 
-    fn type_definition(&mut self, element: &Element) -> Option<TypeDefinition> {
-        let kind = element.children.iter().find(|child| schema::is_type(&child.name))?;
-        Some(TypeDefinition {
-            name: text(element, "name").unwrap_or_default(),
-            description: text(element, "description"),
-            kind: self.variable_type(kind),
-        })
-    }
-
-    fn variable(&mut self, element: &Element) -> ScalarVariable {
-        let causality = name(element, "causality").unwrap_or_default();
-        let variability = name(element, "variability").unwrap_or(Variability::Continuous);
-        let given: Option<Initial> = name(element, "initial");
-        let default = Initial::allowed(causality, variability).and_then(|allowed| allowed.first().copied());
-        let kind = element.children.iter().find(|child| schema::is_type(&child.name));
-        ScalarVariable {
-            name: text(element, "name").unwrap_or_default(),
-            value_reference: number(element, "valueReference").unwrap_or_default(),
-            description: text(element, "description"),
-            causality,
-            variability,
-            initial: given.or(default),
-            declared_type: kind.and_then(|kind| text(kind, "declaredType")),
-            // the schema check has reported a variable without a type
-            kind: kind.map_or(VariableType::Real(Real::default()), |kind| self.variable_type(kind)),
-        }
-    }
-
-    fn variable_type(&mut self, element: &Element) -> VariableType {
-        let integer =
-            || Integer { min: number(element, "min"), max: number(element, "max"), start: number(element, "start") };
-        match element.name.as_str() {
-            "Integer" => VariableType::Integer(integer()),
-            "Enumeration" => VariableType::Enumeration(integer()),
-            "Boolean" => VariableType::Boolean { start: element.attribute("start").and_then(schema::parse_boolean) },
-            "String" => VariableType::String { start: text(element, "start") },
-            _ => VariableType::Real(Real {
-                unit: text(element, "unit"),
-                display_unit: text(element, "displayUnit"),
-                min: real(element, "min"),
-                max: real(element, "max"),
-                nominal: real(element, "nominal"),
-                start: real(element, "start"),
-                derivative: element.attribute("derivative").and_then(|index| self.position(element, index)),
-            }),
-        }
-    }
-
-    fn structure(&mut self, element: &Element) -> ModelStructure {
-        let mut list = |name| element.list(name).filter_map(|unknown| self.unknown(unknown)).collect();
-        ModelStructure {
-            outputs: list("Outputs"),
-            derivatives: list("Derivatives"),
-            initial_unknowns: list("InitialUnknowns"),
-        }
-    }
-
-    fn unknown(&mut self, element: &Element) -> Option<Unknown> {
-        let variable = self.position(element, element.attribute("index")?)?;
-        let dependencies = element
-            .attribute("dependencies")
-            .map(|list| list.split_whitespace().filter_map(|index| self.position(element, index)).collect());
-        let kinds = element
-            .attribute("dependenciesKind")
-            .map(|list| list.split_whitespace().filter_map(DependencyKind::from_name).collect());
-        Some(Unknown { variable, dependencies, kinds })
-    }
-
-    /// The file counts from 1.
-    fn position(&mut self, element: &Element, index: &str) -> Option<usize> {
-        let index: u32 = index.trim().parse().ok()?;
-        if index == 0 {
-            let message = format!("<{}> refers to variable 0; the first one is 1", element.name);
-            self.problems.push(Problem::unusable(element.line, message));
-        }
-        Some(index.checked_sub(1)? as usize)
+/// What the root element says in both versions; `token` is the name of that attribute.
+pub fn root(root: &Element, fmi_version: FmiVersion, token: &str) -> ModelDescription {
+    ModelDescription {
+        fmi_version,
+        model_name: text(root, "modelName").unwrap_or_default(),
+        token: text(root, token).unwrap_or_default(),
+        description: text(root, "description"),
+        author: text(root, "author"),
+        version: text(root, "version"),
+        copyright: text(root, "copyright"),
+        license: text(root, "license"),
+        generation_tool: text(root, "generationTool"),
+        generation_date_and_time: text(root, "generationDateAndTime"),
+        naming: name(root, "variableNamingConvention").unwrap_or_default(),
+        units: named(root, "UnitDefinitions", "Unit").map(unit).collect(),
+        log_categories: named(root, "LogCategories", "Category")
+            .map(|element| (text(element, "name").unwrap_or_default(), text(element, "description")))
+            .collect(),
+        default_experiment: root.child("DefaultExperiment").map(default_experiment),
+        ..ModelDescription::default()
     }
 }
 
-fn interface(element: &Element) -> Interface {
-    Interface {
-        model_identifier: text(element, "modelIdentifier").unwrap_or_default(),
-        needs_execution_tool: flag(element, "needsExecutionTool"),
-        only_once_per_process: flag(element, "canBeInstantiatedOnlyOncePerProcess"),
-        own_memory_management: flag(element, "canNotUseMemoryManagementFunctions"),
-        get_and_set_state: flag(element, "canGetAndSetFMUstate"),
-        serialize_state: flag(element, "canSerializeFMUstate"),
-        directional_derivative: flag(element, "providesDirectionalDerivative"),
-    }
+/// The children of that name in a list.
+pub fn named<'a>(root: &'a Element, list: &'static str, name: &'static str) -> impl Iterator<Item = &'a Element> {
+    root.list(list).filter(move |element| element.name == name)
 }
 
-fn co_simulation(element: &Element) -> CoSimulation {
-    CoSimulation {
-        interface: interface(element),
-        variable_step_size: flag(element, "canHandleVariableCommunicationStepSize"),
-        interpolate_inputs: flag(element, "canInterpolateInputs"),
-        max_output_derivative_order: number(element, "maxOutputDerivativeOrder").unwrap_or_default(),
-        run_asynchronously: flag(element, "canRunAsynchronuously"),
-    }
+/// `dependenciesKind`.
+pub fn dependency_kinds(element: &Element) -> Option<Vec<DependencyKind>> {
+    let list = element.attribute("dependenciesKind")?;
+    Some(list.split_whitespace().filter_map(DependencyKind::from_name).collect())
 }
 
-fn unit(element: &Element) -> UnitDefinition {
+pub fn unit(element: &Element) -> UnitDefinition {
     let base = element.child("BaseUnit").map(|base| BaseUnit {
         exponents: BaseUnit::SYMBOLS.map(|symbol| number(base, symbol).unwrap_or_default()),
         factor: real(base, "factor").unwrap_or(1.0),
@@ -209,7 +96,7 @@ fn unit(element: &Element) -> UnitDefinition {
     UnitDefinition { name: text(element, "name").unwrap_or_default(), base, display: display.collect() }
 }
 
-fn default_experiment(element: &Element) -> DefaultExperiment {
+pub fn default_experiment(element: &Element) -> DefaultExperiment {
     DefaultExperiment {
         start: real(element, "startTime"),
         stop: real(element, "stopTime"),
@@ -218,23 +105,23 @@ fn default_experiment(element: &Element) -> DefaultExperiment {
     }
 }
 
-fn text(element: &Element, attribute: &str) -> Option<String> {
+pub fn text(element: &Element, attribute: &str) -> Option<String> {
     element.attribute(attribute).map(str::to_owned)
 }
 
-fn name<T: Named>(element: &Element, attribute: &str) -> Option<T> {
+pub fn name<T: Named>(element: &Element, attribute: &str) -> Option<T> {
     element.attribute(attribute).and_then(T::from_name)
 }
 
-fn real(element: &Element, attribute: &str) -> Option<f64> {
+pub fn real(element: &Element, attribute: &str) -> Option<f64> {
     element.attribute(attribute).and_then(schema::parse_real)
 }
 
-fn number<T: std::str::FromStr>(element: &Element, attribute: &str) -> Option<T> {
+pub fn number<T: std::str::FromStr>(element: &Element, attribute: &str) -> Option<T> {
     element.attribute(attribute).and_then(|text| text.trim().parse().ok())
 }
 
-fn flag(element: &Element, attribute: &str) -> bool {
+pub fn flag(element: &Element, attribute: &str) -> bool {
     element.attribute(attribute).and_then(schema::parse_boolean).unwrap_or(false)
 }
 
@@ -263,8 +150,7 @@ mod tests {
             ("<a>\n\n", 3, "<a> of line 1 is never closed"),
             ("<a/>\n<b/>", 2, "second root"),
             ("<a/>", 1, "the root element is <a>"),
-            ("<fmiModelDescription fmiVersion='1.0'/>", 1, "fmiVersion is \"1.0\": only FMI 2.0 is supported"),
-            ("\n<fmiModelDescription fmiVersion='3.0'/>", 2, "fmiVersion is \"3.0\": only FMI 2.0 is supported"),
+            ("<fmiModelDescription fmiVersion='1.0'/>", 1, "fmiVersion is \"1.0\": only FMI 2.0 and 3.0 are supported"),
         ] {
             let problem = read(file.as_bytes()).unwrap_err();
             assert_eq!(problem.line, line, "{file}: {}", problem.message);
@@ -302,7 +188,7 @@ mod tests {
             ("<ModelVariables>\n<ScalarVariable name='x' valueReference='-1'><Real/></ScalarVariable>\n</ModelVariables><ModelStructure/>".into(), 3,
              "<ScalarVariable> has valueReference=\"-1\", expected an integer from 0 to 4294967295"),
             ("<ModelVariables>\n<ScalarVariable name='x' valueReference='1'/></ModelVariables><ModelStructure/>".into(), 3,
-             "<ScalarVariable> has 0 of <Real>, <Integer>, <Boolean>, <String> and <Enumeration>, expected one"),
+             "<ScalarVariable> has 0 of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>, expected one"),
             ("<ModelVariables><ScalarVariable name='x' valueReference='1' causality='out'><Real/></ScalarVariable></ModelVariables><ModelStructure/>".into(), 2,
              "<ScalarVariable> has causality=\"out\", expected one of parameter, calculatedParameter, input, output, local, independent"),
             (format!("{VARIABLES}\n<ModelStructure>\n<Outputs><Unknown index='0'/></Outputs></ModelStructure>"), 4,
@@ -332,5 +218,75 @@ mod tests {
         for text in ["inf", "nan", "infinity", "1,5", "0x1", ""] {
             assert_eq!(schema::parse_real(text), None, "{text}");
         }
+    }
+
+    /// The same for FMI 3.0.
+    fn problems_of_3(lines: &str) -> Vec<(usize, String)> {
+        let file = format!(
+            "<fmiModelDescription fmiVersion='3.0' modelName='m' instantiationToken='t'>\n{lines}</fmiModelDescription>"
+        );
+        let document = read(file.as_bytes()).unwrap();
+        document.problems.into_iter().map(|problem| (problem.line, problem.message)).collect()
+    }
+
+    #[test]
+    fn offences_against_the_schema_of_fmi_3_are_reported_with_their_lines() {
+        for (lines, line, message) in [
+            ("<ModelVariables/><ModelStructure/>", 2, "<ModelVariables> is empty"),
+            (
+                "<ModelVariables>\n<Real name='x' valueReference='0'/><Float64 name='y' valueReference='1'/></ModelVariables><ModelStructure/>",
+                3,
+                "<Real> is no element of <ModelVariables>",
+            ),
+            (
+                "<ModelVariables><Int8 name='x' valueReference='0' start='128'/></ModelVariables><ModelStructure/>",
+                2,
+                "<Int8> has start=\"128\", expected an integer from -128 to 127",
+            ),
+            (
+                "<ModelVariables><Clock name='x' valueReference='0'/></ModelVariables><ModelStructure/>",
+                2,
+                "<Clock> has no attribute `intervalVariability`",
+            ),
+            (
+                "<ModelVariables><Enumeration name='x' valueReference='0'/></ModelVariables><ModelStructure/>",
+                2,
+                "<Enumeration> has no attribute `declaredType`",
+            ),
+            (
+                "<ModelVariables><Float64 name='x' valueReference='0' start='1 b'/></ModelVariables><ModelStructure/>",
+                2,
+                "<Float64> has start=\"1 b\", expected a list of numbers",
+            ),
+            (
+                "<ModelVariables><Float64 name='x' valueReference='0' start='1 2'/></ModelVariables><ModelStructure/>",
+                2,
+                "variable \"x\" has 2 start values, expected 1",
+            ),
+            (
+                "<ModelVariables><Float64 name='x' valueReference='0'>\n<Dimension/></Float64></ModelVariables><ModelStructure/>",
+                3,
+                "<Dimension> has either a start or a valueReference",
+            ),
+            (
+                "<ModelVariables><Float64 name='x' valueReference='0'/></ModelVariables>\n<ModelStructure><Output valueReference='1'/></ModelStructure>",
+                3,
+                "<Output> refers to the value reference 1, which no variable has",
+            ),
+            (
+                "<ModelVariables><Float64 name='x' valueReference='0'/></ModelVariables><ModelStructure>\n<InitialUnknown valueReference='0'/><Output valueReference='0'/></ModelStructure>",
+                3,
+                "<Output> must stand before <InitialUnknown> in <ModelStructure>",
+            ),
+        ] {
+            assert_eq!(problems_of_3(lines), [(line, message.to_owned())], "{lines}");
+        }
+    }
+
+    #[test]
+    fn attributes_of_other_tools_on_an_interface_of_fmi_3_are_allowed() {
+        let lines = "<CoSimulation modelIdentifier='m' vendorFlag='1'/><ModelVariables>\
+                     <Float64 name='x' valueReference='0'/></ModelVariables><ModelStructure/>";
+        assert_eq!(problems_of_3(lines), []);
     }
 }

@@ -1,0 +1,222 @@
+use super::*;
+use crate::{Activation, Precision, Role, Variability, example};
+
+#[test]
+fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
+    let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
+    for surrogate in [example::surrogate(), example::with_input(), single] {
+        let bytes = surrogate.to_bytes().unwrap();
+        let again = Surrogate::from_bytes(&bytes).unwrap();
+        assert_eq!(again, surrogate);
+        assert_eq!(again.to_bytes().unwrap(), bytes);
+    }
+}
+
+#[test]
+fn double_precision_is_what_a_file_without_the_field_means() {
+    let text = |precision| {
+        let surrogate = example::with_precision(&[2], Activation::Tanh, precision);
+        serde_json::to_string(surrogate.metadata()).unwrap()
+    };
+    assert!(!text(Precision::Double).contains("precision"));
+    assert!(text(Precision::Single).contains(r#""precision":"single""#));
+}
+
+#[test]
+fn roles_are_written_in_the_words_of_the_standard() {
+    for (role, text) in [
+        (Role::Input, r#"{"causality":"input"}"#),
+        (Role::Time, r#"{"causality":"time"}"#),
+        (Role::Parameter(Variability::Tunable), r#"{"causality":"parameter","variability":"tunable"}"#),
+    ] {
+        assert_eq!(serde_json::to_string(&role).unwrap(), text);
+        assert_eq!(serde_json::from_str::<Role>(text).unwrap(), role);
+    }
+}
+
+#[test]
+fn names_of_the_variables_every_fmu_adds_are_refused() {
+    for extra in crate::extra::ALL {
+        let surrogate = example::surrogate();
+        let (scaling, layers) = (surrogate.scaling().clone(), surrogate.layers().to_vec());
+        let mut metadata = surrogate.metadata().clone();
+        metadata.outputs[0].name = extra.name.into();
+        let refused = Surrogate::new(metadata, scaling, layers).unwrap_err();
+        assert!(matches!(&refused, FormatError::ReservedName { name } if name == extra.name), "{refused}");
+    }
+}
+
+#[test]
+fn value_references_of_the_added_variables_follow_the_outputs() {
+    let surrogate = example::surrogate();
+    let references = crate::extra::ALL.map(|extra| surrogate.extra_value_reference(&extra));
+    assert_eq!(references, [5, 6, 7]);
+}
+
+/// Whatever a file holds, reading it ends in a surrogate that can be evaluated or in an error.
+#[track_caller]
+fn read(bytes: &[u8]) -> bool {
+    let Ok(surrogate) = Surrogate::from_bytes(bytes) else { return false };
+    let evaluator = crate::Evaluator::new(&surrogate);
+    let inputs: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
+    let mut outputs = vec![0.0; surrogate.outputs().len()];
+    evaluator.evaluate(&inputs, &mut outputs, &mut evaluator.scratch());
+    true
+}
+
+#[test]
+fn no_damage_to_a_file_makes_reading_it_panic() {
+    let bytes = example::surrogate().to_bytes().unwrap();
+    for length in 0..bytes.len() {
+        assert!(!read(&bytes[..length]), "cut to {length} bytes");
+    }
+    let header = 8 + u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    for position in 0..bytes.len() {
+        for change in if position < header { &[0x01, 0x20, 0x80, 0xff][..] } else { &[0x80] } {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= change;
+            read(&damaged);
+        }
+    }
+    // several bytes at once, with the multiplier of Knuth's MMIX for a generator
+    let mut state = 1u64;
+    let mut random = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    let mut readable = 0;
+    for _ in 0..4_000 {
+        let mut damaged = bytes.clone();
+        for _ in 0..=random(6) {
+            let end = if random(4) == 0 { bytes.len() } else { header };
+            let position = random(end);
+            damaged[position] = b"0123456789-eE.,:[]{}\"\\\0\xff"[random(24)];
+        }
+        if random(8) == 0 {
+            let length = random(bytes.len());
+            damaged.truncate(length);
+        }
+        readable += usize::from(read(&damaged));
+    }
+    assert!(readable > 0, "damage to the texts alone leaves a file readable");
+}
+
+fn good() -> Vec<u8> {
+    example::surrogate().to_bytes().unwrap()
+}
+
+/// The error of the example's file with a changed description.
+fn described(from: &str, to: &str) -> FormatError {
+    let bytes = good();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    assert!(header.contains(from), "{from} is not in {header}");
+    rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..])
+}
+
+fn rebuilt(header: &str, data: &[u8]) -> FormatError {
+    let length = (header.len() as u64).to_le_bytes();
+    Surrogate::from_bytes(&[&length, header.as_bytes(), data].concat()).unwrap_err()
+}
+
+/// The error of the example's parts after a change of them.
+fn assembled(change: impl Fn(&mut Metadata, &mut Scaling, &mut Vec<Layer>)) -> FormatError {
+    let surrogate = example::surrogate();
+    let (mut metadata, mut scaling) = (surrogate.metadata().clone(), surrogate.scaling().clone());
+    let mut layers = surrogate.layers().to_vec();
+    change(&mut metadata, &mut scaling, &mut layers);
+    Surrogate::new(metadata, scaling, layers).unwrap_err()
+}
+
+#[test]
+fn a_file_reads_back_as_the_same_surrogate_and_writes_the_same_bytes() {
+    let mut surrogate = example::surrogate();
+    let mut metadata = surrogate.metadata().clone();
+    // numbers whose shortest decimals a careless reader gets wrong in the last bit
+    metadata.outputs[0].min = -113.09733552923255;
+    metadata.outputs[1].max = 9.869604401089358e22;
+    surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
+    let bytes = surrogate.to_bytes().unwrap();
+    let again = Surrogate::from_bytes(&bytes).unwrap();
+    assert_eq!(again, surrogate);
+    assert!(again.to_bytes().unwrap() == bytes);
+}
+
+#[test]
+fn a_file_cut_short_anywhere_is_refused() {
+    let bytes = good();
+    for length in (0..bytes.len()).step_by(7).chain([bytes.len() - 1]) {
+        assert!(matches!(Surrogate::from_bytes(&bytes[..length]), Err(FormatError::Container(_))), "{length}");
+    }
+    assert!(matches!(Surrogate::from_bytes(b"no container at all"), Err(FormatError::Container(_))));
+}
+
+#[test]
+fn a_container_of_another_program_is_told_apart() {
+    assert!(matches!(described("\"metafmu\":", "\"other\":"), FormatError::NoMetadata));
+    let header = r#"{"weight":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}"#;
+    assert!(matches!(rebuilt(header, &[0; 4]), FormatError::NoMetadata));
+}
+
+#[test]
+fn a_description_that_is_wrong_is_refused_with_its_reason() {
+    for (from, to, says) in [
+        (r#"\"time_step\":0.01"#, r#"\"time_step\":\"x\""#, "expected f64"),
+        (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
+        (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
+        (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
+        (r#"\"format\":1"#, r#"\"format\":2"#, "model file format 2, expected 1"),
+        (r#"{\"format\""#, r#"{{\"format\""#, "metadata entry"),
+    ] {
+        let message = described(from, to).to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[test]
+fn tensors_that_are_missing_unknown_or_of_the_wrong_kind_are_named() {
+    let missing = described("layers.1.bias", "layers.1.bius");
+    assert!(matches!(missing, FormatError::MissingTensor { name } if name == "layers.1.bias"));
+    // without its weight, the second layer is not looked for, and what is left of it means nothing
+    let unknown = described("layers.1.weight", "layers.7.weight");
+    assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "layers.1.bias"));
+    let kind = described(r#""layers.0.bias":{"dtype":"F32""#, r#""layers.0.bias":{"dtype":"I32""#);
+    assert!(matches!(kind, FormatError::Type { name, found, .. } if name == "layers.0.bias" && found == "I32"));
+    let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[48]"#);
+    assert!(matches!(shape, FormatError::Shape { name, .. } if name == "layers.0.weight"));
+    let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[3,16]"#);
+    assert!(matches!(shape, FormatError::Shape { found, expected, .. } if found == [3, 16] && expected == [3, 3]));
+}
+
+#[test]
+fn numbers_that_cannot_be_are_located() {
+    let error = assembled(|_, _, layers| layers[1].weight[5] = f32::NAN);
+    assert!(matches!(error, FormatError::NotFinite { name, index: 5, .. } if name == "layers.1.weight"));
+    let error = assembled(|_, scaling, _| scaling.output_mean[1] = f64::INFINITY);
+    assert!(matches!(error, FormatError::NotFinite { name, index: 1, .. } if name == "output_mean"));
+    let error = assembled(|_, scaling, _| scaling.input_scale[2] = 0.0);
+    assert!(matches!(error, FormatError::NotPositive { name, index: 2, .. } if name == "input_scale"));
+    let error = assembled(|_, scaling, _| scaling.input_mean.truncate(1));
+    assert!(matches!(error, FormatError::Shape { name, .. } if name == "input_mean"));
+    assert!(matches!(assembled(|_, _, layers| layers.clear()), FormatError::MissingTensor { .. }));
+}
+
+#[test]
+fn variables_that_cannot_be_are_named() {
+    let error = assembled(|metadata, _, _| metadata.inputs.clear());
+    assert!(matches!(error, FormatError::NoVariables { what: "inputs" }));
+    let error = assembled(|metadata, _, _| metadata.outputs.clear());
+    assert!(matches!(error, FormatError::NoVariables { what: "outputs" }));
+    let error = assembled(|metadata, _, _| metadata.outputs[1].name = "length".into());
+    assert!(matches!(error, FormatError::DuplicateVariable { name } if name == "length"));
+    let error = assembled(|metadata, _, _| metadata.inputs[1].min = 7.0);
+    assert!(matches!(error, FormatError::EmptyRange { name, .. } if name == "speed"));
+    let error = assembled(|metadata, _, _| metadata.inputs[1].start = 7.0);
+    assert!(matches!(error, FormatError::StartOutsideRange { name, .. } if name == "speed"));
+    let error = assembled(|metadata, _, _| metadata.inputs[1].role = metadata.inputs[2].role);
+    assert!(matches!(error, FormatError::SeveralTimes { count: 2 }));
+    let error = assembled(|metadata, _, _| metadata.time_step = 0.0);
+    assert!(matches!(error, FormatError::TimeStep { .. }));
+    let error = assembled(|metadata, _, _| metadata.provenance.content_digest = "abc".into());
+    assert!(matches!(error, FormatError::Digest { .. }));
+}

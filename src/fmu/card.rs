@@ -1,0 +1,212 @@
+//! The model card in every FMU, `documentation/index.html`: what it is, over which ranges it may be trusted, how accurate
+//! it is, and where it comes from. One small page without anything to load.
+
+use super::reference::{OPTIONS_FILE, RESULT_FILE};
+use crate::{evaluation::Accuracy, study::ExportOptions};
+use metafmu_runtime::{Activation, Input, Output, Precision, Role, Surrogate, Variability, extra};
+use std::fmt::Write;
+
+const STYLE: &str = "\
+body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#1c2733}\
+h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
+table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
+th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
+td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}.d{color:#52667a}\
+@media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d{color:#93a7bb}}";
+
+/// The page; the same surrogate and options always give the same text.
+pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accuracy>) -> String {
+    let metadata = surrogate.metadata();
+    let name = escape(&metadata.name);
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
+    );
+    if !metadata.description.is_empty() {
+        line(&mut page, &format!("<p>{}</p>", escape(&metadata.description)));
+    }
+    line(
+        &mut page,
+        "<p>This FMU is a neural network that stands in for a simulation model. It computes its outputs directly from its \
+         inputs, parameters and the time, any step size will do, and it may be trusted inside the ranges below only.</p>",
+    );
+    variables(&mut page, surrogate);
+    accuracy_table(&mut page, surrogate, accuracy);
+    domain(&mut page);
+    provenance(&mut page, surrogate, about);
+    page.push_str("</body>\n</html>\n");
+    page
+}
+
+fn variables(page: &mut String, surrogate: &Surrogate) {
+    line(page, "<h2>Variables</h2>\n<table><tr><th>Name</th><th>Kind</th><th>Range</th><th>Unit</th><th></th></tr>");
+    for Input { name, role, unit, description, min, max, start } in surrogate.inputs() {
+        let kind = match role {
+            Role::Parameter(Variability::Fixed) => "parameter, fixed",
+            Role::Parameter(Variability::Tunable) => "parameter, tunable",
+            Role::Time => "time",
+            Role::Input => "input",
+        };
+        let start = if *role == Role::Time { String::new() } else { format!(", starts at {}", number(*start)) };
+        row(page, name, kind, &format!("{} to {}{start}", number(*min), number(*max)), unit, description);
+    }
+    for Output { name, unit, description, min, max } in surrogate.outputs() {
+        row(page, name, "output", &format!("{} to {} in training", number(*min), number(*max)), unit, description);
+    }
+    line(page, "</table>");
+}
+
+fn row(page: &mut String, name: &str, kind: &str, range: &str, unit: &str, description: &str) {
+    let (name, unit, description) =
+        (escape(name), escape(if unit.is_empty() { "-" } else { unit }), escape(description));
+    let cells = format!("<td>{kind}</td><td class=\"n\">{range}</td><td>{unit}</td><td class=\"d\">{description}</td>");
+    line(page, &format!("<tr><td><code>{name}</code></td>{cells}</tr>"));
+}
+
+fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Accuracy>) {
+    line(page, "<h2>Accuracy</h2>");
+    let Some(accuracy) = accuracy else {
+        return line(page, "<p>The network was not evaluated before this FMU was made.</p>");
+    };
+    let Accuracy { outputs, test_runs, test_rows, .. } = accuracy;
+    line(
+        page,
+        &format!(
+            "<p>Measured on {test_runs} runs of the original model ({test_rows} rows) that took no part in training.</p>\n\
+             <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error</th><th>Unit</th></tr>"
+        ),
+    );
+    for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
+    {
+        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.6}"));
+        let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
+        let (name, unit) = (escape(&output.name), escape(if output.unit.is_empty() { "-" } else { &output.unit }));
+        let cells = [r2, rms, largest].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
+        line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
+    }
+    line(page, "</table>");
+}
+
+fn domain(page: &mut String) {
+    line(page, "<h2>Outside the ranges</h2>\n<table>");
+    for extra in extra::ALL {
+        let (name, description) = (extra.name, escape(extra.description));
+        line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
+    }
+    line(page, "</table>");
+    line(
+        page,
+        &format!(
+            "<h2>Check on arrival</h2>\n<p><code>{OPTIONS_FILE}</code> says what to run and with which values, \
+             <code>{RESULT_FILE}</code> holds the outputs that must come out.</p>"
+        ),
+    );
+}
+
+fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
+    let metadata = surrogate.metadata();
+    let hidden: Vec<String> = surrogate.layers().iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
+    let activation = match metadata.activation {
+        Activation::Tanh => "tanh",
+        Activation::Sigmoid => "sigmoid",
+        Activation::Relu => "ReLU",
+    };
+    let precision = match metadata.precision {
+        Precision::Double => "double precision",
+        Precision::Single => "single precision",
+    };
+    let nodes =
+        if hidden.is_empty() { "no hidden layer".into() } else { format!("{} {activation}", hidden.join(" + ")) };
+    let provenance = &metadata.provenance;
+    line(page, "<h2>Provenance</h2>\n<table>");
+    for (what, value) in [
+        ("Made by", Some(provenance.tool.clone())),
+        ("Network", Some(format!("{nodes} nodes, computed in {precision}"))),
+        ("Training", Some(format!("{} rows, seed {}", provenance.train_rows, provenance.seed))),
+        ("Study, SHA-256", Some(provenance.study_digest.clone())),
+        ("Model file, SHA-256", Some(provenance.content_digest.clone())),
+        ("Author", about.author.clone()),
+        ("Copyright", about.copyright.clone()),
+        ("Licence of the model", about.license.clone()),
+        ("Licence of the library", Some("MIT OR Apache-2.0, see the folder licenses beside this page".into())),
+    ] {
+        if let Some(value) = value {
+            line(page, &format!("<tr><td>{what}</td><td class=\"d\">{}</td></tr>", escape(&value)));
+        }
+    }
+    line(page, "</table>");
+}
+
+fn line(page: &mut String, text: &str) {
+    page.push_str(text);
+    page.push('\n');
+}
+
+/// Four digits, which is what a reader takes in.
+fn number(value: f64) -> String {
+    let magnitude = value.abs();
+    let mut text = String::new();
+    // writing to a string does not fail
+    if magnitude != 0.0 && !(1e-3..1e5).contains(&magnitude) {
+        let _ = write!(text, "{value:.3e}");
+        return text;
+    }
+    let decimals = if magnitude == 0.0 { 0 } else { (3 - magnitude.log10().floor() as i32).max(0) as usize };
+    let _ = write!(text, "{value:.decimals$}");
+    if text.contains('.') {
+        text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
+    }
+    text
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::OutputMetrics;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn a_card_has_variables_accuracy_and_licence_and_loads_nothing() {
+        let surrogate = example::surrogate();
+        let about = ExportOptions { license: Some("<free> & open".into()), ..ExportOptions::default() };
+        let metrics = |r2| OutputMetrics { r2, mse: 4e-6, max_abs_error: 0.0125, worst_run: 3, worst_time: 1.0 };
+        let accuracy = Accuracy {
+            outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),
+            test_runs: 20,
+            test_rows: 4020,
+            content_digest: String::new(),
+        };
+        let page = card(&surrogate, &about, Some(&accuracy));
+        for piece in [
+            "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
+            "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125</td>",
+            "20 runs of the original model (4020 rows)",
+            "constant output",
+            "&lt;free&gt; &amp; open",
+            "domain_policy",
+        ] {
+            assert!(page.contains(piece), "{piece} is not in {page}");
+        }
+        assert!(!page.contains("http") && !page.contains("src="), "{page}");
+        assert!(card(&surrogate, &about, None).contains("was not evaluated"));
+    }
+
+    #[test]
+    fn numbers_have_four_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (0.15000000000000002, "0.15"),
+            (-2.0, "-2"),
+            (47.123456, "47.12"),
+            (12345.6, "12346"),
+            (1e-9, "1.000e-9"),
+            (123456.0, "1.235e5"),
+        ] {
+            assert_eq!(number(value), text);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! The communication points of a run.
+
+use super::{Fmu, SimulationOptions};
+use crate::{Error, Result};
+
+/// A run with more steps than this is taken for a mistake in the step size.
+const MAX_STEPS: f64 = 1e8;
+/// Steps of a run whose step size neither the caller nor the FMU gives.
+const DEFAULT_STEPS: f64 = 500.0;
+/// A remainder below this share of a step is rounding, not a last partial step.
+const ROUNDING: f64 = 1e-9;
+
+/// The communication points of a run.
+#[derive(Debug, PartialEq)]
+pub struct Grid {
+    start: f64,
+    stop: f64,
+    step: f64,
+    full_steps: usize,
+    /// Whether a shorter step follows the full ones.
+    partial: bool,
+}
+
+impl Grid {
+    pub fn new(fmu: &Fmu, options: &SimulationOptions) -> Result<Self> {
+        let experiment = fmu.description().default_experiment.unwrap_or_default();
+        let start = options.start.or(experiment.start).unwrap_or(0.0);
+        let wrong = |stop, step, expected| Err(Error::Experiment { start, stop, step, expected });
+        let Some(stop) = options.stop.or(experiment.stop) else {
+            return wrong(f64::NAN, f64::NAN, "a stop time: the FMU suggests none");
+        };
+        let step = options.step.or(experiment.step_size).unwrap_or((stop - start) / DEFAULT_STEPS);
+        let grid = match Self::of_times(start, stop, step) {
+            Ok(grid) => grid,
+            Err(expected) => return wrong(stop, step, expected),
+        };
+        if grid.partial && fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size) {
+            return wrong(stop, step, "whole steps: the FMU cannot do a shorter last one");
+        }
+        Ok(grid)
+    }
+
+    fn of_times(start: f64, stop: f64, step: f64) -> std::result::Result<Self, &'static str> {
+        if !(start.is_finite() && stop.is_finite() && start <= stop) {
+            return Err("finite times, the stop not before the start");
+        }
+        if !(step.is_finite() && step > 0.0) && start < stop {
+            return Err("a step size above zero");
+        }
+        // a run of no length has no steps, whatever their size
+        let steps = if start < stop { (stop - start) / step } else { 0.0 };
+        if steps > MAX_STEPS {
+            return Err("at most 100 million steps");
+        }
+        let whole = steps.round();
+        let partial = (steps - whole).abs() > ROUNDING * whole.max(1.0);
+        let full_steps = if partial { steps.floor() } else { whole } as usize;
+        Ok(Self { start, stop, step, full_steps, partial })
+    }
+
+    /// Only the first steps.
+    pub fn shorten(&mut self, steps: usize) {
+        if steps < self.full_steps {
+            *self = Self { stop: self.time(steps), full_steps: steps, partial: false, ..*self };
+        }
+    }
+
+    pub fn steps(&self) -> usize {
+        self.full_steps + usize::from(self.partial)
+    }
+
+    /// Where step `index` begins; `steps()` gives the end of the run.
+    pub fn time(&self, index: usize) -> f64 {
+        if index > self.full_steps { self.stop } else { self.start + index as f64 * self.step }
+    }
+
+    /// Full steps are given to the FMU as exactly `step`, for some accept no other size.
+    pub fn size(&self, index: usize) -> f64 {
+        if index < self.full_steps { self.step } else { self.stop - self.time(index) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn communication_points_are_computed_without_accumulation() {
+        let grid = Grid::of_times(0.0, 1.0, 0.1).unwrap();
+        assert_eq!((grid.steps(), grid.partial), (10, false));
+        assert_eq!(grid.time(3), 0.0 + 3.0 * 0.1);
+        assert_eq!(grid.size(9), 0.1);
+        // 0.3 / 0.1 is a little less than 3
+        assert_eq!(Grid::of_times(0.0, 0.3, 0.1).unwrap().steps(), 3);
+    }
+
+    #[test]
+    fn a_last_partial_step_ends_at_the_stop_time() {
+        let grid = Grid::of_times(1.0, 2.05, 0.1).unwrap();
+        assert_eq!((grid.steps(), grid.partial), (11, true));
+        assert_eq!(grid.time(11), 2.05);
+        assert_eq!(grid.size(10), 2.05 - grid.time(10));
+        let grid = Grid::of_times(0.0, 0.5, 1.0).unwrap();
+        assert_eq!((grid.steps(), grid.time(1), grid.size(0)), (1, 0.5, 0.5));
+    }
+
+    #[test]
+    fn a_run_of_no_length_has_one_row() {
+        assert_eq!(Grid::of_times(1.0, 1.0, 0.0).unwrap().steps(), 0);
+    }
+
+    #[test]
+    fn times_that_make_no_run_are_refused() {
+        for (start, stop, step) in [
+            (0.0, -1.0, 0.1),
+            (0.0, f64::NAN, 0.1),
+            (0.0, 1.0, 0.0),
+            (0.0, 1.0, -1.0),
+            (0.0, 1.0, f64::NAN),
+            (0.0, 1.0, 1e-12),
+        ] {
+            assert!(Grid::of_times(start, stop, step).is_err(), "{start} {stop} {step}");
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Reads variables into rows of numbers.
+
+use super::{Instance, simulate::find};
+use crate::{
+    Error, Result,
+    fmu::model_description::{Real, ScalarVariable, VariableType},
+};
+
+/// A recorded variable, or an element of one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// The variable's name; of an array with the indices of the element, counted from 1.
+    pub name: String,
+    /// Its unit.
+    pub unit: Option<String>,
+}
+
+/// Reads variables of several types into rows of numbers.
+pub struct Recorder<'a> {
+    instance: &'a Instance<'a>,
+    pub columns: Vec<Column>,
+    /// Scalars of double precision, which nearly all variables are: read by one call.
+    reals: Vec<u32>,
+    /// And the columns they go to.
+    real_columns: Vec<usize>,
+    /// The others, with the first of the columns they go to.
+    others: Vec<(&'a ScalarVariable, usize)>,
+}
+
+impl<'a> Recorder<'a> {
+    /// Records all outputs that are numbers, then the named variables.
+    pub fn new(instance: &'a Instance<'a>, more: &[String]) -> Result<Self> {
+        let description = instance.fmu().description();
+        let mut variables: Vec<&ScalarVariable> =
+            description.outputs().filter(|output| output.kind.is_number()).collect();
+        for name in more {
+            let variable = find(instance, name)?;
+            if !variable.kind.is_number() {
+                let problem = "is no number, which is all that can be recorded".into();
+                return Err(Error::Variable { name: name.clone(), problem });
+            }
+            if !variables.iter().any(|known| known.name == variable.name) {
+                variables.push(variable);
+            }
+        }
+        let mut recorder =
+            Self { instance, columns: Vec::new(), reals: Vec::new(), real_columns: Vec::new(), others: Vec::new() };
+        for variable in variables {
+            let column = recorder.columns.len();
+            if variable.dimensions.is_empty() && matches!(variable.kind, VariableType::Real(Real { single: false, .. }))
+            {
+                recorder.reals.push(variable.value_reference);
+                recorder.real_columns.push(column);
+            } else {
+                recorder.others.push((variable, column));
+            }
+            instance.element_count(variable)?;
+            let shape = description.shape(variable).unwrap_or_default();
+            let unit = description.unit_of(variable).map(str::to_owned);
+            let columns = element_names(&variable.name, &shape).into_iter();
+            recorder.columns.extend(columns.map(|name| Column { name, unit: unit.clone() }));
+        }
+        Ok(recorder)
+    }
+
+    /// The values now.
+    pub fn row(&self) -> Result<Vec<f64>> {
+        let mut row = vec![0.0; self.columns.len()];
+        if !self.reals.is_empty() {
+            let mut reals = vec![0.0; self.reals.len()];
+            self.instance.get_real(&self.reals, &mut reals)?;
+            for (&column, value) in self.real_columns.iter().zip(reals) {
+                row[column] = value;
+            }
+        }
+        for &(variable, column) in &self.others {
+            let values = self.instance.get_numbers(variable)?;
+            row[column..column + values.len()].copy_from_slice(&values);
+        }
+        Ok(row)
+    }
+}
+
+/// `name`, or `name[1,1]`, `name[1,2]` and so on, the last index first to change.
+fn element_names(name: &str, shape: &[u64]) -> Vec<String> {
+    let mut indices = vec![String::new()];
+    for &size in shape {
+        let longer = |index: &String| {
+            let index = index.clone();
+            (1..=size).map(move |next| if index.is_empty() { next.to_string() } else { format!("{index},{next}") })
+        };
+        indices = indices.iter().flat_map(longer).collect();
+    }
+    let full = |index: String| if index.is_empty() { name.to_owned() } else { format!("{name}[{index}]") };
+    indices.into_iter().map(full).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_of_arrays_are_named_in_row_major_order() {
+        assert_eq!(element_names("x", &[]), ["x"]);
+        assert_eq!(element_names("x", &[2]), ["x[1]", "x[2]"]);
+        assert_eq!(element_names("x", &[2, 2]), ["x[1,1]", "x[1,2]", "x[2,1]", "x[2,2]"]);
+        assert_eq!(element_names("x", &[2, 0]), [""; 0]);
+    }
+}

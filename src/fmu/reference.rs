@@ -1,0 +1,108 @@
+//! The reference result in every FMU: a run that a receiver can repeat to see that the FMU arrived whole and computes
+//! what it should.
+//!
+//! Two files in `extra/org.metafmu/`, the place both versions of the standard give to additional data:
+//! `reference_options.json` says what to run, `reference_result.csv` holds the outputs.
+
+use super::describe::nominal;
+use indexmap::IndexMap;
+use metafmu_runtime::{Evaluator, Precision, Role, Surrogate};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+
+/// Archive entry that says what to run.
+pub const OPTIONS_FILE: &str = "extra/org.metafmu/reference_options.json";
+/// Archive entry with time and outputs of that run.
+pub const RESULT_FILE: &str = "extra/org.metafmu/reference_result.csv";
+
+/// Rows after the first are at most as many.
+const MAX_STEPS: f64 = 100.0;
+/// Processors round differently: largest difference relative to an output's nominal value.
+const DOUBLE_TOLERANCE: f64 = 1e-9;
+/// The same for networks that compute in single precision.
+const SINGLE_TOLERANCE: f64 = 1e-4;
+
+/// What to run. Inputs and parameters keep their start values throughout.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceOptions {
+    /// Start time, in seconds.
+    pub start_time: f64,
+    /// Stop time, in seconds.
+    pub stop_time: f64,
+    /// Communication step size, in seconds.
+    pub step_size: f64,
+    /// Start values of parameters and inputs.
+    pub start_values: IndexMap<String, f64>,
+    /// Largest difference of each output that is no sign of a mistake.
+    pub tolerances: IndexMap<String, f64>,
+}
+
+/// Both files: options as JSON and result as CSV.
+pub fn reference(surrogate: &Surrogate) -> (String, String) {
+    let inputs = surrogate.inputs();
+    let time_step = surrogate.metadata().time_step;
+    let time = surrogate.time_column().map(|column| &inputs[column]);
+    let (start, stop) = time.map_or((0.0, time_step), |time| (time.min, time.max));
+    let stride = ((stop - start) / time_step / MAX_STEPS).ceil().max(1.0);
+    let step = stride * time_step;
+    let steps = ((stop - start) / step + 1e-9).floor() as usize;
+    // away from start values and ends of ranges, each at another share: variables that are mixed up are noticed
+    let share = |column: usize| 0.15 + 0.7 * (0.618_033_988_749_894_9 * (column + 1) as f64).fract();
+    let mut point: Vec<f64> =
+        inputs.iter().enumerate().map(|(column, input)| input.min + share(column) * (input.max - input.min)).collect();
+    let settable = inputs.iter().zip(&point).filter(|(input, _)| input.role != Role::Time);
+    let tolerance = match surrogate.metadata().precision {
+        Precision::Double => DOUBLE_TOLERANCE,
+        Precision::Single => SINGLE_TOLERANCE,
+    };
+    let options = ReferenceOptions {
+        start_time: start,
+        stop_time: start + steps as f64 * step,
+        step_size: step,
+        start_values: settable.map(|(input, value)| (input.name.clone(), *value)).collect(),
+        tolerances: surrogate
+            .outputs()
+            .iter()
+            .map(|output| (output.name.clone(), tolerance * nominal(output.min, output.max)))
+            .collect(),
+    };
+    let evaluator = Evaluator::new(surrogate);
+    let (mut scratch, mut outputs) = (evaluator.scratch(), vec![0.0; surrogate.outputs().len()]);
+    let names: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
+    let mut csv = format!("time,{}\n", names.join(","));
+    for row in 0..=steps {
+        let now = start + row as f64 * step;
+        if let Some(column) = surrogate.time_column() {
+            point[column] = now;
+        }
+        evaluator.evaluate(&point, &mut outputs, &mut scratch);
+        // writing to a string does not fail
+        let _ = write!(csv, "{now}");
+        outputs.iter().for_each(|value| _ = write!(csv, ",{value}"));
+        csv.push('\n');
+    }
+    // plain data with string keys: serialization cannot fail
+    let json = serde_json::to_string_pretty(&options).unwrap_or_default();
+    (json + "\n", csv)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn a_reference_covers_the_time_with_few_rows_inside_the_ranges() {
+        let surrogate = example::surrogate();
+        let (json, csv) = reference(&surrogate);
+        let options: ReferenceOptions = serde_json::from_str(&json).unwrap();
+        assert_eq!((options.start_time, options.stop_time, options.step_size), (0.0, 2.0, 0.02));
+        assert_eq!(options.start_values.keys().collect::<Vec<_>>(), ["length", "speed"]);
+        for (input, value) in surrogate.inputs().iter().zip(options.start_values.values()) {
+            assert!(input.min < *value && *value < input.max && *value != input.start, "{}", input.name);
+        }
+        assert_eq!(csv.lines().next(), Some("time,angle,velocity"));
+        assert_eq!(csv.lines().count(), 102);
+        assert!(csv.lines().last().unwrap().starts_with("2,"), "{csv}");
+    }
+}

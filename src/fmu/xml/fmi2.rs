@@ -1,0 +1,8 @@
+//! modelDescription.xml of FMI 2.0.
+
+mod reader;
+mod schema;
+mod writer;
+
+pub use reader::read;
+pub use writer::write;
