@@ -285,7 +285,7 @@ impl Instance {
     pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
         for (value, &reference) in values.iter_mut().zip(references) {
             *value = match self.variable(reference)? {
-                Variable::InDomain => (self.domain.distance(&self.now.inputs) <= metafmu_runtime::TOLERANCE).into(),
+                Variable::InDomain => self.domain.contains_point(&self.now.inputs).into(),
                 other => return Err(self.wrong_type(other, reference, "Boolean")),
             };
         }

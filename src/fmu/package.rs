@@ -122,7 +122,7 @@ mod tests {
             assert!(fmu == pack_example(version, &Binary::embedded()).unwrap());
 
             let mut zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
-            let names: Vec<String> = zip.file_names().map(str::to_owned).collect();
+            let names: Vec<String> = zip.file_names().map(|name| name.unwrap().into_owned()).collect();
             assert_eq!(names[0], "modelDescription.xml");
             assert!(names[1..].is_sorted());
             let binary = Platform::CURRENT.binary(version, "example");

@@ -17,12 +17,15 @@ struct Range {
     max: f64,
     /// What distances are relative to: the width, but for a column that was constant in training its magnitude.
     scale: f64,
+    /// `min` and `max` with the tolerance, for a comparison that is cheap enough for every step.
+    lowest: f64,
+    highest: f64,
 }
 
 impl Range {
     fn new(min: f64, max: f64) -> Self {
         let scale = [max - min, max.abs()].into_iter().find(|&scale| scale > 0.0).unwrap_or(1.0);
-        Self { min, max, scale }
+        Self { min, max, scale, lowest: min - TOLERANCE * scale, highest: max + TOLERANCE * scale }
     }
 
     #[inline]
@@ -43,16 +46,16 @@ impl Domain {
         self.ranges.iter().zip(inputs).map(|(range, &value)| range.distance(value)).fold(0.0, f64::max)
     }
 
-    /// Distance of one column's value from its range.
-    #[inline]
-    pub fn column_distance(&self, column: usize, value: f64) -> f64 {
-        self.ranges[column].distance(value)
-    }
-
     /// Whether a column's value is in its range, up to [`TOLERANCE`].
     #[inline]
     pub fn contains(&self, column: usize, value: f64) -> bool {
-        self.column_distance(column, value) <= TOLERANCE
+        let Range { lowest, highest, .. } = self.ranges[column];
+        lowest <= value && value <= highest
+    }
+
+    /// Whether every column's value is in its range, up to [`TOLERANCE`].
+    pub fn contains_point(&self, inputs: &[f64]) -> bool {
+        inputs.iter().enumerate().all(|(column, &value)| self.contains(column, value))
     }
 
     /// The value in the column's range that is nearest.
@@ -64,9 +67,9 @@ impl Domain {
 
     /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain.
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
-        let distance = |&(column, value): &(usize, &f64)| self.column_distance(column, *value);
+        let distance = |&(column, value): &(usize, &f64)| self.ranges[column].distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-        let Range { min, max, scale } = self.ranges[column];
+        let Range { min, max, scale, .. } = self.ranges[column];
         match value {
             value if *value > max => Some((column, 1.0 / scale)),
             value if *value < min => Some((column, -1.0 / scale)),
@@ -99,6 +102,8 @@ mod tests {
             assert!((found - expected).abs() < 1e-12, "{point:?}: {found}");
         }
         assert!(domain().contains(2, 2.0 + 1e-10) && !domain().contains(2, 2.0 + 1e-8));
+        assert!(domain().contains_point(&[0.15, 2.0, 2.0 + 1e-10]) && !domain().contains_point(&[0.15, 2.0, -1e-8]));
+        assert!(!domain().contains(2, f64::NAN));
     }
 
     #[test]

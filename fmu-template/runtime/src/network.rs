@@ -166,7 +166,7 @@ fn activate<T: Real, const FMA: bool, const WIDTH: usize>(activation: Activation
 fn map<T: Real, const WIDTH: usize>(values: &mut [Lanes<T, WIDTH>], function: impl Fn(T) -> T) {
     // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
     for value in flat_mut(values) {
-        *value = flush(function(*value));
+        *value = function(*value);
     }
 }
 

@@ -26,14 +26,15 @@ pub(crate) trait Real:
     /// never denormal, which processors compute at a fraction of the speed, and the flags of the host's thread that
     /// would have the processor do the same are left alone.
     const NEGLIGIBLE: Self;
-    const LOG2_E: Self;
+    /// `2 log2 e`
+    const TWO_LOG2_E: Self;
     /// 1.5 times two to the number of mantissa bits: a number added to it is rounded to an integer, which then stands
     /// in the low bits.
     const ROUND: Self;
-    /// The first bits of ln 2, so few that small multiples are exact.
+    /// ln 2, or its first bits, so few that small multiples are exact.
     const LN2_HIGH: Self;
-    /// The rest of ln 2.
-    const LN2_LOW: Self;
+    /// The rest of ln 2, where it counts.
+    const LN2_LOW: Option<Self>;
     /// 1/n! for falling n down to 2, the first one apart; as many as count for arguments up to ln(2) / 2.
     const TAYLOR: (Self, &'static [Self]);
     /// From here on `tanh` rounds to one.
@@ -53,10 +54,10 @@ impl Real for f64 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
     const NEGLIGIBLE: Self = 1e-100;
-    const LOG2_E: Self = std::f64::consts::LOG2_E;
+    const TWO_LOG2_E: Self = 2.0 * std::f64::consts::LOG2_E;
     const ROUND: Self = 6_755_399_441_055_744.0;
     const LN2_HIGH: Self = 0.693_147_180_369_123_8;
-    const LN2_LOW: Self = 1.908_214_929_270_587_7e-10;
+    const LN2_LOW: Option<Self> = Some(1.908_214_929_270_587_7e-10);
     // the first omitted term is below 1e-18 of the sum
     const TAYLOR: (Self, &'static [Self]) = (
         1.0 / 87_178_291_200.0,
@@ -108,10 +109,10 @@ impl Real for f32 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
     const NEGLIGIBLE: Self = 1e-15;
-    const LOG2_E: Self = std::f32::consts::LOG2_E;
+    const TWO_LOG2_E: Self = 2.0 * std::f32::consts::LOG2_E;
     const ROUND: Self = 12_582_912.0;
-    const LN2_HIGH: Self = 0.693_359_4;
-    const LN2_LOW: Self = -2.121_944_4e-4;
+    const LN2_HIGH: Self = std::f32::consts::LN_2;
+    const LN2_LOW: Option<Self> = None;
     // the first omitted term is below 2e-8 of the sum
     const TAYLOR: (Self, &'static [Self]) =
         (1.0 / 5_040.0, &[1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0]);

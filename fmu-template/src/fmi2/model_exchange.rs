@@ -8,12 +8,12 @@ use std::ffi::{c_int, c_void};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub(super) struct EventInfo {
-    new_discrete_states_needed: c_int,
-    terminate_simulation: c_int,
-    nominals_of_continuous_states_changed: c_int,
-    values_of_continuous_states_changed: c_int,
-    next_event_time_defined: c_int,
-    next_event_time: f64,
+    pub new_discrete_states_needed: c_int,
+    pub terminate_simulation: c_int,
+    pub nominals_of_continuous_states_changed: c_int,
+    pub values_of_continuous_states_changed: c_int,
+    pub next_event_time_defined: c_int,
+    pub next_event_time: f64,
 }
 
 #[unsafe(no_mangle)]

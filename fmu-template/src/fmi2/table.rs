@@ -88,7 +88,7 @@ impl Call for Function {
             Self::NewDiscreteStates             => b"- - m - - - -",
             Self::EnterContinuousTimeMode       => b"- - m - - - -",
             Self::CompletedIntegratorStep       => b"- - - m - - -",
-            Self::SetTime                       => b"- - m m - - -", // Event Mode: of no use, as nothing waits for an instant, but harmless
+            Self::SetTime                       => b"- - m m - - -", // Event Mode: without use, but hosts do it
             Self::SetContinuousStates           => b"- - - m - - -",
             Self::GetEventIndicators            => b"- m m m - m m",
             Self::GetContinuousStates           => b"- m m m - m m",

@@ -716,6 +716,74 @@ mod tests {
         }
     }
 
+    const GOOD_3: &str = r#"<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="t">
+<ModelExchange modelIdentifier="m"/>
+<UnitDefinitions><Unit name="m"><DisplayUnit name="mm" factor="1000"/></Unit></UnitDefinitions>
+<TypeDefinitions><Float64Type name="Length" unit="m" min="0"/></TypeDefinitions>
+<ModelVariables>
+<Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+<Float64 name="p" valueReference="1" causality="parameter" declaredType="Length" displayUnit="mm" max="2" start="1"/>
+<Float64 name="u" valueReference="2" causality="input" start="0"><Dimension valueReference="6"/></Float64>
+<Float64 name="y" valueReference="3" causality="output" unit="m"><Dimension valueReference="6"/><Alias name="z" displayUnit="mm"/></Float64>
+<Int32 name="n" valueReference="4" causality="output" initial="exact" start="1" min="0" max="3"/>
+<Clock name="c" valueReference="5" causality="output" intervalVariability="triggered"/>
+<UInt64 name="size" valueReference="6" causality="structuralParameter" start="2"/>
+<Boolean name="b" valueReference="7" causality="output" clocks="5"/>
+</ModelVariables>
+<ModelStructure>
+<Output valueReference="3" dependencies="2 0"/><Output valueReference="4" dependencies=""/><Output valueReference="5"/><Output valueReference="7"/>
+<InitialUnknown valueReference="3"/><EventIndicator valueReference="3"/>
+</ModelStructure>
+</fmiModelDescription>"#;
+
+    #[test]
+    fn rules_of_fmi_3_hold() {
+        assert_eq!(problems(GOOD_3), []);
+        for (good, bad, line, message) in [
+            (r#"instantiationToken="t""#, r#"instantiationToken="""#, 1, "the instantiationToken is empty"),
+            (
+                r#"causality="independent" variability="continuous""#,
+                "",
+                1,
+                "there is no independent variable, expected exactly one",
+            ),
+            (
+                r#"valueReference="1""#,
+                r#"valueReference="2""#,
+                8,
+                "variables \"p\" and \"u\" share the value reference 2",
+            ),
+            (r#"name="z""#, r#"name="p""#, 9, "variable \"p\" has the name of the variable in line 7"),
+            (
+                r#"name="z" displayUnit="mm""#,
+                r#"name="z" displayUnit="km""#,
+                9,
+                "variable \"y\" has the display unit \"km\", which is not defined",
+            ),
+            (
+                r#"causality="output" intervalVariability"#,
+                r#"causality="parameter" intervalVariability"#,
+                11,
+                "clock \"c\": causality parameter and variability fixed are not allowed",
+            ),
+            (r#"clocks="5""#, r#"clocks="4""#, 13, "variable \"b\" belongs to clock 4, which is no clock"),
+            (r#"start="0"><Dimension"#, "><Dimension", 8, "variable \"u\" has no start value"),
+            (r#"<Output valueReference="5"/>"#, "", 15, "Output lacks \"c\""),
+            (r#"<InitialUnknown valueReference="3"/>"#, "", 15, "InitialUnknown lacks \"y\""),
+            (
+                r#"<InitialUnknown valueReference="3"/>"#,
+                r#"<InitialUnknown valueReference="3"/><InitialUnknown valueReference="2"/>"#,
+                15,
+                "InitialUnknown has \"u\", which does not belong there",
+            ),
+        ] {
+            let text = GOOD_3.replacen(good, bad, 1);
+            assert_ne!(text, GOOD_3, "{good}");
+            let found = problems(&text);
+            assert!(found.contains(&(line, message.to_owned())), "{good} -> {bad}: {found:?}");
+        }
+    }
+
     #[test]
     fn structured_names_follow_the_grammar() {
         for name in ["x", "_a1", "arm.joint[2,1].phi", "der(x)", "der(a.b[1],2)", "'odd name'.x", r"'it\'s'"] {

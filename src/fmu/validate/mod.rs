@@ -289,6 +289,32 @@ mod tests {
     }
 
     #[test]
+    fn problems_of_behaviour_are_found_by_either_version() {
+        let folder = tempfile::tempdir().unwrap();
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let missing = fmu_of_described_as(folder.path(), version, |text| {
+                text.replacen("modelIdentifier=\"example\"", "modelIdentifier=\"other\"", 1)
+            });
+            let found = validate(missing).unwrap();
+            assert!(found.not_checked[0].contains("other."), "{found}");
+            let token = fmu_of_described_as(folder.path(), version, |text| text.replacen("=\"{", "=\"{0", 1));
+            let found = problems(token);
+            assert!(found.iter().any(|problem| problem.contains("returned no instance")), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_changed_reference_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = problems(changed_fmu(folder.path(), |entries| {
+            let text = &mut entry(entries, "extra/org.metafmu/reference_result.csv").1;
+            *text = String::from_utf8_lossy(text).replacen("\n0,", "\n0,1", 1).into_bytes();
+        }));
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(found[0].starts_with("behaviour: co-simulation, the reference run: \"angle\" is "), "{found:?}");
+    }
+
+    #[test]
     fn a_damaged_binary_is_found() {
         let folder = tempfile::tempdir().unwrap();
         let damaged = changed_fmu(folder.path(), |entries| entry(entries, "binaries/").1.truncate(1000));
@@ -314,7 +340,8 @@ mod tests {
             let place = model.len() - 4;
             model[place] ^= 1;
         }));
-        assert_eq!(found.len(), 1, "{found:?}");
+        // and the reference run of each interface
+        assert_eq!(found.len(), 3, "{found:?}");
         assert!(found[0].contains("the file was changed"), "{found:?}");
     }
 
@@ -327,8 +354,8 @@ mod tests {
                 .replace("valueReference=\"x\"", "valueReference=\"4\"")
         });
         let found = problems(swapped);
-        // once for each point: the start values and four corners
-        assert_eq!(found.len(), 5, "{found:?}");
+        // once for each point: the start values and four corners; and the reference run of each interface
+        assert_eq!(found.len(), 7, "{found:?}");
         assert!(found[0].starts_with("behaviour: in Initialization Mode, \"angle\" is "), "{found:?}");
     }
 

@@ -254,9 +254,9 @@ mod tests {
                 "<Enumeration> has no attribute `declaredType`",
             ),
             (
-                "<ModelVariables><Float64 name='x' valueReference='0' start='1 b'/></ModelVariables><ModelStructure/>",
+                "<ModelVariables><Float64 name='x' valueReference='0' start='b'/></ModelVariables><ModelStructure/>",
                 2,
-                "<Float64> has start=\"1 b\", expected a list of numbers",
+                "<Float64> has start=\"b\", expected a list of numbers",
             ),
             (
                 "<ModelVariables><Float64 name='x' valueReference='0' start='1 2'/></ModelVariables><ModelStructure/>",

@@ -140,3 +140,44 @@ fn the_sign_that_hosts_replace_is_written_twice() {
     let host = Host::instantiate(c"a", CO_SIMULATION, TOKEN, "file:///no/C%23", false);
     assert!(host.message().contains("C##"));
 }
+
+#[test]
+fn a_thousand_instances_live_side_by_side() {
+    let folder = Folder::with(&example::surrogate());
+    let hosts: Vec<_> = (0..1_000)
+        .map(|index| {
+            let kind = if index % 2 == 0 { CO_SIMULATION } else { MODEL_EXCHANGE };
+            let host = Host::instantiate(c"one of many", kind, TOKEN, &folder.uri(), false);
+            assert_eq!(host.set(&[LENGTH], &[0.1 + 1e-4 * f64::from(index)]), Status::Ok);
+            host.initialize(0.0);
+            host
+        })
+        .collect();
+    for (index, host) in (0..).zip(&hosts) {
+        assert_eq!(host.outputs(), expected(0.1 + 1e-4 * f64::from(index), starts()[1], 0.0));
+    }
+}
+
+#[test]
+fn lives_of_instances_leave_no_memory_behind() {
+    let folder = Folder::with(&example::surrogate());
+    let uri = folder.uri();
+    let live = || {
+        let host = Host::instantiate(c"short-lived", CO_SIMULATION, TOKEN, &uri, true);
+        host.initialize(0.0);
+        let state = host.save();
+        host.step(0.0, 0.5);
+        host.set(&[LENGTH], &[9.0]);
+        let again = host.deserialize(&host.serialize(state)).unwrap();
+        host.restore(again);
+        host.free_state(again);
+        host.free_state(state);
+        host.step(7.0, -1.0);
+        let failed = Host::instantiate(c"", CO_SIMULATION, TOKEN, &uri, true);
+        assert!(failed.c.is_null());
+    };
+    live(); // the first life sets up what the process keeps
+    let before = allocations().1;
+    (0..2_000).for_each(|_| live());
+    assert_eq!(allocations().1, before);
+}
