@@ -29,13 +29,17 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let fmu = Fmu::open(fmu)?;
     let instance = fmu.instantiate("design_study", false)?;
+    // the FMU has further outputs
+    let outputs: Vec<&str> = source.outputs().iter().map(|output| output.name.as_str()).collect();
     let mut results = csv::Writer::from_path(result)?;
-    results.write_record(source.outputs().iter().map(|output| &output.name))?;
+    results.write_record(&outputs)?;
     let stop = *source.times().last().ok_or("the study has no times")?;
     for points in points.chunks(block) {
         let started = Instant::now();
         for point in points {
-            results.serialize(end(&instance, &names, point, None)?)?;
+            let ends = end(&instance, &names, point, None)?;
+            let ends = ends.iter().filter(|(name, _)| outputs.contains(&name.as_str()));
+            results.serialize(ends.map(|(_, value)| value).collect::<Vec<_>>())?;
         }
         let by_steps = started.elapsed();
         let started = Instant::now();
@@ -54,9 +58,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The outputs at the end of a run in steps of the given size, else of the FMU's own.
-fn end(instance: &Instance, names: &[&str], point: &[f64], step: Option<f64>) -> metafmu::Result<Vec<f64>> {
+fn end(instance: &Instance, names: &[&str], point: &[f64], step: Option<f64>) -> metafmu::Result<Vec<(String, f64)>> {
     instance.reset()?;
     let start_values = names.iter().zip(point).map(|(&name, &value)| (name.to_owned(), value)).collect();
     let mut table = simulate(instance, &SimulationOptions { start_values, step, ..SimulationOptions::default() })?;
-    Ok(table.rows.pop().expect("a run has a first row"))
+    let row = table.rows.pop().expect("a run has a first row");
+    Ok(table.columns.into_iter().map(|column| column.name).zip(row).collect())
 }

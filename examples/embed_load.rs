@@ -33,8 +33,7 @@ fn simulate(slider_crank: &Fmu, load: &Fmu) -> Result<String> {
     let response = references(load, ["displacement", "force"])?;
     let (slider, load) = (slider_crank.instantiate("slider_crank", false)?, load.instantiate("load", false)?);
     for instance in [&slider, &load] {
-        instance.setup_experiment(0.0, Some(STOP))?;
-        instance.enter_initialization_mode()?;
+        instance.enter_initialization_mode(0.0, Some(STOP))?;
         instance.exit_initialization_mode()?;
     }
     let mut table = String::from("time,xB,xBdd,displacement,force\n");

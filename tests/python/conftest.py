@@ -34,7 +34,7 @@ class Build:
     @property
     def fmus(self):
         """The FMU of each FMI version."""
-        return {2: self.fmu}
+        return {version: self.fmu.with_stem(f"{self.fmu.stem}-fmi{version}") for version in (2, 3)}
 
 
 def metafmu(*arguments, check=True):
@@ -50,6 +50,7 @@ def metafmu(*arguments, check=True):
 def pendulum(tmp_path_factory):
     folder = tmp_path_factory.mktemp("single-pendulum")
     metafmu("build", "examples/single-pendulum.toml", "--out", folder)
+    metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--fmi", "both")
     metrics = json.loads((folder / "metrics.json").read_text())
     return Build(folder, folder / "single-pendulum.fmu", metrics)
 

@@ -1,6 +1,8 @@
 """The single pendulum's FMU in other tools than fmpy: fmpy's numbers, as close to the solution as metrics.json says."""
 
+import csv
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -11,16 +13,24 @@ import numpy as np
 import pytest
 from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, reference, simulate_with_fmpy
 
-# host and the FMI version it gets, all by co-simulation
-RUNS = [("libcosimpy", 2), ("ecospy", 2), ("fmi-sim", 2)]
+# host, the FMI version it gets, and the interface
+RUNS = [
+    ("libcosimpy", 2, "co-simulation"),
+    ("ecospy", 2, "co-simulation"),
+    ("ecospy", 3, "co-simulation"),
+    ("fmi-sim", 2, "co-simulation"),
+    ("fmi-sim", 2, "model-exchange"),
+    ("fmi-sim", 3, "co-simulation"),
+    ("fmi-sim", 3, "model-exchange"),
+]
 FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 
 
-def run_in_host(host, fmu, case, step=0.01, steps=200):
+def run_in_host(host, interface, fmu, case, step=0.01, steps=200):
     """A table of time and outputs."""
     start_values = dict(zip(PARAMETERS, case))
     if host == "fmi-sim":
-        return run_fmi_sim(fmu, start_values, step, steps)
+        return run_fmi_sim(interface, fmu, start_values, step, steps)
     request = {"fmu": str(fmu), "start_values": start_values, "outputs": OUTPUTS, "step": step, "steps": steps}
     return run_python_host(host, request)
 
@@ -30,15 +40,31 @@ def run_python_host(host, request):
     return np.array(json.loads(run(command).stdout.splitlines()[-1]))
 
 
-def run_fmi_sim(fmu, start_values, step, steps):
+def run_fmi_sim(interface, fmu, start_values, step, steps):
     assert FMI_SIM.exists(), "run scripts/fmi-sim.sh first"
     options = [option for name, value in start_values.items() for option in ("--init-values", f"{name}={value!r}")]
     times = ["--output-interval", repr(step), "-f", repr(step * steps)]
     with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder) / "result.csv"
-        run([FMI_SIM, "--model", fmu, "-o", result, "co-simulation", *options, *times])
-        assert result.read_text().splitlines()[0] == ",".join(["time", *OUTPUTS])
-        return np.loadtxt(result, delimiter=",", skiprows=1)
+        copy, result = Path(folder) / "copy.fmu", Path(folder) / "result.csv"
+        rewrite_description(fmu, copy, as_fmi_sim_reads_it)
+        run([FMI_SIM, "--model", copy, "-o", result, interface, *options, *times])
+        with result.open(newline="") as file:
+            return np.array([[float(row[name]) for name in ["time", *OUTPUTS]] for row in csv.DictReader(file)])
+
+
+def as_fmi_sim_reads_it(description):
+    """Its reader of FMI 3.0 refuses the units and nominal values that the standard allows at variables."""
+    head, variables = description.split("<ModelVariables>")
+    if 'fmiVersion="3.0"' in head:
+        variables = re.sub(' (unit|nominal)="[^"]*"', "", variables)
+    return f"{head}<ModelVariables>{variables}"
+
+
+def rewrite_description(fmu, copy, change):
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(copy, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            target.writestr(name, change(content.decode()) if name == "modelDescription.xml" else content)
 
 
 def run(command):
@@ -63,17 +89,17 @@ def assert_is_the_run(build, version, case, table):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize(("host", "version"), RUNS)
-def test_the_host_computes_what_fmpy_does(pendulum, host, version, case):
-    assert_is_the_run(pendulum, version, case, run_in_host(host, pendulum.fmus[version], case))
+@pytest.mark.parametrize(("host", "version", "interface"), RUNS)
+def test_the_host_computes_what_fmpy_does(pendulum, host, version, interface, case):
+    assert_is_the_run(pendulum, version, case, run_in_host(host, interface, pendulum.fmus[version], case))
 
 
-@pytest.mark.parametrize(("host", "version"), RUNS)
-def test_the_host_may_take_longer_steps(pendulum, host, version):
+@pytest.mark.parametrize(("host", "version", "interface"), RUNS)
+def test_the_host_may_take_longer_steps(pendulum, host, version, interface):
     """Rows at the same times are the same whatever the step: the surrogate has no history."""
     fmu = pendulum.fmus[version]
-    fine = run_in_host(host, fmu, CASES[0])
-    coarse = run_in_host(host, fmu, CASES[0], step=0.25, steps=8)
+    fine = run_in_host(host, interface, fmu, CASES[0])
+    coarse = run_in_host(host, interface, fmu, CASES[0], step=0.25, steps=8)
     largest = np.max(np.abs(fine), axis=0)
     np.testing.assert_allclose(coarse / largest, fine[::25] / largest, rtol=0, atol=1e-12)
 
@@ -83,7 +109,7 @@ def run_fmutool(fmu):
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
-@pytest.mark.parametrize("version", [2])
+@pytest.mark.parametrize("version", [2, 3])
 def test_fmutool_finds_no_problem(pendulum, version):
     result = run_fmutool(pendulum.fmus[version])
     report = result.stdout + result.stderr
@@ -95,11 +121,6 @@ def test_fmutool_finds_no_problem(pendulum, version):
 def test_fmutool_reports_a_problem_that_was_put_in(pendulum, tmp_path):
     """Guards the test above against a tool that finds nothing in any FMU."""
     broken = tmp_path / "broken.fmu"
-    with zipfile.ZipFile(pendulum.fmus[2]) as source, zipfile.ZipFile(broken, "w") as target:
-        for name in source.namelist():
-            content = source.read(name)
-            if name == "modelDescription.xml":
-                content = content.replace(b'causality="output"', b'causality="local"', 1)
-            target.writestr(name, content)
+    rewrite_description(pendulum.fmus[2], broken, lambda text: text.replace('causality="output"', 'causality="local"', 1))
     result = run_fmutool(broken)
     assert result.returncode != 0 and "is not an output" in result.stdout + result.stderr
