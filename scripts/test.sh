@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs every test: format, lints, documentation, Rust tests, then the FMU in other people's tools.
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3. A missing tool is an error.
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -10,6 +10,7 @@ done
 step() { printf '\n== %s\n' "$*" >&2; }
 
 step "Python packages";     scripts/venv.sh
+step "fmi-sim";             scripts/fmi-sim.sh
 step "format";              cargo fmt --all --check
 step "lints";               cargo clippy --workspace --all-targets --locked -- -D warnings
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet

@@ -1,4 +1,4 @@
-"""The single pendulum, built once by the released command, for every test here."""
+"""The single pendulum and the slider crank, built once by the released command, for every test here."""
 
 import json
 import subprocess
@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
 METAFMU = ROOT / "target" / "release" / "metafmu"
+PARAMETERS = ["L", "c", "thetad0"]
+OUTPUTS = ["theta", "thetad", "thetadd"]
 
 # (L, c, thetad0): the named test cases of Choi et al. 2021, section 4.1
 CASES = [
@@ -28,6 +31,11 @@ class Build:
     fmu: Path
     metrics: dict
 
+    @property
+    def fmus(self):
+        """The FMU of each FMI version."""
+        return {version: self.fmu.with_stem(f"{self.fmu.stem}-fmi{version}") for version in (2, 3)}
+
 
 def metafmu(*arguments, check=True):
     """Runs the command and returns what it printed."""
@@ -42,8 +50,14 @@ def metafmu(*arguments, check=True):
 def pendulum(tmp_path_factory):
     folder = tmp_path_factory.mktemp("single-pendulum")
     metafmu("build", "examples/single-pendulum.toml", "--out", folder)
+    metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--fmi", "both")
     metrics = json.loads((folder / "metrics.json").read_text())
     return Build(folder, folder / "single-pendulum.fmu", metrics)
+
+
+def simulate_with_fmpy(build, length, damping, thetad0, version=2, **options):
+    start_values = dict(zip(PARAMETERS, (length, damping, thetad0)))
+    return simulate_fmu(build.fmus[version], start_values=start_values, output=OUTPUTS, **options)
 
 
 def reference(length, damping, thetad0, times, mass=0.3, gravity=9.81):

@@ -5,18 +5,11 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, metafmu, reference
-from fmpy import read_model_description, simulate_fmu
+from conftest import CASES, OUTPUTS, metafmu, reference, simulate_with_fmpy
+from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from safetensors import safe_open
 from safetensors.numpy import load_file
-
-OUTPUTS = ["theta", "thetad", "thetadd"]
-
-
-def simulate_with_fmpy(build, length, damping, thetad0, **options):
-    start_values = {"L": length, "c": damping, "thetad0": thetad0}
-    return simulate_fmu(build.fmu, start_values=start_values, output=OUTPUTS, **options)
 
 
 def test_fmpy_finds_no_problem(pendulum):

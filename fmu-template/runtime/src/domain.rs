@@ -41,9 +41,9 @@ impl Domain {
     }
 
     /// Distance of a point from the domain, zero inside: the largest of its columns' distances, each relative to the
-    /// width of the column's range.
+    /// width of the column's range. Finite for every finite point: it is an output of the FMU.
     pub fn distance(&self, inputs: &[f64]) -> f64 {
-        self.ranges.iter().zip(inputs).map(|(range, &value)| range.distance(value)).fold(0.0, f64::max)
+        self.ranges.iter().zip(inputs).map(|(range, &value)| range.distance(value)).fold(0.0, f64::max).min(f64::MAX)
     }
 
     /// Whether a column's value is in its range, up to [`TOLERANCE`].
@@ -104,6 +104,7 @@ mod tests {
         assert!(domain().contains(2, 2.0 + 1e-10) && !domain().contains(2, 2.0 + 1e-8));
         assert!(domain().contains_point(&[0.15, 2.0, 2.0 + 1e-10]) && !domain().contains_point(&[0.15, 2.0, -1e-8]));
         assert!(!domain().contains(2, f64::NAN));
+        assert_eq!(domain().distance(&[-f64::MAX, 2.0, 1.0]), f64::MAX);
     }
 
     #[test]
