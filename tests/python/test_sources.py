@@ -1,6 +1,8 @@
 """The FMU compiled from its own C sources gives the results of the library inside."""
 
+import os
 import shutil
+import sys
 from pathlib import Path
 
 import fmpy
@@ -12,7 +14,9 @@ from fmpy.validation import validate_fmu
 
 
 @pytest.mark.parametrize("version", ["2", "3"])
-def test_fmpy_compiles_the_sources(pendulum, tmp_path, version):
+def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
+    # fmpy calls the cmake that was installed beside it
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
     metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", version)
     packed = str(folder / "single-pendulum.fmu")
