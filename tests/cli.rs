@@ -106,7 +106,9 @@ fn build_writes_every_result_and_prints_the_table() {
     }
     let metrics: serde_json::Value =
         serde_json::from_slice(&fs::read(bench.path("out/single-pendulum/metrics.json")).unwrap()).unwrap();
-    assert!(metrics["outputs"]["theta"]["r2"].is_number() && metrics["outputs"]["thetadd"]["max_abs_error"].is_number());
+    assert!(
+        metrics["outputs"]["theta"]["r2"].is_number() && metrics["outputs"]["thetadd"]["max_abs_error"].is_number()
+    );
     assert_eq!(metrics["test_runs"], 5);
     assert_eq!(metrics["train_rows"], 26 * 41, "one of 27 runs is held out");
     assert!(metrics["train_seconds"].is_number());
