@@ -33,7 +33,7 @@ mod options;
 mod origin;
 
 pub use options::{
-    ExportOptions, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions, Schedule,
+    ExportOptions, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions, Schedule,
     SourceOptions, TimeOptions, TrainingOptions,
 };
 pub use origin::Problem;
