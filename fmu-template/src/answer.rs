@@ -1,9 +1,9 @@
 //! What a call is answered with when it is not simply fine. Messages say what was expected and what was found; the
 //! adapter puts the function's name in front.
 
-use crate::instance::State;
+use crate::state::State;
 
-/// Status of a call; the numbers of `fmi2Status`.
+/// Status of a call; the numbers of `fmi2Status` and `fmi3Status`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) enum Status {
@@ -17,12 +17,11 @@ pub(crate) enum Status {
 /// The call was carried out, but the user should know.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Warning {
-    #[error("parameter `{name}`: {value} is outside the training range from {min} to {max}; outputs are extrapolated")]
-    ParameterOutsideRange { name: String, value: f64, min: f64, max: f64 },
     #[error(
-        "time {time} is outside the training range from {min} to {max}; outputs are extrapolated (said once a run)"
+        "variable `{name}`: {value} is outside the training range from {min} to {max}; \
+         outputs are extrapolated (said once a run)"
     )]
-    TimeOutsideRange { time: f64, min: f64, max: f64 },
+    OutsideDomain { name: String, value: f64, min: f64, max: f64 },
     #[error("log category `{found}` is unknown, expected one of {expected}")]
     UnknownCategory { found: String, expected: String },
 }
@@ -36,38 +35,52 @@ pub(crate) enum Refusal {
     NullPointer { argument: &'static str },
     #[error("argument `{argument}`: {length} elements do not fit into memory")]
     Length { argument: &'static str, length: usize },
+    #[error("argument `{argument}`: {found} elements, expected {expected}")]
+    Count { argument: &'static str, found: usize, expected: usize },
     #[error("value reference {reference} is unknown, expected at most {last}")]
-    UnknownReference { reference: u32, last: usize },
-    #[error("{count} variables of type {kind} asked for, but all variables are of type Real")]
+    UnknownReference { reference: u32, last: u32 },
+    #[error("{count} variables of type {kind} asked for, but there are none of this type")]
     NoVariableOfType { kind: &'static str, count: usize },
+    #[error("variable `{name}` (value reference {reference}) is of type {found}, not {asked}")]
+    WrongType { name: String, reference: u32, found: &'static str, asked: &'static str },
     #[error("variable `{name}` (value reference {reference}) is an output and cannot be set")]
     SetOutput { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}) is the independent variable and cannot be set")]
     SetTime { name: String, reference: u32 },
-    #[error("parameter `{name}` (value reference {reference}) is fixed and cannot be set in state `{state}`")]
-    SetFixed { name: String, reference: u32, state: State },
-    #[error("parameter `{name}` (value reference {reference}): {value} is not finite")]
+    #[error("parameter `{name}` (value reference {reference}) is {variability} and cannot be set in state `{state}`")]
+    SetParameter { name: String, reference: u32, variability: &'static str, state: State },
+    #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
     ValueNotFinite { name: String, reference: u32, value: f64 },
+    #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
+    Policy { found: i32 },
+    #[error("variable `{name}`: {value} is outside the training range from {min} to {max}, and domain_policy is 2")]
+    OutsideDomain { name: String, value: f64, min: f64, max: f64, status: Status },
+    #[error("variable `{name}` (value reference {reference}) is no {expected}")]
+    NotDifferentiable { name: String, reference: u32, expected: &'static str },
+    #[error("derivatives of order {found} are not available, expected 1 to {max}")]
+    Order { found: i32, max: u32 },
     #[error("argument `{argument}`: {value} is not finite")]
     NotFinite { argument: &'static str, value: f64 },
     #[error("stop time {stop} is not after start time {start}")]
     StopTime { start: f64, stop: f64 },
     #[error("the experiment must be set up first: the start time is not known")]
     NoStartTime,
+    #[error("the instance was made with eventModeUsed = false")]
+    NoEventMode,
     #[error("communication step size {size} is negative")]
     NegativeStep { size: f64 },
     #[error("current communication point is {found}, expected {expected}, where the last step ended")]
     CommunicationPoint { found: f64, expected: f64 },
     #[error("a step to {time} would go past the stop time {stop}")]
     PastStopTime { time: f64, stop: f64 },
-    #[error("the state belongs to another FMU")]
+    #[error("time {time} is before {earliest}, the start time or the last event")]
+    BackInTime { time: f64, earliest: f64 },
+    #[error("the state belongs to another FMU, or to another FMI version or interface of this one")]
     ForeignState,
     #[error("serialized state of {found} bytes, expected {expected}")]
     StateSize { found: usize, expected: usize },
     #[error("serialized state is damaged or foreign: {reason}")]
     DamagedState { reason: &'static str },
-    #[error("not offered: {reason}")]
-    NotOffered { reason: &'static str },
     #[error("status information {kind} is not available: {reason}")]
     NoStatus { kind: i32, reason: &'static str },
 }
@@ -78,6 +91,7 @@ impl Refusal {
         match self {
             // "if a status is required which cannot be retrieved by the slave it returns fmi2Discard"
             Self::NoStatus { .. } => Status::Discard,
+            Self::OutsideDomain { status, .. } => *status,
             Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
             _ => Status::Error,
         }

@@ -73,6 +73,16 @@ pub(crate) unsafe fn write<T>(pointer: *mut T, value: T, argument: &'static str)
     Ok(())
 }
 
+/// Refuses null before anything is done, so that writing the results cannot fail half-way.
+pub(crate) fn not_null<T>(pointer: *mut T, argument: &'static str) -> Result<(), Refusal> {
+    if pointer.is_null() { Err(Refusal::NullPointer { argument }) } else { Ok(()) }
+}
+
+/// Refuses an array whose length is not what the other arguments make of it.
+pub(crate) fn count(found: usize, expected: usize, argument: &'static str) -> Result<(), Refusal> {
+    if found == expected { Ok(()) } else { Err(Refusal::Count { argument, found, expected }) }
+}
+
 /// Why a C string is of no use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum TextError {

@@ -1,61 +1,47 @@
-//! The C functions of FMI 2.0. Each one turns its arguments into Rust's and asks the instance.
-//!
-//! What every `SAFETY` comment below calls the host's promise is the standard's: a component is null or came from
-//! `fmi2Instantiate` and is used by one thread at a time; arrays have the length that is passed with them; strings
-//! are terminated; states came from this library and were not freed. Null pointers are tested for, not trusted.
+//! The C functions of FMI 2.0. Each one turns its arguments into Rust's and asks the instance. For the host's promise
+//! in the `SAFETY` comments see `component`.
 
 #![allow(non_snake_case)] // the standard's names
 
 use crate::{
-    answer::{Refusal, Status, Warning},
-    boundary::{TextError, guard, slice, slice_mut, text, write},
-    instance::{Call, Instance, LoadError, State},
-    location::{self, LocationError},
-    logger::{Callback, Logger},
-    snapshot::Snapshot,
+    answer::{Refusal, Status},
+    boundary::{count, not_null, slice, slice_mut, text, write},
+    component::{
+        InstantiationError, call, deserialize, free, free_state, instantiate, serialize, state_size, store, stored,
+        switch_logging,
+    },
+    instance::{Instance, Kind},
+    location,
+    logger::{Callback2, Logger},
+    state::{Interface, Version},
 };
 use std::{
     ffi::{CStr, c_char, c_int, c_uint, c_void},
     ptr::null_mut,
 };
+use table::Function;
 
-/// `fmi2Component` points to one.
-struct Component {
-    instance: Instance,
-    logger: Logger,
-}
+mod model_exchange;
+mod table;
 
 /// `fmi2CallbackFunctions`. Memory comes from Rust's own allocator and steps are synchronous, so only the logger matters.
 #[repr(C)]
 struct CallbackFunctions {
-    logger: Option<Callback>,
+    logger: Option<Callback2>,
     allocate_memory: Option<unsafe extern "C" fn(usize, usize) -> *mut c_void>,
     free_memory: Option<unsafe extern "C" fn(*mut c_void)>,
     step_finished: Option<unsafe extern "C" fn(*mut c_void, c_int)>,
     environment: *mut c_void,
 }
 
+/// `fmi2ModelExchange`
+const MODEL_EXCHANGE: c_int = 0;
 /// `fmi2CoSimulation`
 const CO_SIMULATION: c_int = 1;
 /// `fmi2LastSuccessfulTime`
 const LAST_SUCCESSFUL_TIME: c_int = 2;
 /// `fmi2Terminated`
 const TERMINATED: c_int = 3;
-
-/// Why instantiation failed.
-#[derive(Debug, thiserror::Error)]
-enum InstantiationError {
-    #[error("the instance name is empty")]
-    EmptyName,
-    #[error("FMU type is {found}, expected {CO_SIMULATION} (co-simulation), the only one offered")]
-    Type { found: c_int },
-    #[error("argument `{argument}` {source}")]
-    Text { argument: &'static str, source: TextError },
-    #[error(transparent)]
-    Location(#[from] LocationError),
-    #[error(transparent)]
-    Load(#[from] LoadError),
-}
 
 // ---- Version, instances, logging ---------------------------------------------------------------------------------
 
@@ -84,46 +70,27 @@ unsafe extern "C" fn fmi2Instantiate(
     let Some(callback) = functions.logger else { return null_mut() };
     // SAFETY: not null and the host's promise
     let name = if instanceName.is_null() { c"" } else { unsafe { CStr::from_ptr(instanceName) } };
-    let logger = Logger::new(callback, functions.environment, name, loggingOn != 0);
-    let instance = guard(|| {
-        if name.to_bytes().trim_ascii().is_empty() {
-            return Err(InstantiationError::EmptyName);
-        }
-        if fmuType != CO_SIMULATION {
-            return Err(InstantiationError::Type { found: fmuType });
-        }
-        let argument = |argument| move |source| InstantiationError::Text { argument, source };
+    let logger = Logger::fmi2(callback, functions.environment, name, loggingOn != 0);
+    let arguments = || {
+        let interface = match fmuType {
+            MODEL_EXCHANGE => Interface::ModelExchange,
+            CO_SIMULATION => Interface::CoSimulation,
+            found => return Err(InstantiationError::Type { found }),
+        };
         // SAFETY: the host's promise
         let (token, resources) = unsafe { (text(fmuGUID), text(fmuResourceLocation)) };
-        let resources = location::directory(resources.map_err(argument("fmuResourceLocation"))?)?;
-        Ok(Instance::load(&resources, token.map_err(argument("fmuGUID"))?)?)
-    });
-    let (status, message) = match instance {
-        Ok(Ok(instance)) => {
-            logger.log(Status::Ok, &format!("fmi2Instantiate: {}", describe(&instance)));
-            return Box::into_raw(Box::new(Component { instance, logger })).cast();
-        }
-        Ok(Err(error)) => (Status::Error, error.to_string()),
-        Err(panic) => (Status::Fatal, panicked(&panic)),
+        let resources = location::directory(resources.map_err(InstantiationError::text("fmuResourceLocation"))?)?;
+        let token = token.map_err(InstantiationError::text("fmuGUID"))?.to_owned();
+        Ok((Kind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
     };
-    logger.log(status, &format!("fmi2Instantiate: {message}"));
-    null_mut()
-}
-
-fn describe(instance: &Instance) -> String {
-    let metadata = instance.metadata();
-    let (inputs, outputs) = (metadata.inputs.len(), metadata.outputs.len());
-    format!("surrogate `{}` of {}, {inputs} inputs, {outputs} outputs", metadata.name, metadata.provenance.tool)
+    // SAFETY: the host's promise
+    unsafe { instantiate("fmi2Instantiate", instanceName, logger, arguments) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2FreeInstance(c: *mut c_void) {
-    if !c.is_null() {
-        // SAFETY: the host's promise
-        let component = unsafe { Box::from_raw(c.cast::<Component>()) };
-        // nobody is left to be told of a panic
-        let _ = guard(|| drop(component));
-    }
+    // SAFETY: the host's promise
+    unsafe { free(c) }
 }
 
 #[unsafe(no_mangle)]
@@ -135,24 +102,8 @@ unsafe extern "C" fn fmi2SetDebugLogging(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Call::SetDebugLogging, |instance| {
-            let logger = &mut (*c.cast::<Component>()).logger;
-            let on = loggingOn != 0;
-            if nCategories == 0 {
-                logger.switch_all(on);
-            }
-            for &category in slice(categories, nCategories, "categories")? {
-                if category.is_null() {
-                    return Err(Refusal::NullPointer { argument: "categories" });
-                }
-                let category = CStr::from_ptr(category).to_string_lossy();
-                // a warning, not an error: an unknown category is no reason to end a simulation
-                if !logger.switch(&category, on) {
-                    let (found, expected) = (category.into_owned(), Logger::categories());
-                    instance.warn(Warning::UnknownCategory { found, expected });
-                }
-            }
-            Ok(())
+        call(c, Function::SetDebugLogging, |instance| {
+            switch_logging(c, instance, loggingOn != 0, nCategories, categories)
         })
     }
 }
@@ -170,46 +121,31 @@ unsafe extern "C" fn fmi2SetupExperiment(
 ) -> Status {
     let stop = (stopTimeDefined != 0).then_some(stopTime);
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetupExperiment, |instance| instance.set_up_experiment(startTime, stop)) }
+    unsafe { call(c, Function::SetupExperiment, |instance| instance.set_up_experiment(startTime, stop)) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2EnterInitializationMode(c: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::EnterInitializationMode, Instance::enter_initialization_mode) }
+    unsafe { call(c, Function::EnterInitializationMode, Instance::enter_initialization_mode) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2ExitInitializationMode(c: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::ExitInitializationMode, |instance| {
-            instance.exit_initialization_mode();
-            Ok(())
-        })
-    }
+    unsafe { call(c, Function::ExitInitializationMode, Instance::exit_initialization_mode) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2Terminate(c: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::Terminate, |instance| {
-            instance.terminate();
-            Ok(())
-        })
-    }
+    unsafe { call(c, Function::Terminate, Instance::terminate) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2Reset(c: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::Reset, |instance| {
-            instance.reset();
-            Ok(())
-        })
-    }
+    unsafe { call(c, Function::Reset, Instance::reset) }
 }
 
 // ---- Values ------------------------------------------------------------------------------------------------------
@@ -217,25 +153,37 @@ unsafe extern "C" fn fmi2Reset(c: *mut c_void) -> Status {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetReal(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *mut f64) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetReal, |instance| instance.get(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?)) }
+    unsafe {
+        call(c, Function::GetReal, |instance| instance.get_real(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?))
+    }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SetReal(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *const f64) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetReal, |instance| instance.set(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?)) }
+    unsafe {
+        call(c, Function::SetReal, |instance| instance.set_real(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?))
+    }
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2GetInteger(c: *mut c_void, _vr: *const c_uint, nvr: usize, _value: *mut c_int) -> Status {
+unsafe extern "C" fn fmi2GetInteger(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *mut c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetInteger, |_| no_variables("Integer", nvr)) }
+    unsafe {
+        call(c, Function::GetInteger, |instance| {
+            instance.get_integer(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2GetBoolean(c: *mut c_void, _vr: *const c_uint, nvr: usize, _value: *mut c_int) -> Status {
+unsafe extern "C" fn fmi2GetBoolean(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *mut c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetBoolean, |_| no_variables("Boolean", nvr)) }
+    unsafe {
+        call(c, Function::GetBoolean, |instance| {
+            instance.get_boolean(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -246,19 +194,23 @@ unsafe extern "C" fn fmi2GetString(
     _value: *mut *const c_char,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetString, |_| no_variables("String", nvr)) }
+    unsafe { call(c, Function::GetString, |_| no_variables("String", nvr)) }
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SetInteger(c: *mut c_void, _vr: *const c_uint, nvr: usize, _value: *const c_int) -> Status {
+unsafe extern "C" fn fmi2SetInteger(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *const c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetInteger, |_| no_variables("Integer", nvr)) }
+    unsafe {
+        call(c, Function::SetInteger, |instance| {
+            instance.set_integer(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SetBoolean(c: *mut c_void, _vr: *const c_uint, nvr: usize, _value: *const c_int) -> Status {
+unsafe extern "C" fn fmi2SetBoolean(c: *mut c_void, vr: *const c_uint, nvr: usize, _value: *const c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetBoolean, |_| no_variables("Boolean", nvr)) }
+    unsafe { call(c, Function::SetBoolean, |instance| instance.set_boolean(slice(vr, nvr, "vr")?)) }
 }
 
 #[unsafe(no_mangle)]
@@ -269,7 +221,7 @@ unsafe extern "C" fn fmi2SetString(
     _value: *const *const c_char,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetString, |_| no_variables("String", nvr)) }
+    unsafe { call(c, Function::SetString, |_| no_variables("String", nvr)) }
 }
 
 fn no_variables(kind: &'static str, count: usize) -> Result<(), Refusal> {
@@ -281,33 +233,25 @@ fn no_variables(kind: &'static str, count: usize) -> Result<(), Refusal> {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetFMUstate(c: *mut c_void, FMUstate: *mut *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetFMUstate, |instance| store(instance.snapshot().clone(), FMUstate)) }
+    unsafe { call(c, Function::GetFMUstate, |instance| store(instance.snapshot().clone(), FMUstate)) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SetFMUstate(c: *mut c_void, FMUstate: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetFMUstate, |instance| instance.restore(stored(FMUstate)?)) }
+    unsafe { call(c, Function::SetFMUstate, |instance| instance.restore(stored(FMUstate)?)) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2FreeFMUstate(c: *mut c_void, FMUstate: *mut *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::FreeFMUstate, |_| {
-            if !FMUstate.is_null() && !(*FMUstate).is_null() {
-                drop(Box::from_raw((*FMUstate).cast::<Snapshot>()));
-                *FMUstate = null_mut();
-            }
-            Ok(())
-        })
-    }
+    unsafe { call(c, Function::FreeFMUstate, |_| free_state(FMUstate)) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SerializedFMUstateSize(c: *mut c_void, FMUstate: *mut c_void, size: *mut usize) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SerializedFMUstateSize, |_| write(size, stored(FMUstate)?.size(), "size")) }
+    unsafe { call(c, Function::SerializedFMUstateSize, |_| state_size(FMUstate, size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -318,16 +262,7 @@ unsafe extern "C" fn fmi2SerializeFMUstate(
     size: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::SerializeFMUstate, |_| {
-            let snapshot = stored(FMUstate)?;
-            if size != snapshot.size() {
-                return Err(Refusal::StateSize { found: size, expected: snapshot.size() });
-            }
-            slice_mut(serializedState, size, "serializedState")?.copy_from_slice(&snapshot.to_bytes());
-            Ok(())
-        })
-    }
+    unsafe { call(c, Function::SerializeFMUstate, |_| serialize(FMUstate, serializedState, size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -338,37 +273,7 @@ unsafe extern "C" fn fmi2DeSerializeFMUstate(
     FMUstate: *mut *mut c_void,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe {
-        call(c, Call::DeSerializeFMUstate, |instance| {
-            let bytes = slice(serializedState, size, "serializedState")?;
-            store(Snapshot::from_bytes(bytes, instance.snapshot())?, FMUstate)
-        })
-    }
-}
-
-/// Puts a snapshot where `state` points: into the state that is there already, or else into a new one.
-///
-/// # Safety
-/// The host's promise.
-unsafe fn store(snapshot: Snapshot, state: *mut *mut c_void) -> Result<(), Refusal> {
-    if state.is_null() {
-        return Err(Refusal::NullPointer { argument: "FMUstate" });
-    }
-    // SAFETY: not null and the host's promise
-    unsafe {
-        match (*state).cast::<Snapshot>().as_mut() {
-            Some(there) => *there = snapshot,
-            None => *state = Box::into_raw(Box::new(snapshot)).cast(),
-        }
-    }
-    Ok(())
-}
-
-/// # Safety
-/// The host's promise.
-unsafe fn stored<'a>(state: *mut c_void) -> Result<&'a Snapshot, Refusal> {
-    // SAFETY: the host's promise
-    unsafe { state.cast::<Snapshot>().as_ref() }.ok_or(Refusal::NullPointer { argument: "FMUstate" })
+    unsafe { call(c, Function::DeSerializeFMUstate, |instance| deserialize(instance, serializedState, size, FMUstate)) }
 }
 
 // ---- Derivatives -------------------------------------------------------------------------------------------------
@@ -376,42 +281,58 @@ unsafe fn stored<'a>(state: *mut c_void) -> Result<&'a Snapshot, Refusal> {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetDirectionalDerivative(
     c: *mut c_void,
-    _vUnknown_ref: *const c_uint,
-    _nUnknown: usize,
-    _vKnown_ref: *const c_uint,
-    _nKnown: usize,
-    _dvKnown: *const f64,
-    _dvUnknown: *mut f64,
+    vUnknown_ref: *const c_uint,
+    nUnknown: usize,
+    vKnown_ref: *const c_uint,
+    nKnown: usize,
+    dvKnown: *const f64,
+    dvUnknown: *mut f64,
 ) -> Status {
-    let reason = "providesDirectionalDerivative is false";
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetDirectionalDerivative, |_| Err(Refusal::NotOffered { reason })) }
+    unsafe {
+        call(c, Function::GetDirectionalDerivative, |instance| {
+            instance.directional_derivative(
+                slice(vUnknown_ref, nUnknown, "vUnknown_ref")?,
+                slice(vKnown_ref, nKnown, "vKnown_ref")?,
+                slice(dvKnown, nKnown, "dvKnown")?,
+                slice_mut(dvUnknown, nUnknown, "dvUnknown")?,
+            )
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SetRealInputDerivatives(
     c: *mut c_void,
-    _vr: *const c_uint,
-    _nvr: usize,
-    _order: *const c_int,
-    _value: *const f64,
+    vr: *const c_uint,
+    nvr: usize,
+    order: *const c_int,
+    value: *const f64,
 ) -> Status {
-    let reason = "canInterpolateInputs is false, as there are no inputs";
     // SAFETY: the host's promise
-    unsafe { call(c, Call::SetRealInputDerivatives, |_| Err(Refusal::NotOffered { reason })) }
+    unsafe {
+        call(c, Function::SetRealInputDerivatives, |instance| {
+            let (order, value) = (slice(order, nvr, "order")?, slice(value, nvr, "value")?);
+            instance.set_input_derivatives(slice(vr, nvr, "vr")?, order, value)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     c: *mut c_void,
-    _vr: *const c_uint,
-    _nvr: usize,
-    _order: *const c_int,
-    _value: *mut f64,
+    vr: *const c_uint,
+    nvr: usize,
+    order: *const c_int,
+    value: *mut f64,
 ) -> Status {
-    let reason = "maxOutputDerivativeOrder is 0";
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetRealOutputDerivatives, |_| Err(Refusal::NotOffered { reason })) }
+    unsafe {
+        call(c, Function::GetRealOutputDerivatives, |instance| {
+            let (order, value) = (slice(order, nvr, "order")?, slice_mut(value, nvr, "value")?);
+            instance.output_derivatives(slice(vr, nvr, "vr")?, order, value)
+        })
+    }
 }
 
 // ---- Steps -------------------------------------------------------------------------------------------------------
@@ -424,26 +345,26 @@ unsafe extern "C" fn fmi2DoStep(
     _noSetFMUStatePriorToCurrentPoint: c_int,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::DoStep, |instance| instance.do_step(currentCommunicationPoint, communicationStepSize)) }
+    unsafe { call(c, Function::DoStep, |instance| instance.do_step(currentCommunicationPoint, communicationStepSize)) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2CancelStep(c: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::CancelStep, |_| Ok(())) }
+    unsafe { call(c, Function::CancelStep, |_| Ok(())) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetStatus(c: *mut c_void, s: c_int, _value: *mut c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetStatus, |_| Err(no_status(s))) }
+    unsafe { call(c, Function::GetStatus, |_| Err(no_status(s))) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetRealStatus(c: *mut c_void, s: c_int, value: *mut f64) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Call::GetRealStatus, |instance| match s {
+        call(c, Function::GetRealStatus, |instance| match s {
             LAST_SUCCESSFUL_TIME => write(value, instance.time(), "value"),
             _ => Err(no_status(s)),
         })
@@ -453,14 +374,14 @@ unsafe extern "C" fn fmi2GetRealStatus(c: *mut c_void, s: c_int, value: *mut f64
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetIntegerStatus(c: *mut c_void, s: c_int, _value: *mut c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetIntegerStatus, |_| Err(no_status(s))) }
+    unsafe { call(c, Function::GetIntegerStatus, |_| Err(no_status(s))) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetBooleanStatus(c: *mut c_void, s: c_int, value: *mut c_int) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Call::GetBooleanStatus, |_| match s {
+        call(c, Function::GetBooleanStatus, |_| match s {
             TERMINATED => write(value, 0, "value"),
             _ => Err(no_status(s)),
         })
@@ -470,73 +391,11 @@ unsafe extern "C" fn fmi2GetBooleanStatus(c: *mut c_void, s: c_int, value: *mut 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetStringStatus(c: *mut c_void, s: c_int, _value: *mut *const c_char) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Call::GetStringStatus, |_| Err(no_status(s))) }
+    unsafe { call(c, Function::GetStringStatus, |_| Err(no_status(s))) }
 }
 
 fn no_status(kind: c_int) -> Refusal {
     Refusal::NoStatus { kind, reason: "steps are synchronous and always complete" }
-}
-
-// ---- What all calls have in common -------------------------------------------------------------------------------
-
-/// Refuses a null component and a call the state does not allow, keeps panics in, tells the host of everything that
-/// is not simply fine.
-///
-/// # Safety
-/// The host's promise.
-#[inline]
-unsafe fn call(c: *mut c_void, call: Call, body: impl FnOnce(&mut Instance) -> Result<(), Refusal>) -> Status {
-    let component = c.cast::<Component>();
-    if component.is_null() {
-        return Status::Error;
-    }
-    // SAFETY: not null and the host's promise; only the instance is borrowed, so that the logger stays free
-    let instance = unsafe { &mut (*component).instance };
-    let answer = guard(|| {
-        instance.begin(call)?;
-        body(instance)
-    });
-    match answer {
-        Ok(Ok(())) if !instance.has_warnings() => Status::Ok,
-        // SAFETY: as above
-        _ => unsafe { tell(component, call, answer) },
-    }
-}
-
-/// # Safety
-/// The host's promise, and the component is not null.
-#[cold]
-unsafe fn tell(component: *mut Component, call: Call, answer: Result<Result<(), Refusal>, String>) -> Status {
-    // SAFETY: the caller's promise
-    let instance = unsafe { &mut (*component).instance };
-    let mut messages: Vec<String> = instance.take_warnings().iter().map(ToString::to_string).collect();
-    let mut status = Status::Warning;
-    match answer {
-        Ok(Ok(())) => {}
-        Ok(Err(refusal)) => {
-            status = refusal.status();
-            messages.push(refusal.to_string());
-        }
-        Err(panic) => {
-            status = Status::Fatal;
-            messages.push(panicked(&panic));
-        }
-    }
-    match status {
-        Status::Ok | Status::Warning | Status::Discard => {}
-        Status::Error => instance.fail(State::Error),
-        Status::Fatal => instance.fail(State::Fatal),
-    }
-    // SAFETY: the caller's promise; the instance is not borrowed any more, should the host call back from its logger
-    let logger = unsafe { &(*component).logger };
-    for message in messages {
-        logger.log(status, &format!("fmi2{call:?}: {message}"));
-    }
-    status
-}
-
-fn panicked(message: &str) -> String {
-    format!("a mistake in this library ({message}); free the instance and please report it")
 }
 
 #[cfg(test)]

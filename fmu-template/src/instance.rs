@@ -1,134 +1,26 @@
-//! One simulation of the surrogate: the states it goes through, what may be called in which, and the values. It knows
-//! neither C nor an FMI version; what it says is passed on by the adapter.
+//! One simulation of the surrogate: the states it goes through and its values. It knows no C, and of the FMI version
+//! only where the standards differ; what it says is passed on by the adapters.
 
 use crate::{
-    answer::{Refusal, Warning},
+    answer::{Refusal, Status, Warning},
     snapshot::{Snapshot, fingerprint},
+    state::{Interface, Row, State, Version},
 };
-use metafmu_runtime::{Evaluator, FormatError, Metadata, Role, Scratch, Surrogate, Variability};
-use std::{fmt, fs, io, path::Path, path::PathBuf};
+use metafmu_runtime::{
+    Domain, Evaluator, FormatError, Metadata, Role, Scratch, Surrogate, Variability,
+    extra::{self, DomainPolicy, Extra},
+};
+use std::{fs, io, path::Path, path::PathBuf};
 
-/// Where in its life an instance is.
+mod derivatives;
+
+/// What an instance is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum State {
-    Instantiated,
-    Initialization,
-    StepComplete,
-    Terminated,
-    /// After a call was refused. The standard: "the simulation cannot be continued with this FMU instance", but for a
-    /// reset or a restored state.
-    Error,
-    /// After a panic: nothing is known about the values any more.
-    Fatal,
-}
-
-impl State {
-    const ALL: [Self; 6] =
-        [Self::Instantiated, Self::Initialization, Self::StepComplete, Self::Terminated, Self::Error, Self::Fatal];
-
-    /// The state whose `as u8` this is.
-    pub(crate) fn from_number(number: u8) -> Option<Self> {
-        Self::ALL.get(usize::from(number)).copied()
-    }
-
-    fn allows(self, call: Call) -> bool {
-        call.legal()[2 * self as usize] == b'x'
-    }
-}
-
-/// The standard's names.
-impl fmt::Display for State {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            Self::Instantiated => "instantiated",
-            Self::Initialization => "Initialization Mode",
-            Self::StepComplete => "stepComplete",
-            Self::Terminated => "terminated",
-            Self::Error => "error",
-            Self::Fatal => "fatal",
-        })
-    }
-}
-
-/// What a host may call only in certain states.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Call {
-    SetDebugLogging,
-    SetupExperiment,
-    EnterInitializationMode,
-    ExitInitializationMode,
-    Terminate,
-    Reset,
-    GetReal,
-    GetInteger,
-    GetBoolean,
-    GetString,
-    SetReal,
-    SetInteger,
-    SetBoolean,
-    SetString,
-    GetFMUstate,
-    SetFMUstate,
-    FreeFMUstate,
-    SerializedFMUstateSize,
-    SerializeFMUstate,
-    DeSerializeFMUstate,
-    GetDirectionalDerivative,
-    SetRealInputDerivatives,
-    GetRealOutputDerivatives,
-    DoStep,
-    CancelStep,
-    GetStatus,
-    GetRealStatus,
-    GetIntegerStatus,
-    GetBooleanStatus,
-    GetStringStatus,
-}
-
-impl Call {
-    /// The table at the end of section 4.2.4 of FMI 2.0, without the states of asynchronous and of partial steps,
-    /// which never occur here. Which variables may be set in which state is for [`Instance::set`] to say.
-    #[rustfmt::skip]
-    const fn legal(self) -> &'static [u8; 2 * State::ALL.len() - 1] {
-        match self {
-            //                                  Instantiated
-            //                                  | Initialization
-            //                                  | | StepComplete
-            //                                  | | | Terminated
-            //                                  | | | | Error
-            //                                  | | | | | Fatal
-            Self::SetDebugLogging          => b"x x x x x -",
-            Self::SetupExperiment          => b"x - - - - -",
-            Self::EnterInitializationMode  => b"x - - - - -",
-            Self::ExitInitializationMode   => b"- x - - - -",
-            Self::Terminate                => b"- - x - - -",
-            Self::Reset                    => b"x x x x x -",
-            Self::GetReal                  => b"- x x x x -",
-            Self::GetInteger               => b"- x x x x -",
-            Self::GetBoolean               => b"- x x x x -",
-            Self::GetString                => b"- x x x x -",
-            Self::SetReal                  => b"x x x - - -",
-            Self::SetInteger               => b"x x x - - -",
-            Self::SetBoolean               => b"x x x - - -",
-            Self::SetString                => b"x x x - - -",
-            Self::GetFMUstate              => b"x x x x x -",
-            Self::SetFMUstate              => b"x x x x x -",
-            Self::FreeFMUstate             => b"x x x x x -",
-            Self::SerializedFMUstateSize   => b"x x x x x -",
-            Self::SerializeFMUstate        => b"x x x x x -",
-            Self::DeSerializeFMUstate      => b"x x x x x -",
-            Self::GetDirectionalDerivative => b"- x x x x -",
-            Self::SetRealInputDerivatives  => b"x x x - - -",
-            Self::GetRealOutputDerivatives => b"- - x x x -",
-            Self::DoStep                   => b"- - x - - -",
-            Self::CancelStep               => b"- - - - - -", // only while a step runs asynchronously
-            Self::GetStatus                => b"- - x x - -",
-            Self::GetRealStatus            => b"- - x x - -",
-            Self::GetIntegerStatus         => b"- - x x - -",
-            Self::GetBooleanStatus         => b"- - x x - -",
-            Self::GetStringStatus          => b"- - x x - -",
-        }
-    }
+pub(crate) struct Kind {
+    pub version: Version,
+    pub interface: Interface,
+    /// FMI 3.0 co-simulation: whether the host enters Event Mode between steps.
+    pub event_mode: bool,
 }
 
 /// Why there is no instance.
@@ -139,37 +31,57 @@ pub(crate) enum LoadError {
     #[error("model file `{path}`: {source}")]
     Format { path: PathBuf, source: FormatError },
     #[error(
-        "the GUID is `{found}`, expected `{expected}`, which the model file `{path}` has: they do not belong together"
+        "the GUID or instantiation token is `{found}`, expected `{expected}`, which the model file `{path}` has: \
+         they do not belong together"
     )]
     Token { path: PathBuf, found: String, expected: String },
 }
 
 /// One simulation. Shares nothing with another one.
 pub(crate) struct Instance {
+    kind: Kind,
     metadata: Metadata,
+    domain: Domain,
     evaluator: Evaluator,
     scratch: Scratch,
     time_column: Option<usize>,
+    /// Columns that are continuous inputs.
+    input_columns: Vec<usize>,
     now: Snapshot,
+    /// Where the network is evaluated: the inputs, clamped if that is the policy.
+    point: Vec<f64>,
     /// Valid unless `stale`.
     outputs: Vec<f64>,
     /// Whether something changed since the outputs were computed; they are, when somebody asks.
     stale: bool,
-    /// Kept out of the snapshot: a host that repeats a step is not to be warned at each attempt.
-    warned_of_time: bool,
+    /// Work space of derivatives: one vector over the input columns and one over the outputs for each order.
+    columns: [Vec<f64>; 2],
+    sensitivities: [Vec<f64>; 2],
+    /// Columns the host was warned of in this run. Kept out of the snapshot: a host that repeats a step is not to be
+    /// warned at each attempt.
+    warned: Vec<bool>,
     warnings: Vec<Warning>,
 }
 
-/// How far, in relation to the greatest magnitude in its range, a value may be outside it: hosts add up step sizes and
-/// convert units.
-const RANGE_TOLERANCE: f64 = 1e-9;
+/// What a value reference stands for.
+#[derive(Clone, Copy)]
+enum Variable {
+    /// Input column of the network.
+    Column(usize),
+    Output(usize),
+    Policy,
+    InDomain,
+    Distance,
+    /// The independent variable of a surrogate without a time column.
+    Time,
+}
 
 impl Instance {
     /// Reads the model file in a resource directory, given the token of the description that goes with it.
     ///
     /// # Errors
     /// A [`LoadError`] that names the file.
-    pub(crate) fn load(resources: &Path, token: &str) -> Result<Self, LoadError> {
+    pub(crate) fn load(resources: &Path, token: &str, kind: Kind) -> Result<Self, LoadError> {
         let path = resources.join("model.safetensors");
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
@@ -184,25 +96,37 @@ impl Instance {
             return Err(LoadError::Token { path, found: token.to_owned(), expected });
         }
         let evaluator = Evaluator::new(&surrogate);
+        let metadata = surrogate.metadata().clone();
+        let (inputs, outputs) = (vec![0.0; metadata.inputs.len()], vec![0.0; metadata.outputs.len()]);
+        let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let mut instance = Self {
-            metadata: surrogate.metadata().clone(),
+            kind,
+            domain: Domain::new(&metadata.inputs),
             scratch: evaluator.scratch(),
             evaluator,
             time_column: surrogate.time_column(),
+            input_columns: (0..inputs.len()).filter(is_input).collect(),
             now: Snapshot {
-                surrogate: fingerprint(token.as_bytes()),
+                surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
                 state: State::Instantiated,
                 experiment: false,
+                policy: DomainPolicy::default(),
                 time: 0.0,
                 stop_time: f64::INFINITY,
-                inputs: Vec::new(),
+                earliest: 0.0,
+                inputs: inputs.clone(),
+                rates: [inputs.clone(), inputs.clone()],
             },
-            outputs: vec![0.0; surrogate.outputs().len()],
+            warned: vec![false; inputs.len()],
+            point: inputs.clone(),
+            columns: [inputs.clone(), inputs],
+            sensitivities: [outputs.clone(), outputs.clone()],
+            outputs,
             stale: true,
-            warned_of_time: false,
+            metadata,
             warnings: Vec::new(),
         };
-        instance.reset();
+        instance.start();
         Ok(instance)
     }
 
@@ -216,11 +140,12 @@ impl Instance {
     /// # Errors
     /// [`Refusal::IllegalState`] if the present state does not allow it.
     #[inline]
-    pub(crate) fn begin(&self, call: Call) -> Result<(), Refusal> {
-        if self.now.state.allows(call) {
+    pub(crate) fn begin(&self, row: Row) -> Result<(), Refusal> {
+        let interface = self.kind.interface;
+        if self.now.state.allows(row, interface) {
             return Ok(());
         }
-        let legal = State::ALL.into_iter().filter(|state| state.allows(call)).collect();
+        let legal = State::ALL.into_iter().filter(|state| state.allows(row, interface)).collect();
         Err(Refusal::IllegalState { state: self.now.state, legal })
     }
 
@@ -237,10 +162,18 @@ impl Instance {
         self.warnings.push(warning);
     }
 
-    /// After a call was refused or panicked.
-    pub(crate) fn fail(&mut self, state: State) {
-        self.now.state = state;
+    /// After a call was refused ([`Status::Error`]) or panicked ([`Status::Fatal`]).
+    pub(crate) fn fail(&mut self, status: Status) {
+        match (status, self.kind.version) {
+            (Status::Ok | Status::Warning | Status::Discard, _) => {}
+            (Status::Error, Version::Fmi2) => self.now.state = State::Error,
+            // "if any function called in super state FMU State Settable returns fmi3Error, the FMU enters Terminated"
+            (Status::Error, Version::Fmi3) => self.now.state = State::Terminated,
+            (Status::Fatal, _) => self.now.state = State::Fatal,
+        }
     }
+
+    // ---- Modes ---------------------------------------------------------------------------------------------------
 
     /// Start time, and stop time or infinity.
     pub(crate) fn set_up_experiment(&mut self, start: f64, stop: Option<f64>) -> Result<(), Refusal> {
@@ -251,10 +184,11 @@ impl Instance {
                 return Err(Refusal::StopTime { start, stop });
             }
         }
+        self.warned.fill(false);
+        self.set_time(start, Status::Error)?;
         self.now.experiment = true;
         self.now.stop_time = stop.unwrap_or(f64::INFINITY);
-        self.warned_of_time = false;
-        self.set_time(start);
+        self.now.earliest = start;
         Ok(())
     }
 
@@ -266,83 +200,235 @@ impl Instance {
         Ok(())
     }
 
-    pub(crate) fn exit_initialization_mode(&mut self) {
-        self.now.state = State::StepComplete;
+    pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), Refusal> {
+        let event = self.kind.interface == Interface::ModelExchange || self.kind.event_mode;
+        self.now.state = if event { State::Event } else { State::Step };
+        Ok(())
     }
 
-    pub(crate) fn terminate(&mut self) {
+    pub(crate) fn enter_event_mode(&mut self) -> Result<(), Refusal> {
+        if self.kind.interface == Interface::CoSimulation && !self.kind.event_mode {
+            return Err(Refusal::NoEventMode);
+        }
+        self.now.earliest = self.now.time;
+        self.now.state = State::Event;
+        Ok(())
+    }
+
+    pub(crate) fn enter_continuous_time_mode(&mut self) -> Result<(), Refusal> {
+        self.now.state = State::ContinuousTime;
+        Ok(())
+    }
+
+    pub(crate) fn enter_step_mode(&mut self) -> Result<(), Refusal> {
+        self.now.state = State::Step;
+        Ok(())
+    }
+
+    pub(crate) fn terminate(&mut self) -> Result<(), Refusal> {
         self.now.state = State::Terminated;
+        Ok(())
     }
 
     /// As after instantiation: start values, time zero.
-    pub(crate) fn reset(&mut self) {
-        self.now.state = State::Instantiated;
-        self.now.experiment = false;
-        self.now.stop_time = f64::INFINITY;
-        self.now.inputs.clear();
-        self.now.inputs.extend(self.metadata.inputs.iter().map(|input| input.start));
-        self.now.time = 0.0;
-        if let Some(column) = self.time_column {
-            self.now.inputs[column] = 0.0;
-        }
-        self.stale = true;
-        self.warned_of_time = false;
+    pub(crate) fn reset(&mut self) -> Result<(), Refusal> {
+        self.start();
+        Ok(())
     }
 
-    /// Values of variables: input columns first, then outputs.
+    fn start(&mut self) {
+        self.now.state = State::Instantiated;
+        self.now.experiment = false;
+        self.now.policy = DomainPolicy::default();
+        self.now.stop_time = f64::INFINITY;
+        self.now.earliest = 0.0;
+        for (value, input) in self.now.inputs.iter_mut().zip(&self.metadata.inputs) {
+            *value = if input.role == Role::Time { 0.0 } else { input.start };
+        }
+        self.now.rates.iter_mut().for_each(|rates| rates.fill(0.0));
+        self.now.time = 0.0;
+        self.stale = true;
+        self.warned.fill(false);
+    }
+
+    // ---- Values --------------------------------------------------------------------------------------------------
+
+    /// Values of real variables.
     #[inline]
-    pub(crate) fn get(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
+    pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
         for (value, &reference) in values.iter_mut().zip(references) {
-            let index = reference as usize;
-            let found = match index.checked_sub(self.now.inputs.len()) {
-                None => self.now.inputs.get(index).copied(),
-                Some(output) => self.outputs().get(output).copied(),
+            *value = match self.variable(reference)? {
+                Variable::Column(column) => self.now.inputs[column],
+                Variable::Output(output) => self.outputs()[output],
+                Variable::Distance => self.domain.distance(&self.now.inputs),
+                Variable::Time => self.now.time,
+                other @ (Variable::Policy | Variable::InDomain) => {
+                    return Err(self.wrong_type(other, reference, "real"));
+                }
             };
-            *value = found.ok_or_else(|| self.unknown(reference))?;
         }
         Ok(())
     }
 
-    /// Sets parameters: all of them or, if one is refused, none.
-    pub(crate) fn set(&mut self, references: &[u32], values: &[f64]) -> Result<(), Refusal> {
+    /// Values of 32-bit integer variables.
+    pub(crate) fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Refusal> {
+        for (value, &reference) in values.iter_mut().zip(references) {
+            *value = match self.variable(reference)? {
+                Variable::Policy => self.now.policy as i32,
+                other => return Err(self.wrong_type(other, reference, "integer")),
+            };
+        }
+        Ok(())
+    }
+
+    /// Values of Boolean variables, in the type that the FMI version has for them.
+    pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
+        for (value, &reference) in values.iter_mut().zip(references) {
+            *value = match self.variable(reference)? {
+                Variable::InDomain => self.domain.contains_point(&self.now.inputs).into(),
+                other => return Err(self.wrong_type(other, reference, "Boolean")),
+            };
+        }
+        Ok(())
+    }
+
+    /// Sets inputs and parameters: all of them or, if one is refused, none.
+    pub(crate) fn set_real(&mut self, references: &[u32], values: &[f64]) -> Result<(), Refusal> {
         for (&reference, &value) in references.iter().zip(values) {
-            self.check_settable(reference, value)?;
+            let column = self.settable(reference)?;
+            if !value.is_finite() {
+                return Err(Refusal::ValueNotFinite { name: self.column_name(column), reference, value });
+            }
+            self.check_domain(column, value, self.now.policy, Status::Error)?;
         }
         for (&reference, &value) in references.iter().zip(values) {
             let column = reference as usize;
             self.now.inputs[column] = value;
-            let input = &self.metadata.inputs[column];
-            if outside(value, input.min, input.max) {
-                let (name, min, max) = (input.name.clone(), input.min, input.max);
-                self.warnings.push(Warning::ParameterOutsideRange { name, value, min, max });
-            }
+            self.note_domain(column, value);
         }
         self.stale |= !references.is_empty();
         Ok(())
     }
 
-    fn check_settable(&self, reference: u32, value: f64) -> Result<(), Refusal> {
-        let column = reference as usize;
-        let Some(input) = self.metadata.inputs.get(column) else {
-            let output = self.metadata.outputs.get(column - self.metadata.inputs.len());
-            let output = output.ok_or_else(|| self.unknown(reference))?;
-            return Err(Refusal::SetOutput { name: output.name.clone(), reference });
-        };
-        let name = || input.name.clone();
-        let state = self.now.state;
-        match input.role {
-            Role::Time => Err(Refusal::SetTime { name: name(), reference }),
-            Role::Parameter(Variability::Fixed) if state == State::StepComplete => {
-                Err(Refusal::SetFixed { name: name(), reference, state })
+    /// Sets the domain policy, the only integer.
+    pub(crate) fn set_integer(&mut self, references: &[u32], values: &[i32]) -> Result<(), Refusal> {
+        let mut new = self.now.policy;
+        for (&reference, &found) in references.iter().zip(values) {
+            match self.variable(reference)? {
+                Variable::Policy => new = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?,
+                other => return Err(self.wrong_type(other, reference, "integer")),
             }
-            Role::Parameter(_) if !value.is_finite() => Err(Refusal::ValueNotFinite { name: name(), reference, value }),
-            Role::Parameter(_) => Ok(()),
+            self.parameter_settable(Variability::Tunable, Variable::Policy, reference)?;
+        }
+        // a value that is outside already is not left standing; the time counts once it is known
+        for (column, input) in self.metadata.inputs.iter().enumerate() {
+            if input.role != Role::Time || self.now.experiment {
+                self.check_domain(column, self.now.inputs[column], new, Status::Error)?;
+            }
+        }
+        self.stale |= new != self.now.policy;
+        self.now.policy = new;
+        Ok(())
+    }
+
+    /// Booleans are outputs.
+    pub(crate) fn set_boolean(&self, references: &[u32]) -> Result<(), Refusal> {
+        let Some(&reference) = references.first() else { return Ok(()) };
+        match self.variable(reference)? {
+            variable @ Variable::InDomain => Err(Refusal::SetOutput { name: self.name(variable), reference }),
+            other => Err(self.wrong_type(other, reference, "Boolean")),
         }
     }
 
-    fn unknown(&self, reference: u32) -> Refusal {
-        Refusal::UnknownReference { reference, last: self.metadata.inputs.len() + self.outputs.len() - 1 }
+    /// The column a host may set now.
+    fn settable(&self, reference: u32) -> Result<usize, Refusal> {
+        let variable = self.variable(reference)?;
+        let name = || self.name(variable);
+        match variable {
+            Variable::Column(column) => match self.metadata.inputs[column].role {
+                Role::Time => Err(Refusal::SetTime { name: name(), reference }),
+                Role::Parameter(variability) => {
+                    self.parameter_settable(variability, variable, reference).map(|()| column)
+                }
+                Role::Input => Ok(column),
+            },
+            Variable::Output(_) | Variable::Distance => Err(Refusal::SetOutput { name: name(), reference }),
+            Variable::Time => Err(Refusal::SetTime { name: name(), reference }),
+            Variable::Policy | Variable::InDomain => Err(self.wrong_type(variable, reference, "real")),
+        }
     }
+
+    fn parameter_settable(&self, variability: Variability, variable: Variable, reference: u32) -> Result<(), Refusal> {
+        let state = self.now.state;
+        let variability = match (variability, state) {
+            (_, State::Instantiated | State::Initialization) => return Ok(()),
+            (Variability::Tunable, State::Event | State::Step) => return Ok(()),
+            (Variability::Fixed, _) => "fixed",
+            (Variability::Tunable, _) => "tunable",
+        };
+        Err(Refusal::SetParameter { name: self.name(variable), reference, variability, state })
+    }
+
+    /// Input columns come first, then outputs, then what every FMU adds.
+    #[inline]
+    fn variable(&self, reference: u32) -> Result<Variable, Refusal> {
+        let (index, inputs, outputs) = (reference as usize, self.now.inputs.len(), self.outputs.len());
+        if index < inputs {
+            return Ok(Variable::Column(index));
+        }
+        if index < inputs + outputs {
+            return Ok(Variable::Output(index - inputs));
+        }
+        let last = if self.time_column.is_none() { extra::TIME } else { extra::DOMAIN_DISTANCE };
+        let last = (inputs + outputs) as u32 + last.offset;
+        let offset = reference - (inputs + outputs) as u32;
+        let is = |extra: Extra| offset == extra.offset;
+        match () {
+            () if reference > last => Err(Refusal::UnknownReference { reference, last }),
+            () if is(extra::DOMAIN_POLICY) => Ok(Variable::Policy),
+            () if is(extra::IN_DOMAIN) => Ok(Variable::InDomain),
+            () if is(extra::DOMAIN_DISTANCE) => Ok(Variable::Distance),
+            () => Ok(Variable::Time),
+        }
+    }
+
+    fn name(&self, variable: Variable) -> String {
+        match variable {
+            Variable::Column(column) => self.column_name(column),
+            Variable::Output(output) => self.metadata.outputs[output].name.clone(),
+            Variable::Policy => extra::DOMAIN_POLICY.name.to_owned(),
+            Variable::InDomain => extra::IN_DOMAIN.name.to_owned(),
+            Variable::Distance => extra::DOMAIN_DISTANCE.name.to_owned(),
+            Variable::Time => extra::TIME.name.to_owned(),
+        }
+    }
+
+    fn column_name(&self, column: usize) -> String {
+        self.metadata.inputs[column].name.clone()
+    }
+
+    fn wrong_type(&self, variable: Variable, reference: u32, asked: &'static str) -> Refusal {
+        let found = match variable {
+            Variable::Policy => "integer",
+            Variable::InDomain => "Boolean",
+            Variable::Column(_) | Variable::Output(_) | Variable::Distance | Variable::Time => "real",
+        };
+        Refusal::WrongType { name: self.name(variable), reference, found, asked }
+    }
+
+    /// Value references of what a variable depends on.
+    pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = u32> + use<>, Refusal> {
+        let inputs = self.now.inputs.len() as u32;
+        let policy = inputs + self.outputs.len() as u32 + extra::DOMAIN_POLICY.offset;
+        let (columns, policy) = match self.variable(reference)? {
+            Variable::Output(_) => (inputs, Some(policy)),
+            Variable::InDomain | Variable::Distance => (inputs, None),
+            Variable::Column(_) | Variable::Policy | Variable::Time => (0, None),
+        };
+        Ok((0..columns).chain(policy))
+    }
+
+    // ---- Time ----------------------------------------------------------------------------------------------------
 
     /// From communication point `from` on by `size`.
     ///
@@ -370,23 +456,51 @@ impl Instance {
         if time > self.now.stop_time + tolerance {
             return Err(Refusal::PastStopTime { time, stop: self.now.stop_time });
         }
-        self.set_time(time);
+        // FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again
+        let status = if self.kind.version == Version::Fmi2 { Status::Error } else { Status::Discard };
+        for &column in &self.input_columns {
+            self.check_domain(column, self.extrapolated(column, size), self.now.policy, status)?;
+        }
+        self.set_time(time, status)?;
+        for index in 0..self.input_columns.len() {
+            let column = self.input_columns[index];
+            let value = self.extrapolated(column, size);
+            self.now.inputs[column] = value;
+            self.now.rates[0][column] += size * self.now.rates[1][column];
+            self.stale = true;
+            self.note_domain(column, value);
+        }
         Ok(())
     }
 
-    /// The step that goes out of the trained range answers with a warning, for the computation can continue; those after
-    /// it do not, as a warning without a message would be against the standard and a message a step a flood.
-    #[inline]
-    fn set_time(&mut self, time: f64) {
-        self.now.time = time;
-        let Some(column) = self.time_column else { return };
-        self.now.inputs[column] = time;
-        self.stale = true;
-        let input = &self.metadata.inputs[column];
-        if !self.warned_of_time && outside(time, input.min, input.max) {
-            self.warned_of_time = true;
-            self.warnings.push(Warning::TimeOutsideRange { time, min: input.min, max: input.max });
+    /// An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are.
+    fn extrapolated(&self, column: usize, size: f64) -> f64 {
+        let [first, second] = &self.now.rates;
+        let value = self.now.inputs[column];
+        let later = value + size * (first[column] + 0.5 * size * second[column]);
+        if later.is_finite() { later } else { value }
+    }
+
+    /// Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event.
+    pub(crate) fn set_solver_time(&mut self, time: f64) -> Result<(), Refusal> {
+        finite("time", time)?;
+        let earliest = self.now.earliest;
+        if time < earliest - 1e-9 * earliest.abs().max(self.metadata.time_step) {
+            return Err(Refusal::BackInTime { time, earliest });
         }
+        self.set_time(time, Status::Discard)
+    }
+
+    #[inline]
+    fn set_time(&mut self, time: f64, refused: Status) -> Result<(), Refusal> {
+        if let Some(column) = self.time_column {
+            self.check_domain(column, time, self.now.policy, refused)?;
+            self.now.inputs[column] = time;
+            self.stale = true;
+            self.note_domain(column, time);
+        }
+        self.now.time = time;
+        Ok(())
     }
 
     /// Where the last step ended.
@@ -394,11 +508,37 @@ impl Instance {
         self.now.time
     }
 
+    // ---- Domain --------------------------------------------------------------------------------------------------
+
+    #[inline]
+    fn check_domain(&self, column: usize, value: f64, policy: DomainPolicy, status: Status) -> Result<(), Refusal> {
+        if policy != DomainPolicy::Error || self.domain.contains(column, value) {
+            return Ok(());
+        }
+        let input = &self.metadata.inputs[column];
+        Err(Refusal::OutsideDomain { name: input.name.clone(), value, min: input.min, max: input.max, status })
+    }
+
+    /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
+    /// do not, as a warning without a message would be against the standard and a message a step a flood.
+    #[inline]
+    fn note_domain(&mut self, column: usize, value: f64) {
+        if self.now.policy != DomainPolicy::Warn || self.warned[column] || self.domain.contains(column, value) {
+            return;
+        }
+        self.warned[column] = true;
+        let input = &self.metadata.inputs[column];
+        let (name, min, max) = (input.name.clone(), input.min, input.max);
+        self.warnings.push(Warning::OutsideDomain { name, value, min, max });
+    }
+
+    // ---- State ---------------------------------------------------------------------------------------------------
+
     pub(crate) fn snapshot(&self) -> &Snapshot {
         &self.now
     }
 
-    /// Goes on from a snapshot of any instance of this surrogate.
+    /// Goes on from a snapshot of any instance of this surrogate, made by the same FMI version and interface.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Refusal> {
         if snapshot.surrogate != self.now.surrogate {
             return Err(Refusal::ForeignState);
@@ -411,18 +551,22 @@ impl Instance {
     #[inline]
     fn outputs(&mut self) -> &[f64] {
         if self.stale {
-            self.evaluator.evaluate(&self.now.inputs, &mut self.outputs, &mut self.scratch);
+            self.update_point();
+            self.evaluator.evaluate(&self.point, &mut self.outputs, &mut self.scratch);
             self.stale = false;
         }
         &self.outputs
     }
+
+    #[inline]
+    fn update_point(&mut self) {
+        let clamp = self.now.policy == DomainPolicy::Clamp;
+        for (column, (point, &value)) in self.point.iter_mut().zip(&self.now.inputs).enumerate() {
+            *point = if clamp { self.domain.clamp(column, value) } else { value };
+        }
+    }
 }
 
-fn finite(argument: &'static str, value: f64) -> Result<(), Refusal> {
+pub(crate) fn finite(argument: &'static str, value: f64) -> Result<(), Refusal> {
     if value.is_finite() { Ok(()) } else { Err(Refusal::NotFinite { argument, value }) }
-}
-
-fn outside(value: f64, min: f64, max: f64) -> bool {
-    let tolerance = RANGE_TOLERANCE * min.abs().max(max.abs());
-    value < min - tolerance || value > max + tolerance
 }

@@ -3,19 +3,22 @@
 use crate::answer::Status;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 
-/// The host's logger: environment, instance name, status, category, `printf` format, arguments.
-pub(crate) type Callback = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, ...);
+/// FMI 2.0: environment, instance name, status, category, `printf` format, arguments.
+pub(crate) type Callback2 = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, ...);
+
+/// FMI 3.0: environment, status, category, message.
+pub(crate) type Callback3 = unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char);
+
+/// Where messages go.
+enum Sink {
+    Fmi2 { callback: Callback2, instance_name: CString },
+    Fmi3(Option<Callback3>),
+}
 
 /// Sends messages to the host.
-///
-/// `loggingOn` of instantiation governs debug messages only. Errors and warnings are on from the start, whatever it
-/// says: the standard defines fmi2Error and fmi2Warning by "function logger was called", and unlike fmi2Discard without
-/// the condition of debug mode. (The Reference FMUs do the same for errors.) `fmi2SetDebugLogging` can turn each
-/// category off.
 pub(crate) struct Logger {
-    callback: Callback,
+    sink: Sink,
     environment: *mut c_void,
-    instance_name: CString,
     errors: bool,
     warnings: bool,
     debug: bool,
@@ -26,8 +29,18 @@ pub(crate) struct Logger {
 const CATEGORIES: [&CStr; 3] = [c"logStatusError", c"logStatusWarning", c"logAll"];
 
 impl Logger {
-    pub(crate) fn new(callback: Callback, environment: *mut c_void, instance_name: &CStr, debug: bool) -> Self {
-        Self { callback, environment, instance_name: instance_name.to_owned(), errors: true, warnings: true, debug }
+    /// `loggingOn` of FMI 2.0 governs debug messages only. Errors and warnings are on from the start, whatever it
+    /// says: the standard defines fmi2Error and fmi2Warning by "function logger was called", and unlike fmi2Discard
+    /// without the condition of debug mode. (The Reference FMUs do the same for errors.) `fmi2SetDebugLogging` can turn
+    /// each category off.
+    pub(crate) fn fmi2(callback: Callback2, environment: *mut c_void, instance_name: &CStr, debug: bool) -> Self {
+        let sink = Sink::Fmi2 { callback, instance_name: instance_name.to_owned() };
+        Self { sink, environment, errors: true, warnings: true, debug }
+    }
+
+    /// `loggingOn` of FMI 3.0 governs everything. A host without a callback is told nothing.
+    pub(crate) fn fmi3(callback: Option<Callback3>, environment: *mut c_void, on: bool) -> Self {
+        Self { sink: Sink::Fmi3(callback), environment, errors: on, warnings: on, debug: on }
     }
 
     /// Turns a category on or off. False if there is none of this name.
@@ -60,19 +73,19 @@ impl Logger {
         if !on {
             return;
         }
-        // hosts replace `#r7#` by the variable's name, so a plain `#` is written twice; a C string holds no zero
+        // hosts replace `#7#` by the variable's name, so a plain `#` is written twice; a C string holds no zero
         let message = CString::new(message.replace('#', "##").replace('\0', "")).unwrap_or_default();
+        let (status, category, message) = (status as c_int, category.as_ptr(), message.as_ptr());
         // SAFETY: the host promises that the callback and its environment live as long as the instance; all strings are
         // terminated, and the format takes exactly one
         unsafe {
-            (self.callback)(
-                self.environment,
-                self.instance_name.as_ptr(),
-                status as c_int,
-                category.as_ptr(),
-                c"%s".as_ptr(),
-                message.as_ptr(),
-            );
+            match &self.sink {
+                Sink::Fmi2 { callback, instance_name } => {
+                    callback(self.environment, instance_name.as_ptr(), status, category, c"%s".as_ptr(), message);
+                }
+                Sink::Fmi3(Some(callback)) => callback(self.environment, status, category, message),
+                Sink::Fmi3(None) => {}
+            }
         }
     }
 }

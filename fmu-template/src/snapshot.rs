@@ -3,42 +3,52 @@
 //! | bytes | |
 //! |---|---|
 //! | 8 | magic `metafmu` and the version of this layout |
-//! | 8 | fingerprint of the surrogate |
+//! | 8 | fingerprint of the surrogate, the FMI version and the interface |
 //! | 1 | state |
 //! | 1 | whether the experiment is set up |
+//! | 1 | domain policy |
 //! | 8 | time |
 //! | 8 | stop time |
+//! | 8 | earliest time |
 //! | 8 each | values of the input columns |
+//! | 8 each | their first derivatives |
+//! | 8 each | their second derivatives |
 //! | 8 | checksum of all before |
 //!
 //! Numbers are little-endian.
 
-use crate::{answer::Refusal, instance::State};
+use crate::{answer::Refusal, state::State};
+use metafmu_runtime::extra::DomainPolicy;
 
 /// The mutable part of an instance, but for values that can be computed from it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Snapshot {
-    /// [`fingerprint`] of the instantiation token: states of another surrogate are refused.
+    /// [`fingerprint`] of the instantiation token, the FMI version and the interface: other states are refused.
     pub surrogate: u64,
     pub state: State,
     /// Whether the start time is known.
     pub experiment: bool,
+    pub policy: DomainPolicy,
     pub time: f64,
     /// Infinite if none is defined.
     pub stop_time: f64,
+    /// Where a solver may go back to: the start time or the last event.
+    pub earliest: f64,
     /// One value per input column of the network, the time among them.
     pub inputs: Vec<f64>,
+    /// First and second derivatives with respect to time of the columns that are inputs, zero for others.
+    pub rates: [Vec<f64>; 2],
 }
 
 const MAGIC: [u8; 8] = *b"metafmu\x01";
 
-/// All but the inputs.
-const FIXED_SIZE: usize = 8 + 8 + 1 + 1 + 8 + 8 + 8;
+/// All but the inputs and their derivatives.
+const FIXED_SIZE: usize = 8 + 8 + 1 + 1 + 1 + 8 + 8 + 8 + 8;
 
 impl Snapshot {
     /// Number of bytes [`Snapshot::to_bytes`] gives.
     pub(crate) fn size(&self) -> usize {
-        FIXED_SIZE + 8 * self.inputs.len()
+        FIXED_SIZE + 3 * 8 * self.inputs.len()
     }
 
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
@@ -47,7 +57,9 @@ impl Snapshot {
         bytes.extend(self.surrogate.to_le_bytes());
         bytes.push(self.state as u8);
         bytes.push(self.experiment.into());
-        for number in [self.time, self.stop_time].iter().chain(&self.inputs) {
+        bytes.push(self.policy as u8);
+        let times = [self.time, self.stop_time, self.earliest];
+        for number in times.iter().chain(&self.inputs).chain(self.rates.iter().flatten()) {
             bytes.extend(number.to_le_bytes());
         }
         bytes.extend(fingerprint(&bytes).to_le_bytes());
@@ -72,15 +84,17 @@ impl Snapshot {
         if bytes.len() != like.size() {
             return Err(Refusal::StateSize { found: bytes.len(), expected: like.size() });
         }
-        let [state, experiment] = take(&mut numbers)?;
+        let [state, experiment, policy] = take(&mut numbers)?;
         let mut number = || take(&mut numbers).map(f64::from_le_bytes);
-        let (time, stop_time) = (number()?, number()?);
-        let inputs = (0..like.inputs.len()).map(|_| number()).collect::<Result<Vec<_>, _>>()?;
+        let (time, stop_time, earliest) = (number()?, number()?, number()?);
+        let mut columns = || (0..like.inputs.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
+        let (inputs, rates) = (columns()?, [columns()?, columns()?]);
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
             return Err(damaged("the checksum does not match"));
         }
         let state = State::from_number(state).ok_or_else(|| damaged("it names no state"))?;
-        Ok(Self { surrogate, state, experiment: experiment != 0, time, stop_time, inputs })
+        let policy = DomainPolicy::from_number(policy.into()).ok_or_else(|| damaged("it names no domain policy"))?;
+        Ok(Self { surrogate, state, experiment: experiment != 0, policy, time, stop_time, earliest, inputs, rates })
     }
 }
 
@@ -104,11 +118,14 @@ mod tests {
     fn snapshot() -> Snapshot {
         Snapshot {
             surrogate: fingerprint(b"token"),
-            state: State::StepComplete,
+            state: State::Step,
             experiment: true,
+            policy: DomainPolicy::Clamp,
             time: 0.1 + 0.2,
             stop_time: f64::INFINITY,
+            earliest: -1.0,
             inputs: vec![1e-300, -0.0, 0.1 + 0.2],
+            rates: [vec![0.0, 1.0, 2.0], vec![3.0, 4.0, 5.0]],
         }
     }
 

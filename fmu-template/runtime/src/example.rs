@@ -1,6 +1,6 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
-use crate::{Activation, Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate, Variability};
+use crate::{Activation, Input, Layer, Metadata, Output, Precision, Provenance, Role, Scaling, Surrogate, Variability};
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
 pub fn surrogate() -> Surrogate {
@@ -12,6 +12,14 @@ pub fn surrogate() -> Surrogate {
 /// # Panics
 /// If a size is zero.
 pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
+    with_precision(hidden, activation, Precision::Double)
+}
+
+/// The same in a precision of choice.
+///
+/// # Panics
+/// If a size is zero.
+pub fn with_precision(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
     let input = |name: &str, role, unit: &str, min, max| Input {
         name: name.into(),
         role,
@@ -38,6 +46,7 @@ pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
         ],
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
         activation,
+        precision,
         time_step: 0.01,
         provenance: Provenance { tool: "example".into(), content_digest: "0".repeat(64), ..Provenance::default() },
     };
@@ -60,6 +69,14 @@ pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
         })
         .collect();
     Surrogate::new(metadata, scaling, layers).expect("the example is valid")
+}
+
+/// [`surrogate`] with `speed` an input that another component drives.
+pub fn with_input() -> Surrogate {
+    let surrogate = surrogate();
+    let mut metadata = surrogate.metadata().clone();
+    metadata.inputs[1].role = Role::Input;
+    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
 }
 
 /// Numbers spread over (-1, 1): the fractional parts of multiples of the golden ratio.

@@ -106,6 +106,12 @@ pub enum FormatError {
         /// The name.
         name: String,
     },
+    /// A variable named like one that every FMU adds.
+    #[error("variable `{name}`: the name is reserved for a variable that every FMU adds")]
+    ReservedName {
+        /// The name.
+        name: String,
+    },
     /// A range that is empty or not finite.
     #[error("variable `{name}`: range from {min} to {max} is empty or not finite")]
     EmptyRange {
@@ -268,3 +274,6 @@ fn take<'a>(
 fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }
+
+#[cfg(test)]
+mod tests;

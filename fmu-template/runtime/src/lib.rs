@@ -2,7 +2,9 @@
 //!
 //! - [`Surrogate`]: the variables, scaling and network of a surrogate, as they stand in the model file.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
-//! - [`Evaluator`]: the surrogate prepared for evaluation in double precision.
+//! - [`Evaluator`]: the surrogate prepared for evaluation, with exact derivatives.
+//! - [`Domain`]: the ranges the surrogate was trained in.
+//! - [`extra`]: the variables every FMU adds to those of the surrogate.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,13 +21,18 @@
 //! ```
 
 mod activation;
+mod domain;
 mod evaluator;
 pub mod example;
+pub mod extra;
 pub mod format;
+mod layers;
+mod network;
 mod simd;
 mod surrogate;
 
 pub use activation::Activation;
-pub use evaluator::{Evaluator, Scratch};
+pub use domain::{Domain, TOLERANCE};
+pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;
-pub use surrogate::{Input, Layer, Metadata, Output, Provenance, Role, Scaling, Surrogate, Variability};
+pub use surrogate::{Input, Layer, Metadata, Output, Precision, Provenance, Role, Scaling, Surrogate, Variability};

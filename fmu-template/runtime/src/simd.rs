@@ -1,20 +1,183 @@
-//! One source for every instruction set: functions generic over the use of fused multiply-add are compiled once for
-//! each set the processor may have, and the best one is chosen when the program runs.
+//! One source for every instruction set and both precisions: functions generic over the use of fused multiply-add are
+//! compiled once for each set the processor may have, and the best one is chosen when the program runs.
 
-/// Eight doubles, one AVX-512 register, two AVX2 registers, four NEON registers.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-pub(crate) struct Lanes(pub [f64; Lanes::WIDTH]);
+use std::{
+    fmt::Debug,
+    ops::{Add, Div, Mul, Neg, Sub},
+};
 
-impl Lanes {
-    pub(crate) const WIDTH: usize = 8;
-    pub(crate) const ZERO: Self = Self([0.0; Self::WIDTH]);
+/// What a network computes in: `f64` or `f32`, and nothing else, as the trait does not leave this crate.
+pub(crate) trait Real:
+    'static
+    + Copy
+    + Debug
+    + PartialOrd
+    + From<f32>
+    + Into<f64>
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    const ZERO: Self;
+    const ONE: Self;
+    /// Magnitudes below it become zero in weights and hidden values. Products and differences of what is left are
+    /// never denormal, which processors compute at a fraction of the speed, and the flags of the host's thread that
+    /// would have the processor do the same are left alone.
+    const NEGLIGIBLE: Self;
+    /// `2 log2 e`
+    const TWO_LOG2_E: Self;
+    /// 1.5 times two to the number of mantissa bits: a number added to it is rounded to an integer, which then stands
+    /// in the low bits.
+    const ROUND: Self;
+    /// ln 2, or its first bits, so few that small multiples are exact.
+    const LN2_HIGH: Self;
+    /// The rest of ln 2, where it counts.
+    const LN2_LOW: Option<Self>;
+    /// 1/n! for falling n down to 2, the first one apart; as many as count for arguments up to ln(2) / 2.
+    const TAYLOR: (Self, &'static [Self]);
+    /// From here on `tanh` rounds to one.
+    const TANH_ONE: Self;
+    /// `exp` of twice this is still finite.
+    const EXP_HALF_MAX: Self;
+
+    fn narrow(value: f64) -> Self;
+    fn mul_add(self, factor: Self, summand: Self) -> Self;
+    fn abs(self) -> Self;
+    fn copysign(self, sign: Self) -> Self;
+    /// `2^k` of the integer in the low bits of `ROUND + k`.
+    fn two_to_the(shifted: Self) -> Self;
+}
+
+impl Real for f64 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const NEGLIGIBLE: Self = 1e-100;
+    const TWO_LOG2_E: Self = 2.0 * std::f64::consts::LOG2_E;
+    const ROUND: Self = 6_755_399_441_055_744.0;
+    const LN2_HIGH: Self = 0.693_147_180_369_123_8;
+    const LN2_LOW: Option<Self> = Some(1.908_214_929_270_587_7e-10);
+    // the first omitted term is below 1e-18 of the sum
+    const TAYLOR: (Self, &'static [Self]) = (
+        1.0 / 87_178_291_200.0,
+        &[
+            1.0 / 6_227_020_800.0,
+            1.0 / 479_001_600.0,
+            1.0 / 39_916_800.0,
+            1.0 / 3_628_800.0,
+            1.0 / 362_880.0,
+            1.0 / 40_320.0,
+            1.0 / 5_040.0,
+            1.0 / 720.0,
+            1.0 / 120.0,
+            1.0 / 24.0,
+            1.0 / 6.0,
+            1.0 / 2.0,
+        ],
+    );
+    const TANH_ONE: Self = 22.0;
+    const EXP_HALF_MAX: Self = 350.0;
+
+    #[inline(always)]
+    fn narrow(value: f64) -> Self {
+        value
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        self.mul_add(factor, summand)
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        self.copysign(sign)
+    }
+
+    #[inline(always)]
+    fn two_to_the(shifted: Self) -> Self {
+        Self::from_bits((shifted.to_bits() << 52).wrapping_add(1023 << 52))
+    }
+}
+
+impl Real for f32 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const NEGLIGIBLE: Self = 1e-15;
+    const TWO_LOG2_E: Self = 2.0 * std::f32::consts::LOG2_E;
+    const ROUND: Self = 12_582_912.0;
+    const LN2_HIGH: Self = std::f32::consts::LN_2;
+    const LN2_LOW: Option<Self> = None;
+    // the first omitted term is below 2e-8 of the sum
+    const TAYLOR: (Self, &'static [Self]) =
+        (1.0 / 5_040.0, &[1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0]);
+    const TANH_ONE: Self = 10.0;
+    const EXP_HALF_MAX: Self = 43.0;
+
+    #[inline(always)]
+    fn narrow(value: f64) -> Self {
+        value as Self
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        self.mul_add(factor, summand)
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        self.copysign(sign)
+    }
+
+    #[inline(always)]
+    fn two_to_the(shifted: Self) -> Self {
+        Self::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
+    }
+}
+
+/// Zero for what is negligible, see [`Real::NEGLIGIBLE`]; NaN stays NaN.
+#[inline(always)]
+pub(crate) fn flush<T: Real>(value: T) -> T {
+    if value.abs() < T::NEGLIGIBLE { T::ZERO } else { value }
 }
 
 /// `a * b + c`, rounded once where the processor can (without FMA in hardware, `mul_add` would be a slow library call).
 #[inline(always)]
-pub(crate) fn fma<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
+pub(crate) fn fma<T: Real, const FMA: bool>(a: T, b: T, c: T) -> T {
     if FMA { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// As many numbers as fit into 64 bytes: one AVX-512 register, two AVX2 registers, four NEON registers.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Lanes<T, const WIDTH: usize>(pub [T; WIDTH]);
+
+impl<T: Real, const WIDTH: usize> Lanes<T, WIDTH> {
+    pub(crate) const ZERO: Self = Self([T::ZERO; WIDTH]);
+}
+
+/// The numbers one after the other.
+pub(crate) fn flat<T, const WIDTH: usize>(lanes: &[Lanes<T, WIDTH>]) -> &[T] {
+    const { assert!(size_of::<Lanes<T, WIDTH>>() == WIDTH * size_of::<T>()) }
+    // SAFETY: `Lanes` is `repr(C)` around `[T; WIDTH]` and as large as it, so the numbers lie one after the other
+    unsafe { std::slice::from_raw_parts(lanes.as_ptr().cast(), lanes.len() * WIDTH) }
+}
+
+/// The numbers one after the other, to write.
+pub(crate) fn flat_mut<T, const WIDTH: usize>(lanes: &mut [Lanes<T, WIDTH>]) -> &mut [T] {
+    const { assert!(size_of::<Lanes<T, WIDTH>>() == WIDTH * size_of::<T>()) }
+    // SAFETY: as in `flat`, and the borrow is exclusive
+    unsafe { std::slice::from_raw_parts_mut(lanes.as_mut_ptr().cast(), lanes.len() * WIDTH) }
 }
 
 /// The instruction sets the evaluation is compiled for.

@@ -1,0 +1,250 @@
+use super::*;
+use crate::{Activation, Layer, example};
+use extended::Extended;
+
+mod extended;
+
+const ACTIVATIONS: [Activation; 3] = [Activation::Tanh, Activation::Sigmoid, Activation::Relu];
+const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]];
+
+/// The textbook formulas, one scalar at a time.
+fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
+    let scaling = surrogate.scaling();
+    let act = |x: f64| match surrogate.metadata().activation {
+        Activation::Tanh => x.tanh(),
+        Activation::Sigmoid => 1.0 / (1.0 + (-x).exp()),
+        Activation::Relu => x.max(0.0),
+    };
+    let mut h: Vec<f64> =
+        (0..inputs.len()).map(|i| (inputs[i] - scaling.input_mean[i]) / scaling.input_scale[i]).collect();
+    for (index, layer) in surrogate.layers().iter().enumerate() {
+        let last = index + 1 == surrogate.layers().len();
+        h = (0..layer.outputs)
+            .map(|o| {
+                let row = &layer.weight[o * layer.inputs..][..layer.inputs];
+                let sum: f64 = row.iter().zip(&h).map(|(&w, x)| f64::from(w) * x).sum();
+                let z = sum + f64::from(layer.bias[o]);
+                if last { z } else { act(z) }
+            })
+            .collect();
+    }
+    (0..h.len()).map(|o| scaling.output_mean[o] + scaling.output_scale[o] * h[o]).collect()
+}
+
+#[test]
+fn every_instruction_set_agrees_with_the_textbook_formula() {
+    for activation in ACTIVATIONS {
+        for hidden in [vec![], vec![1], vec![7, 33], vec![128, 128], vec![64, 64, 64]] {
+            let surrogate = example::with_network(&hidden, activation);
+            let mut evaluator = Evaluator::new(&surrogate);
+            let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+            for inputs in POINTS {
+                let expected = reference(&surrogate, &inputs);
+                for simd in Simd::available() {
+                    evaluator.simd = simd;
+                    evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                    for (found, expected) in outputs.iter().zip(&expected) {
+                        let difference = (found - expected).abs();
+                        assert!(difference < 1e-13, "{activation:?} {hidden:?} {simd:?}: {difference:e}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_evaluation_at_nan_leaves_nothing_behind() {
+    for hidden in [vec![], vec![7], vec![7, 33]] {
+        let evaluator = Evaluator::new(&example::with_network(&hidden, Activation::Relu));
+        let (mut scratch, mut outputs, mut expected) = (evaluator.scratch(), [0.0; 2], [0.0; 2]);
+        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut expected, &mut scratch);
+        for _ in 0..2 {
+            evaluator.evaluate(&[f64::NAN; 3], &mut outputs, &mut scratch);
+            assert!(outputs[0].is_nan());
+        }
+        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs, &mut scratch);
+        assert_eq!(outputs, expected, "{hidden:?}");
+    }
+}
+
+#[test]
+fn outputs_are_smooth_enough_to_be_differenced() {
+    let surrogate = example::with_network(&[128, 128], Activation::Tanh);
+    let evaluator = Evaluator::new(&surrogate);
+    let (mut scratch, mut y) = (evaluator.scratch(), [0.0; 2]);
+    let mut at = |t: f64| {
+        evaluator.evaluate(&[0.15, 0.3, t], &mut y, &mut scratch);
+        y[0]
+    };
+    // central differences of two step sizes agree to their truncation error plus rounding: eps * |y| / h
+    let coarse = (at(1.0 + 1e-4) - at(1.0 - 1e-4)) / 2e-4;
+    let fine = (at(1.0 + 1e-5) - at(1.0 - 1e-5)) / 2e-5;
+    assert!((coarse - fine).abs() < 1e-7 * coarse.abs().max(1.0), "{coarse} {fine}");
+}
+
+/// The outputs at `inputs + h direction + h^2/2 curvature`, in twice double precision.
+fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -> Vec<Extended> {
+    let exact = Extended::from;
+    let act = |x: Extended| match surrogate.metadata().activation {
+        Activation::Tanh => x.tanh(),
+        Activation::Sigmoid => (x * exact(0.5)).tanh() * exact(0.5) + exact(0.5),
+        Activation::Relu if x.to_f64() < 0.0 => exact(0.0),
+        Activation::Relu => x,
+    };
+    let Scaling { input_mean, input_scale, output_mean, output_scale } = surrogate.scaling();
+    let h = exact(h);
+    let mut values: Vec<Extended> = (0..inputs.len())
+        .map(|i| {
+            let x = exact(inputs[i]) + h * exact(rates[0][i]) + h * h * exact(0.5) * exact(rates[1][i]);
+            (x - exact(input_mean[i])) / exact(input_scale[i])
+        })
+        .collect();
+    for (index, layer) in surrogate.layers().iter().enumerate() {
+        let last = index + 1 == surrogate.layers().len();
+        let row = |o: usize| {
+            let weights = layer.weight[o * layer.inputs..][..layer.inputs].iter();
+            let terms = weights.zip(&values).map(|(&w, &x)| exact(w.into()) * x);
+            let z = terms.fold(exact(layer.bias[o].into()), |sum, term| sum + term);
+            if last { z } else { act(z) }
+        };
+        values = (0..layer.outputs).map(row).collect();
+    }
+    let scaled = values.iter().zip(output_mean).zip(output_scale);
+    scaled.map(|((&y, &mean), &scale)| exact(mean) + exact(scale) * y).collect()
+}
+
+/// First and second derivative by central differences in twice double precision: exact to about 1e-12.
+fn differences(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2]) -> [Vec<f64>; 2] {
+    let h = 1e-7;
+    let [below, here, above] = [-h, 0.0, h].map(|h| on_curve(surrogate, inputs, rates, h));
+    let exact = Extended::from;
+    let columns = || below.iter().zip(&here).zip(&above);
+    let first = columns().map(|((&below, _), &above)| ((above - below) / exact(2.0 * h)).to_f64());
+    let second =
+        columns().map(|((&below, &here), &above)| ((above - here - (here - below)) / (exact(h) * exact(h))).to_f64());
+    [first.collect(), second.collect()]
+}
+
+#[track_caller]
+fn assert_close(found: &[f64], expected: &[f64], relative: f64, what: &str) {
+    for (found, expected) in found.iter().zip(expected) {
+        let difference = (found - expected).abs();
+        assert!(difference <= relative * expected.abs(), "{what}: {found} {expected}, off by {difference:e}");
+    }
+}
+
+const SHAPES: [&[usize]; 5] = [&[], &[1], &[7, 33], &[128, 128], &[64, 64, 64]];
+
+#[test]
+fn derivatives_agree_with_differences_in_higher_precision() {
+    let rates: [&[f64]; 2] = [&[0.02, -1.3, 0.7], &[0.05, 0.9, -0.4]];
+    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+        let surrogate = example::with_network(hidden, activation);
+        let mut evaluator = Evaluator::new(&surrogate);
+        let mut scratch = evaluator.scratch();
+        for (inputs, simd) in POINTS.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
+            let what = format!("{activation:?} {hidden:?} {inputs:?} {simd:?}");
+            evaluator.simd = simd;
+            let [first, second] = differences(&surrogate, inputs, rates);
+            let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
+            evaluator.directional(inputs, rates[0], &mut directional, &mut scratch);
+            assert_close(&directional, &first, 1e-9, &what);
+            evaluator.along_curve(inputs, rates, [&mut once, &mut twice], &mut scratch);
+            assert_eq!(once, directional, "{what}");
+            assert_close(&twice, &second, 1e-9, &what);
+            let weights = [0.6, -0.03];
+            let mut gradient = [0.0; 3];
+            evaluator.adjoint(inputs, &weights, &mut gradient, &mut scratch);
+            let expected = [0, 1, 2].map(|column| {
+                let mut unit = [0.0; 3];
+                unit[column] = 1.0;
+                let [first, _] = differences(&surrogate, inputs, [&unit, &[0.0; 3]]);
+                weights[0] * first[0] + weights[1] * first[1]
+            });
+            assert_close(&gradient, &expected, 1e-9, &what);
+        }
+    }
+}
+
+#[test]
+fn derivatives_keep_their_digits_where_every_neuron_saturates() {
+    let surrogate = example::with_network(&[16], Activation::Tanh);
+    let evaluator = Evaluator::new(&surrogate);
+    let (inputs, direction) = ([3.0, 2.0, 1.0], [0.01, 0.0, 0.0]);
+    let mut found = [0.0; 2];
+    evaluator.directional(&inputs, &direction, &mut found, &mut evaluator.scratch());
+    let [expected, _] = differences(&surrogate, &inputs, [&direction, &[0.0; 3]]);
+    assert!(expected[0].abs() < 1e-3 && expected[0] != 0.0, "saturated: {expected:?}");
+    assert_close(&found, &expected, 1e-9, "saturated");
+}
+
+#[test]
+fn single_precision_agrees_with_double_precision_to_its_own() {
+    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+        let double = Evaluator::new(&example::with_network(hidden, activation));
+        let mut single = Evaluator::new(&example::with_precision(hidden, activation, Precision::Single));
+        let (mut of_double, mut of_single) = (double.scratch(), single.scratch());
+        for (inputs, simd) in POINTS.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
+            single.simd = simd;
+            let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
+            let scales = [0.8, 6.0]; // of the example's outputs
+            let check = |expected: &[f64], found: &[f64], what: &str| {
+                for ((expected, found), scale) in expected.iter().zip(found).zip(scales) {
+                    let error = (expected - found).abs() / scale;
+                    assert!(error < 3e-6, "{activation:?} {hidden:?} {simd:?} {what}: {error:e}");
+                }
+            };
+            double.evaluate(inputs, &mut expected, &mut of_double);
+            single.evaluate(inputs, &mut found, &mut of_single);
+            check(&expected, &found, "outputs");
+            let direction = [0.03, 1.5, 0.6];
+            double.directional(inputs, &direction, &mut expected, &mut of_double);
+            single.directional(inputs, &direction, &mut found, &mut of_single);
+            check(&expected, &found, "derivative");
+            let (mut expected, mut found) = ([0.0; 3], [0.0; 3]);
+            double.adjoint(inputs, &[1.25, 0.16], &mut expected, &mut of_double);
+            single.adjoint(inputs, &[1.25, 0.16], &mut found, &mut of_single);
+            for ((expected, found), scale) in expected.iter().zip(&found).zip(direction) {
+                assert!((expected - found).abs() * scale < 3e-6, "{activation:?} {hidden:?}: {expected} {found}");
+            }
+        }
+    }
+}
+
+/// The example with its first layer's weights and biases multiplied by `factor`.
+fn scaled(factor: f32, activation: Activation, precision: Precision) -> Surrogate {
+    let surrogate = example::with_precision(&[32, 32], activation, precision);
+    let mut layers: Vec<Layer> = surrogate.layers().to_vec();
+    let [first, ..] = &mut layers[..] else { unreachable!("it has layers") };
+    first.weight.iter_mut().chain(&mut first.bias).for_each(|w| *w *= factor);
+    Surrogate::new(surrogate.metadata().clone(), surrogate.scaling().clone(), layers).unwrap()
+}
+
+#[test]
+fn no_hidden_value_is_ever_denormal() {
+    // 1e-40 is denormal in single precision; inputs below 1e-300 make products with any weight denormal in double
+    for (factor, precision) in [(1e-40, Precision::Single), (1e-30, Precision::Single), (1e-40, Precision::Double)] {
+        for activation in ACTIVATIONS {
+            let mut surrogate = scaled(factor, activation, precision);
+            let mut scaling = surrogate.scaling().clone();
+            scaling.input_mean.fill(0.0);
+            surrogate = Surrogate::new(surrogate.metadata().clone(), scaling, surrogate.layers().to_vec()).unwrap();
+            let evaluator = Evaluator::new(&surrogate);
+            let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+            for inputs in [[0.15, 0.3, 1.0], [1e-300, -1e-305, 1e-310], [1e-20, 1e-25, -1e-30], [1e30, -1e30, 1e20]] {
+                evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                assert!(outputs.iter().all(|y| y.is_finite()));
+                let denormal = |x: f64| match precision {
+                    Precision::Double => x.is_subnormal(),
+                    Precision::Single => (x as f32).is_subnormal(),
+                };
+                let hidden: Vec<f64> = match &scratch.0 {
+                    Memory::Double(buffers) => buffers.hidden().collect(),
+                    Memory::Single(buffers) => buffers.hidden().collect(),
+                };
+                assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
+            }
+        }
+    }
+}

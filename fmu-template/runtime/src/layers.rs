@@ -1,0 +1,174 @@
+//! Layers laid out for fast products with a vector.
+
+use crate::{
+    Layer,
+    simd::{Lanes, Real, flat, flat_mut, flush, fma},
+};
+
+/// `W x + b` with the rows of `W` padded to whole blocks of [`BLOCK`] lanes.
+///
+/// `weights[(block * inputs + column) * BLOCK + lane]`: a product reads them from first to last.
+#[derive(Clone, Debug)]
+pub(crate) struct Dense<T, const WIDTH: usize> {
+    inputs: usize,
+    weights: Vec<Lanes<T, WIDTH>>,
+    bias: Vec<Lanes<T, WIDTH>>,
+}
+
+/// `W x + b` row by row, with the columns of `W` padded to whole lanes: for the last layer, which has few rows.
+///
+/// `weights[row * lanes + lane]`
+#[derive(Clone, Debug)]
+pub(crate) struct Rows<T, const WIDTH: usize> {
+    inputs: usize,
+    lanes: usize,
+    weights: Vec<Lanes<T, WIDTH>>,
+    bias: Vec<T>,
+}
+
+/// Accumulators kept in registers at a time; enough to hide the latency of a fused multiply-add.
+const BLOCK: usize = 4;
+
+impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
+    pub(crate) fn new(layer: &Layer) -> Self {
+        let rows_per_block = BLOCK * WIDTH;
+        let blocks = layer.outputs.div_ceil(rows_per_block);
+        let mut weights = vec![Lanes::ZERO; blocks * layer.inputs * BLOCK];
+        let mut bias = vec![Lanes::ZERO; blocks * BLOCK];
+        flat_mut(&mut bias).iter_mut().zip(&layer.bias).for_each(|(to, &from)| *to = flush(from.into()));
+        for (row, values) in layer.weight.chunks_exact(layer.inputs).enumerate() {
+            let (block, within) = (row / rows_per_block, row % rows_per_block);
+            for (column, &value) in values.iter().enumerate() {
+                let lanes = (block * layer.inputs + column) * BLOCK + within / WIDTH;
+                weights[lanes].0[within % WIDTH] = flush(value.into());
+            }
+        }
+        Self { inputs: layer.inputs, weights, bias }
+    }
+
+    /// Number of lanes of the result.
+    pub(crate) fn lanes(&self) -> usize {
+        self.bias.len()
+    }
+
+    /// `W x + b`, or `W x` without `BIAS`.
+    #[inline(always)]
+    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(
+        &self,
+        input: &[Lanes<T, WIDTH>],
+        output: &mut [Lanes<T, WIDTH>],
+    ) {
+        let input = &flat(input)[..self.inputs];
+        let mut weights = self.weights.as_chunks::<BLOCK>().0;
+        let bias = self.bias.as_chunks::<BLOCK>().0;
+        for (result, bias) in output.as_chunks_mut::<BLOCK>().0.iter_mut().zip(bias) {
+            let columns;
+            (columns, weights) = weights.split_at(self.inputs);
+            // even and odd columns apart: twice as many accumulators, as many as the latency asks for
+            let (mut even, mut odd) = (if BIAS { *bias } else { [Lanes::ZERO; BLOCK] }, [Lanes::ZERO; BLOCK]);
+            let (pairs, rest) = input.as_chunks::<2>();
+            let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
+            for ([x, y], [w, v]) in pairs.iter().zip(weight_pairs) {
+                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
+                accumulate::<T, FMA, WIDTH>(&mut odd, v, *y);
+            }
+            for (x, w) in rest.iter().zip(weight_rest) {
+                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
+            }
+            accumulate::<T, FMA, WIDTH>(&mut even, &odd, T::ONE);
+            *result = even;
+        }
+    }
+
+    /// `W^T y`, `y` padded with anything that is finite.
+    #[inline(always)]
+    pub(crate) fn apply_transposed<const FMA: bool>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
+        output.fill(Lanes::ZERO);
+        let output = &mut flat_mut(output)[..self.inputs];
+        let weights = self.weights.as_chunks::<BLOCK>().0.chunks_exact(self.inputs);
+        for (y, weights) in input.as_chunks::<BLOCK>().0.iter().zip(weights) {
+            for (x, column) in output.iter_mut().zip(weights) {
+                *x = *x + dot::<T, FMA, WIDTH>(y, column);
+            }
+        }
+    }
+}
+
+impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
+    pub(crate) fn new(layer: &Layer) -> Self {
+        let lanes = layer.inputs.div_ceil(WIDTH);
+        let mut weights = vec![Lanes::ZERO; lanes * layer.outputs];
+        let rows = flat_mut(&mut weights).chunks_exact_mut(lanes * WIDTH);
+        for (padded, row) in rows.zip(layer.weight.chunks_exact(layer.inputs)) {
+            padded.iter_mut().zip(row).for_each(|(to, &from)| *to = flush(from.into()));
+        }
+        let bias = layer.bias.iter().map(|&bias| flush(bias.into())).collect();
+        Self { inputs: layer.inputs, lanes, weights, bias }
+    }
+
+    /// `W x + b`, or `W x` without `BIAS`.
+    #[inline(always)]
+    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(&self, input: &mut [Lanes<T, WIDTH>], output: &mut [f64]) {
+        let input = &mut input[..self.lanes];
+        // what an earlier evaluation left behind the last column may be NaN, which no weight of zero takes away
+        flat_mut(input)[self.inputs..].fill(T::ZERO);
+        let rows = self.weights.chunks_exact(self.lanes);
+        for ((y, &bias), row) in output.iter_mut().zip(&self.bias).zip(rows) {
+            let product = dot::<T, FMA, WIDTH>(input, row);
+            *y = if BIAS { bias + product } else { product }.into();
+        }
+    }
+
+    /// `W^T y`
+    #[inline(always)]
+    pub(crate) fn apply_transposed<const FMA: bool>(
+        &self,
+        input: impl Iterator<Item = T>,
+        output: &mut [Lanes<T, WIDTH>],
+    ) {
+        output.fill(Lanes::ZERO);
+        for (y, row) in input.zip(self.weights.chunks_exact(self.lanes)) {
+            for (x, w) in output.iter_mut().zip(row) {
+                for (x, w) in x.0.iter_mut().zip(&w.0) {
+                    *x = fma::<T, FMA>(*w, y, *x);
+                }
+            }
+        }
+    }
+}
+
+/// `sum + column * x`
+#[inline(always)]
+fn accumulate<T: Real, const FMA: bool, const WIDTH: usize>(
+    sum: &mut [Lanes<T, WIDTH>; BLOCK],
+    column: &[Lanes<T, WIDTH>; BLOCK],
+    x: T,
+) {
+    for (sum, column) in sum.iter_mut().zip(column) {
+        for (sum, w) in sum.0.iter_mut().zip(&column.0) {
+            *sum = fma::<T, FMA>(*w, x, *sum);
+        }
+    }
+}
+
+#[inline(always)]
+fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
+    let mut sums = [Lanes::<T, WIDTH>::ZERO; BLOCK];
+    for (a, b) in a.chunks(BLOCK).zip(b.chunks(BLOCK)) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
+                *sum = fma::<T, FMA>(*a, *b, *sum);
+            }
+        }
+    }
+    let [a, b, c, d] = sums;
+    let mut sum: [T; WIDTH] = std::array::from_fn(|lane| (a.0[lane] + b.0[lane]) + (c.0[lane] + d.0[lane]));
+    // by halves: one lane after the other would wait for each addition
+    let mut width = WIDTH;
+    while width > 1 {
+        width /= 2;
+        let (low, high) = sum.split_at_mut(width);
+        low.iter_mut().zip(high).for_each(|(low, high)| *low = *low + *high);
+    }
+    sum[0]
+}

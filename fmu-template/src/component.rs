@@ -1,0 +1,269 @@
+//! What all C functions of both versions have in common: an instance with its logger behind a pointer, the check
+//! whether a call is allowed, and the way an answer reaches the host.
+//!
+//! What every `SAFETY` comment calls the host's promise is the standard's: a component is null or came from an
+//! instantiate function and is used by one thread at a time; arrays have the length that is passed with them; strings
+//! are terminated; states came from this library and were not freed. Null pointers are tested for, not trusted.
+
+use crate::{
+    answer::{Refusal, Status, Warning},
+    boundary::{TextError, guard, not_null, slice, slice_mut, text, write},
+    instance::{Instance, Kind, LoadError},
+    location::LocationError,
+    logger::Logger,
+    snapshot::Snapshot,
+    state::Row,
+};
+use std::{
+    ffi::{CStr, c_char, c_void},
+    fmt::Debug,
+    path::PathBuf,
+    ptr::null_mut,
+};
+
+/// What `fmi2Component` and `fmi3Instance` point to.
+pub(crate) struct Component {
+    pub instance: Instance,
+    logger: Logger,
+}
+
+/// A function of one version of the standard; `Debug` is its name without the prefix.
+pub(crate) trait Call: Copy + Debug {
+    const PREFIX: &'static str;
+    /// Where it may be called.
+    fn legal(self) -> Row;
+}
+
+/// Why instantiation failed.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum InstantiationError {
+    #[error("the instance name is empty")]
+    EmptyName,
+    #[error("FMU type is {found}, expected 0 (model exchange) or 1 (co-simulation)")]
+    Type { found: i32 },
+    #[error("scheduled execution is not offered")]
+    ScheduledExecution,
+    #[error("argument `{argument}` {source}")]
+    Text { argument: &'static str, source: TextError },
+    #[error(transparent)]
+    Location(#[from] LocationError),
+    #[error(transparent)]
+    Load(#[from] LoadError),
+}
+
+impl InstantiationError {
+    /// For `map_err` on an argument.
+    pub(crate) fn text(argument: &'static str) -> impl FnOnce(TextError) -> Self {
+        move |source| Self::Text { argument, source }
+    }
+}
+
+/// A new component, or null after a message why not. `arguments` are the kind, the token and the resource directory.
+///
+/// # Safety
+/// The host's promise for `name`.
+pub(crate) unsafe fn instantiate(
+    function: &str,
+    name: *const c_char,
+    mut logger: Logger,
+    arguments: impl FnOnce() -> Result<(Kind, String, PathBuf), InstantiationError>,
+) -> *mut c_void {
+    let instance = guard(|| {
+        // SAFETY: the caller's promise
+        match unsafe { text(name) } {
+            Ok(name) if name.trim().is_empty() => return Err(InstantiationError::EmptyName),
+            Err(TextError::Null) => return Err(InstantiationError::EmptyName),
+            Ok(_) | Err(TextError::NotUtf8) => {}
+        }
+        let (kind, token, resources) = arguments()?;
+        Ok(Instance::load(&resources, &token, kind)?)
+    });
+    let (status, message) = match instance {
+        Ok(Ok(instance)) => {
+            logger.log(Status::Ok, &format!("{function}: {}", describe(&instance)));
+            return Box::into_raw(Box::new(Component { instance, logger })).cast();
+        }
+        Ok(Err(error)) => (Status::Error, error.to_string()),
+        Err(panic) => (Status::Fatal, panicked(&panic)),
+    };
+    // "if a NULL pointer is returned, the FMU must call logMessage", whatever else was asked for
+    logger.switch_all(true);
+    logger.log(status, &format!("{function}: {message}"));
+    null_mut()
+}
+
+fn describe(instance: &Instance) -> String {
+    let metadata = instance.metadata();
+    let (inputs, outputs) = (metadata.inputs.len(), metadata.outputs.len());
+    format!("surrogate `{}` of {}, {inputs} inputs, {outputs} outputs", metadata.name, metadata.provenance.tool)
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn free(component: *mut c_void) {
+    if !component.is_null() {
+        // SAFETY: not null and the host's promise
+        let component = unsafe { Box::from_raw(component.cast::<Component>()) };
+        // nobody is left to be told of a panic
+        let _ = guard(|| drop(component));
+    }
+}
+
+/// Refuses a null component and a call the state does not allow, keeps panics in, tells the host of everything that
+/// is not simply fine.
+///
+/// # Safety
+/// The host's promise.
+#[inline]
+pub(crate) unsafe fn call<C: Call>(
+    component: *mut c_void,
+    call: C,
+    body: impl FnOnce(&mut Instance) -> Result<(), Refusal>,
+) -> Status {
+    let component = component.cast::<Component>();
+    if component.is_null() {
+        return Status::Error;
+    }
+    // SAFETY: not null and the host's promise; only the instance is borrowed, so that the logger stays free
+    let instance = unsafe { &mut (*component).instance };
+    let answer = guard(|| {
+        instance.begin(call.legal())?;
+        body(instance)
+    });
+    match answer {
+        Ok(Ok(())) if !instance.has_warnings() => Status::Ok,
+        // SAFETY: as above
+        _ => unsafe { tell(component, call, answer) },
+    }
+}
+
+/// # Safety
+/// The host's promise, and the component is not null.
+#[cold]
+unsafe fn tell<C: Call>(component: *mut Component, call: C, answer: Result<Result<(), Refusal>, String>) -> Status {
+    // SAFETY: the caller's promise
+    let instance = unsafe { &mut (*component).instance };
+    let mut messages: Vec<String> = instance.take_warnings().iter().map(ToString::to_string).collect();
+    let mut status = Status::Warning;
+    match answer {
+        Ok(Ok(())) => {}
+        Ok(Err(refusal)) => {
+            status = refusal.status();
+            messages.push(refusal.to_string());
+        }
+        Err(panic) => {
+            status = Status::Fatal;
+            messages.push(panicked(&panic));
+        }
+    }
+    instance.fail(status);
+    // SAFETY: the caller's promise; the instance is not borrowed any more, should the host call back from its logger
+    let logger = unsafe { &(*component).logger };
+    for message in messages {
+        logger.log(status, &format!("{}{call:?}: {message}", C::PREFIX));
+    }
+    status
+}
+
+fn panicked(message: &str) -> String {
+    format!("a mistake in this library ({message}); free the instance and please report it")
+}
+
+/// Switches log categories, all if none is named.
+///
+/// # Safety
+/// The host's promise; `component` is not null.
+pub(crate) unsafe fn switch_logging(
+    component: *mut c_void,
+    instance: &mut Instance,
+    on: bool,
+    count: usize,
+    categories: *const *const c_char,
+) -> Result<(), Refusal> {
+    // SAFETY: the caller's promise; `instance` borrows another field
+    let logger = unsafe { &mut (*component.cast::<Component>()).logger };
+    if count == 0 {
+        logger.switch_all(on);
+    }
+    // SAFETY: the caller's promise
+    for &category in unsafe { slice(categories, count, "categories")? } {
+        not_null(category.cast_mut(), "categories")?;
+        // SAFETY: not null and the caller's promise
+        let category = unsafe { CStr::from_ptr(category) }.to_string_lossy();
+        // a warning, not an error: an unknown category is no reason to end a simulation
+        if !logger.switch(&category, on) {
+            instance.warn(Warning::UnknownCategory { found: category.into_owned(), expected: Logger::categories() });
+        }
+    }
+    Ok(())
+}
+
+// ---- States as the host holds them -------------------------------------------------------------------------------
+
+/// Puts a snapshot where `state` points: into the state that is there already, or else into a new one.
+///
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn store(snapshot: Snapshot, state: *mut *mut c_void) -> Result<(), Refusal> {
+    not_null(state, "FMUState")?;
+    // SAFETY: not null and the host's promise
+    unsafe {
+        match (*state).cast::<Snapshot>().as_mut() {
+            Some(there) => *there = snapshot,
+            None => *state = Box::into_raw(Box::new(snapshot)).cast(),
+        }
+    }
+    Ok(())
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn stored<'a>(state: *mut c_void) -> Result<&'a Snapshot, Refusal> {
+    // SAFETY: the host's promise
+    unsafe { state.cast::<Snapshot>().as_ref() }.ok_or(Refusal::NullPointer { argument: "FMUState" })
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn free_state(state: *mut *mut c_void) -> Result<(), Refusal> {
+    // SAFETY: not null where it is followed, and the host's promise
+    unsafe {
+        if !state.is_null() && !(*state).is_null() {
+            drop(Box::from_raw((*state).cast::<Snapshot>()));
+            *state = null_mut();
+        }
+    }
+    Ok(())
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn state_size(state: *mut c_void, size: *mut usize) -> Result<(), Refusal> {
+    // SAFETY: the host's promise
+    unsafe { write(size, stored(state)?.size(), "size") }
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn serialize(state: *mut c_void, bytes: *mut u8, size: usize) -> Result<(), Refusal> {
+    // SAFETY: the host's promise
+    let snapshot = unsafe { stored(state)? };
+    if size != snapshot.size() {
+        return Err(Refusal::StateSize { found: size, expected: snapshot.size() });
+    }
+    // SAFETY: the host's promise
+    unsafe { slice_mut(bytes, size, "serializedState")?.copy_from_slice(&snapshot.to_bytes()) };
+    Ok(())
+}
+
+/// # Safety
+/// The host's promise.
+pub(crate) unsafe fn deserialize(
+    instance: &Instance,
+    bytes: *const u8,
+    size: usize,
+    state: *mut *mut c_void,
+) -> Result<(), Refusal> {
+    // SAFETY: the host's promise
+    unsafe { store(Snapshot::from_bytes(slice(bytes, size, "serializedState")?, instance.snapshot())?, state) }
+}

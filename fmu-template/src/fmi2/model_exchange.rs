@@ -1,0 +1,96 @@
+//! The functions of FMI 2.0 that only model exchange has. The FMU has neither states nor events: its outputs are a
+//! function of time, inputs and parameters.
+
+use super::{Function, Instance, Status, call, count, not_null, write};
+use std::ffi::{c_int, c_void};
+
+/// `fmi2EventInfo`
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub(super) struct EventInfo {
+    pub new_discrete_states_needed: c_int,
+    pub terminate_simulation: c_int,
+    pub nominals_of_continuous_states_changed: c_int,
+    pub values_of_continuous_states_changed: c_int,
+    pub next_event_time_defined: c_int,
+    pub next_event_time: f64,
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2EnterEventMode(c: *mut c_void) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::EnterEventMode, Instance::enter_event_mode) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2NewDiscreteStates(c: *mut c_void, fmi2eventInfo: *mut EventInfo) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::NewDiscreteStates, |_| write(fmi2eventInfo, EventInfo::default(), "fmi2eventInfo")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2EnterContinuousTimeMode(c: *mut c_void) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::EnterContinuousTimeMode, Instance::enter_continuous_time_mode) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2CompletedIntegratorStep(
+    c: *mut c_void,
+    _noSetFMUStatePriorToCurrentPoint: c_int,
+    enterEventMode: *mut c_int,
+    terminateSimulation: *mut c_int,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe {
+        call(c, Function::CompletedIntegratorStep, |_| {
+            not_null(terminateSimulation, "terminateSimulation")?;
+            write(enterEventMode, 0, "enterEventMode")?;
+            write(terminateSimulation, 0, "terminateSimulation")
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2SetTime(c: *mut c_void, time: f64) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::SetTime, |instance| instance.set_solver_time(time)) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2SetContinuousStates(c: *mut c_void, _x: *const f64, nx: usize) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::SetContinuousStates, |_| count(nx, 0, "x")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2GetDerivatives(c: *mut c_void, _derivatives: *mut f64, nx: usize) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::GetDerivatives, |_| count(nx, 0, "derivatives")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2GetEventIndicators(
+    c: *mut c_void,
+    _eventIndicators: *mut f64,
+    ni: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::GetEventIndicators, |_| count(ni, 0, "eventIndicators")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2GetContinuousStates(c: *mut c_void, _x: *mut f64, nx: usize) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::GetContinuousStates, |_| count(nx, 0, "x")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi2GetNominalsOfContinuousStates(
+    c: *mut c_void,
+    _x_nominal: *mut f64,
+    nx: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(c, Function::GetNominalsOfContinuousStates, |_| count(nx, 0, "x_nominal")) }
+}

@@ -1,0 +1,102 @@
+use super::*;
+
+#[test]
+fn a_solver_finds_right_outputs_at_every_point() {
+    let host = Host::of_kind(&example::with_input(), MODEL_EXCHANGE);
+    let length = starts()[0];
+    host.set_up(0.25);
+    assert_eq!(host.enter(), Status::Ok);
+    assert_eq!(host.set(&[SPEED], &[1.0]), Status::Ok);
+    assert_eq!(host.outputs(), expected(length, 1.0, 0.25), "Initialization Mode");
+    assert_eq!(host.exit(), Status::Ok);
+    assert_eq!(host.state(), State::Event);
+    let mut info = EventInfo { values_of_continuous_states_changed: 1, ..EventInfo::default() };
+    assert_eq!(unsafe { fmi2NewDiscreteStates(host.c, &mut info) }, Status::Ok);
+    assert_eq!(info, EventInfo::default(), "nothing is left to do");
+    assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Ok, "a tunable parameter at an event");
+    assert_eq!(host.outputs(), expected(0.12, 1.0, 0.25));
+    assert_eq!(host.go_on(), Status::Ok);
+    let (mut event, mut end) = (1, 1);
+    for time in [0.5, 0.4, 1.0, 0.75, 3.0, 1.5] {
+        let warned = time > 2.0; // of the training range's end
+        assert_eq!(host.set_time(time), if warned { Status::Warning } else { Status::Ok });
+        assert_eq!(host.set(&[SPEED], &[time]), Status::Ok);
+        assert_eq!(host.outputs(), expected(0.12, time, time));
+        assert_eq!(unsafe { fmi2CompletedIntegratorStep(host.c, 1, &mut event, &mut end) }, Status::Ok);
+        assert_eq!((event, end), (0, 0));
+    }
+    assert_eq!(unsafe { fmi2EnterEventMode(host.c) }, Status::Ok);
+    assert_eq!(host.outputs(), expected(0.12, 1.5, 1.5));
+    assert_eq!(host.go_on(), Status::Ok);
+    assert_eq!(host.terminate(), Status::Ok);
+    assert_eq!(host.outputs(), expected(0.12, 1.5, 1.5));
+}
+
+#[test]
+fn a_solver_may_look_past_the_stop_time_but_not_back_across_an_event() {
+    let host = Host::of_kind(&example::surrogate(), MODEL_EXCHANGE);
+    assert_eq!(host.set_up_until(0.0, 1.0), Status::Ok);
+    assert_eq!((host.enter(), host.exit(), host.go_on()), (Status::Ok, Status::Ok, Status::Ok));
+    assert_eq!(host.set_time(1.25), Status::Ok);
+    assert_eq!(host.set_time(0.5), Status::Ok);
+    assert_eq!(unsafe { fmi2EnterEventMode(host.c) }, Status::Ok);
+    assert_eq!(host.go_on(), Status::Ok);
+    assert_eq!(host.set_time(0.5 - 1e-13), Status::Ok, "rounding");
+    assert_eq!(host.set_time(0.4), Status::Error);
+    assert!(host.message().contains("time 0.4 is before 0.5, the start time or the last event"));
+    for time in [f64::NAN, f64::INFINITY, -1.0] {
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        assert_eq!(host.set_time(time), Status::Error, "{time}");
+    }
+}
+
+#[test]
+fn parameters_wait_for_an_event() {
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+    assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Error);
+    assert!(
+        host.message().contains("`length` (value reference 0) is tunable and cannot be set in state `Continuous-Time")
+    );
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
+    assert_eq!(host.set(&[SPEED], &[1.0]), Status::Error);
+    assert!(host.message().contains("`speed` (value reference 1) is fixed and cannot be set in state `Event Mode`"));
+}
+
+#[test]
+fn there_are_no_states_and_no_indicators() {
+    type Vector = unsafe extern "C" fn(*mut c_void, *mut f64, usize) -> Status;
+    let functions: [Vector; 4] =
+        [fmi2GetDerivatives, fmi2GetEventIndicators, fmi2GetContinuousStates, fmi2GetNominalsOfContinuousStates];
+    for function in functions {
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        assert_eq!(unsafe { function(host.c, null_mut(), 0) }, Status::Ok);
+        assert_eq!(unsafe { function(host.c, &mut 0.0, 1) }, Status::Error);
+        assert!(host.message().ends_with("1 elements, expected 0"));
+    }
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+    assert_eq!(unsafe { fmi2SetContinuousStates(host.c, &0.0, 1) }, Status::Error);
+}
+
+#[test]
+fn null_results_are_refused() {
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
+    assert_eq!(unsafe { fmi2NewDiscreteStates(host.c, null_mut()) }, Status::Error);
+    let mut flag = 1;
+    for (event, end) in [(null_mut(), &raw mut flag), (&raw mut flag, null_mut())] {
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        assert_eq!(unsafe { fmi2CompletedIntegratorStep(host.c, 1, event, end) }, Status::Error);
+    }
+}
+
+#[test]
+fn a_state_of_the_other_interface_is_foreign() {
+    let (stepping, exchanging) = (Host::stepping(), Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime));
+    let state = exchanging.save();
+    assert_eq!(stepping.restore(state), Status::Error);
+    assert!(stepping.message().contains("to another FMI version or interface"));
+    assert_eq!(stepping.deserialize(&exchanging.serialize(state)), Err(Status::Error));
+    exchanging.set_time(1.0);
+    assert_eq!(exchanging.restore(state), Status::Ok);
+    assert_eq!((exchanging.try_get([TIME]), exchanging.state()), (Ok([0.0]), State::ContinuousTime));
+    exchanging.free_state(state);
+}

@@ -1,0 +1,104 @@
+//! The functions of FMI 3.0 that only model exchange has. The FMU has neither states nor events: its outputs are a
+//! function of time, inputs and parameters.
+
+use super::{Boolean, Function, Instance, Status, call, count, not_null, write};
+use std::ffi::c_void;
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3EnterContinuousTimeMode(instance: *mut c_void) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::EnterContinuousTimeMode, Instance::enter_continuous_time_mode) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3CompletedIntegratorStep(
+    instance: *mut c_void,
+    _noSetFMUStatePriorToCurrentPoint: Boolean,
+    enterEventMode: *mut Boolean,
+    terminateSimulation: *mut Boolean,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe {
+        call(instance, Function::CompletedIntegratorStep, |_| {
+            not_null(terminateSimulation, "terminateSimulation")?;
+            write(enterEventMode, 0, "enterEventMode")?;
+            write(terminateSimulation, 0, "terminateSimulation")
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3SetTime(instance: *mut c_void, time: f64) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::SetTime, |instance| instance.set_solver_time(time)) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3SetContinuousStates(
+    instance: *mut c_void,
+    _continuousStates: *const f64,
+    nContinuousStates: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::SetContinuousStates, |_| count(nContinuousStates, 0, "continuousStates")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetContinuousStateDerivatives(
+    instance: *mut c_void,
+    _derivatives: *mut f64,
+    nContinuousStates: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::GetContinuousStateDerivatives, |_| count(nContinuousStates, 0, "derivatives")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetEventIndicators(
+    instance: *mut c_void,
+    _eventIndicators: *mut f64,
+    nEventIndicators: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::GetEventIndicators, |_| count(nEventIndicators, 0, "eventIndicators")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetContinuousStates(
+    instance: *mut c_void,
+    _continuousStates: *mut f64,
+    nContinuousStates: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::GetContinuousStates, |_| count(nContinuousStates, 0, "continuousStates")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetNominalsOfContinuousStates(
+    instance: *mut c_void,
+    _nominals: *mut f64,
+    nContinuousStates: usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::GetNominalsOfContinuousStates, |_| count(nContinuousStates, 0, "nominals")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetNumberOfEventIndicators(
+    instance: *mut c_void,
+    nEventIndicators: *mut usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe { call(instance, Function::GetNumberOfEventIndicators, |_| write(nEventIndicators, 0, "nEventIndicators")) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetNumberOfContinuousStates(
+    instance: *mut c_void,
+    nContinuousStates: *mut usize,
+) -> Status {
+    // SAFETY: the host's promise
+    unsafe {
+        call(instance, Function::GetNumberOfContinuousStates, |_| write(nContinuousStates, 0, "nContinuousStates"))
+    }
+}

@@ -1,0 +1,167 @@
+//! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
+
+use super::{Instance, Variable, finite};
+use crate::answer::Refusal;
+use metafmu_runtime::{MAX_OUTPUT_DERIVATIVE_ORDER, Role, extra::DomainPolicy};
+
+const KNOWN: &str = "input, parameter or time";
+const UNKNOWN: &str = "continuous output";
+
+impl Instance {
+    /// `sensitivity = J seed`, `J` the derivatives of the unknowns (outputs) with respect to the knowns (inputs,
+    /// parameters, time). A direction in which the policy clamps has no effect on the surrogate's outputs.
+    pub(crate) fn directional_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        seed: &[f64],
+        sensitivity: &mut [f64],
+    ) -> Result<(), Refusal> {
+        self.columns[0].fill(0.0);
+        for (&known, &seed) in knowns.iter().zip(seed) {
+            finite("seed", seed)?;
+            // the independent variable of a surrogate without a time column has no effect
+            if let Some(column) = self.known(known)? {
+                self.columns[0][column] += seed;
+            }
+        }
+        unknowns.iter().try_for_each(|&unknown| self.unknown(unknown).map(|_| ()))?;
+        let distance = self.distance_rate(0);
+        self.update_point();
+        self.zero_clamped(0);
+        let [derivative, _] = &mut self.sensitivities;
+        self.evaluator.directional(&self.point, &self.columns[0], derivative, &mut self.scratch);
+        for (result, &unknown) in sensitivity.iter_mut().zip(unknowns) {
+            *result = self.unknown(unknown)?.map_or(distance, |output| self.sensitivities[0][output]);
+        }
+        Ok(())
+    }
+
+    /// `sensitivity = J^T seed`, `J` as above.
+    pub(crate) fn adjoint_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        seed: &[f64],
+        sensitivity: &mut [f64],
+    ) -> Result<(), Refusal> {
+        self.sensitivities[0].fill(0.0);
+        let mut weight_of_distance = 0.0;
+        for (&unknown, &seed) in unknowns.iter().zip(seed) {
+            finite("seed", seed)?;
+            match self.unknown(unknown)? {
+                Some(output) => self.sensitivities[0][output] += seed,
+                None => weight_of_distance += seed,
+            }
+        }
+        knowns.iter().try_for_each(|&known| self.known(known).map(|_| ()))?;
+        self.update_point();
+        let [gradient, _] = &mut self.columns;
+        self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient, &mut self.scratch);
+        self.zero_clamped(0);
+        if let Some((column, slope)) = self.domain.distance_derivative(&self.now.inputs) {
+            self.columns[0][column] += slope * weight_of_distance;
+        }
+        for (result, &known) in sensitivity.iter_mut().zip(knowns) {
+            *result = self.known(known)?.map_or(0.0, |column| self.columns[0][column]);
+        }
+        Ok(())
+    }
+
+    /// Derivatives of outputs with respect to time at the present communication point, inputs following the derivatives
+    /// that the host gave.
+    pub(crate) fn output_derivatives(
+        &mut self,
+        references: &[u32],
+        orders: &[i32],
+        values: &mut [f64],
+    ) -> Result<(), Refusal> {
+        for (&reference, &order) in references.iter().zip(orders) {
+            self.unknown(reference)?;
+            index_of_order(order)?;
+        }
+        for order in [0, 1] {
+            self.columns[order].copy_from_slice(&self.now.rates[order]);
+        }
+        if let Some(column) = self.time_column {
+            self.columns[0][column] = 1.0;
+        }
+        let distance = [0, 1].map(|order| self.distance_rate(order));
+        self.update_point();
+        [0, 1].into_iter().for_each(|order| self.zero_clamped(order));
+        let [first, second] = &self.columns;
+        let [once, twice] = &mut self.sensitivities;
+        self.evaluator.along_curve(&self.point, [first, second], [once, twice], &mut self.scratch);
+        for ((value, &reference), &order) in values.iter_mut().zip(references).zip(orders) {
+            let order = index_of_order(order)?;
+            *value = self.unknown(reference)?.map_or(distance[order], |output| self.sensitivities[order][output]);
+        }
+        Ok(())
+    }
+
+    /// Derivatives of inputs with respect to time at the beginning of the next step. They stay until they are set again.
+    pub(crate) fn set_input_derivatives(
+        &mut self,
+        references: &[u32],
+        orders: &[i32],
+        values: &[f64],
+    ) -> Result<(), Refusal> {
+        for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
+            let variable = self.variable(reference)?;
+            let is_input =
+                matches!(variable, Variable::Column(column) if self.metadata.inputs[column].role == Role::Input);
+            if !is_input {
+                return Err(Refusal::NotDifferentiable { name: self.name(variable), reference, expected: "input" });
+            }
+            index_of_order(order)?;
+            finite("value", value)?;
+        }
+        for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
+            self.now.rates[index_of_order(order)?][reference as usize] = value;
+        }
+        Ok(())
+    }
+
+    /// The column of a known, none for a time that is no column.
+    fn known(&self, reference: u32) -> Result<Option<usize>, Refusal> {
+        match self.variable(reference)? {
+            Variable::Column(column) => Ok(Some(column)),
+            Variable::Time => Ok(None),
+            other => Err(Refusal::NotDifferentiable { name: self.name(other), reference, expected: KNOWN }),
+        }
+    }
+
+    /// The output of an unknown, none for the distance from the domain.
+    fn unknown(&self, reference: u32) -> Result<Option<usize>, Refusal> {
+        match self.variable(reference)? {
+            Variable::Output(output) => Ok(Some(output)),
+            Variable::Distance => Ok(None),
+            other => Err(Refusal::NotDifferentiable { name: self.name(other), reference, expected: UNKNOWN }),
+        }
+    }
+
+    /// Change of the distance from the domain along the columns' work space; to be asked before it is clamped.
+    fn distance_rate(&self, order: usize) -> f64 {
+        let derivative = self.domain.distance_derivative(&self.now.inputs);
+        derivative.map_or(0.0, |(column, slope)| slope * self.columns[order][column])
+    }
+
+    fn zero_clamped(&mut self, order: usize) {
+        if self.now.policy != DomainPolicy::Clamp {
+            return;
+        }
+        for ((rate, point), value) in self.columns[order].iter_mut().zip(&self.point).zip(&self.now.inputs) {
+            if point != value {
+                *rate = 0.0;
+            }
+        }
+    }
+}
+
+/// Zero for the first derivative.
+fn index_of_order(order: i32) -> Result<usize, Refusal> {
+    match u32::try_from(order) {
+        Ok(order @ 1..=MAX_OUTPUT_DERIVATIVE_ORDER) => Ok(order as usize - 1),
+        _ => Err(Refusal::Order { found: order, max: MAX_OUTPUT_DERIVATIVE_ORDER }),
+    }
+}

@@ -1,0 +1,81 @@
+//! Where in its life an instance is, and how a table says what may be called there.
+
+use std::fmt;
+
+/// Version of the standard an instance was made by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Version {
+    Fmi2,
+    Fmi3,
+}
+
+/// Who advances time: the FMU over a step, or a solver around it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Interface {
+    CoSimulation,
+    ModelExchange,
+}
+
+/// A mode of the standard's state machines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum State {
+    Instantiated,
+    Initialization,
+    Event,
+    ContinuousTime,
+    Step,
+    Terminated,
+    /// FMI 2.0, after a call was refused. The standard: "the simulation cannot be continued with this FMU instance", but
+    /// for a reset or a restored state. In FMI 3.0 this is `Terminated`.
+    Error,
+    /// After a panic: nothing is known about the values any more.
+    Fatal,
+}
+
+/// In which states a function may be called: one column each in the order of [`State`], separated by spaces. `x`: yes,
+/// `c`: in co-simulation, `m`: in model exchange, anything else and what is missing: no.
+pub(crate) type Row = &'static [u8];
+
+impl State {
+    pub(crate) const ALL: [Self; 8] = [
+        Self::Instantiated,
+        Self::Initialization,
+        Self::Event,
+        Self::ContinuousTime,
+        Self::Step,
+        Self::Terminated,
+        Self::Error,
+        Self::Fatal,
+    ];
+
+    /// The state whose `as u8` this is.
+    pub(crate) fn from_number(number: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+
+    #[inline]
+    pub(crate) fn allows(self, row: Row, interface: Interface) -> bool {
+        match row.get(2 * self as usize) {
+            Some(b'x') => true,
+            Some(b'c') => interface == Interface::CoSimulation,
+            Some(b'm') => interface == Interface::ModelExchange,
+            _ => false,
+        }
+    }
+}
+
+/// The standard's names.
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Instantiated => "instantiated",
+            Self::Initialization => "Initialization Mode",
+            Self::Event => "Event Mode",
+            Self::ContinuousTime => "Continuous-Time Mode",
+            Self::Step => "Step Mode",
+            Self::Terminated => "terminated",
+            Self::Error => "error",
+            Self::Fatal => "fatal",
+        })
+    }
+}
