@@ -1,6 +1,6 @@
 //! The one error type: every message says where, what was found and what was expected.
 
-use crate::study::Problem;
+use crate::origin::Problem;
 use std::path::{Path, PathBuf};
 
 /// Everything that can go wrong in the tool.
@@ -17,7 +17,7 @@ pub enum Error {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A study file is wrong.
+    /// A study or mechanism file is wrong.
     #[error("{}", problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Study {
         /// Every problem found.

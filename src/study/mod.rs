@@ -33,17 +33,13 @@
 //! `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`].
 
 mod options;
-mod origin;
 
+use crate::{Error, Result, origin::Origin, sampling::MAX_SOBOL_PARAMETERS};
+use indexmap::IndexMap;
 pub use options::{
     ExportOptions, FmiChoice, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions,
     Schedule, SourceOptions, TimeOptions, TrainingOptions,
 };
-pub use origin::Problem;
-
-use crate::{Error, Result, sampling::MAX_SOBOL_PARAMETERS};
-use indexmap::IndexMap;
-use origin::Origin;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;

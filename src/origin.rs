@@ -1,4 +1,4 @@
-//! Where a study comes from: finds the line of a dotted key, so that mistakes can be located.
+//! Where a study or mechanism comes from: finds the line of a dotted key, so that mistakes can be located.
 
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
@@ -8,10 +8,10 @@ use std::{
 };
 use toml::{Spanned, de::DeTable, de::DeValue};
 
-/// One mistake in a study file.
+/// One mistake in a study or mechanism file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// The study file.
+    /// The file.
     pub path: PathBuf,
     /// Line, counted from 1.
     pub line: usize,
@@ -29,20 +29,20 @@ impl fmt::Display for Problem {
     }
 }
 
-/// The file a study was read from.
+/// The file a study or mechanism was read from.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Origin {
+pub(crate) struct Origin {
     path: PathBuf,
     text: String,
 }
 
 impl Origin {
-    pub(super) fn new(path: &Path, text: &str) -> Self {
+    pub(crate) fn new(path: &Path, text: &str) -> Self {
         Self { path: path.to_owned(), text: text.to_owned() }
     }
 
     /// Reads the text as a `T`; syntax errors, unknown keys and wrong types are located.
-    pub(super) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
         let deserializer = toml::Deserializer::parse(&self.text).map_err(|error| self.toml_error(&error, ""))?;
         serde_path_to_error::deserialize(deserializer).map_err(|error| {
             let key = match error.path().to_string() {
@@ -54,7 +54,7 @@ impl Origin {
     }
 
     /// Fails if there are problems, each a dotted key and what is wrong with it.
-    pub(super) fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
+    pub(crate) fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
         if problems.is_empty() {
             return Ok(());
         }

@@ -1,0 +1,419 @@
+//! From a description and the values of its parameters to a model: names are resolved and expressions evaluated.
+
+use super::{
+    constraint::{Constraint, Constraints, Formula, Slot, Target},
+    coordinate::{Coordinate, Frame, Point},
+    description::{Description, JointKind, JointOptions, Vector},
+    expression::{Expression, Jet},
+    measure::Measure,
+    model::{Actuator, Force, Model, Spring},
+};
+use nalgebra::{DVector, Vector2};
+use std::ops::Range;
+
+/// Dotted keys and what is wrong with them.
+pub type Problems = Vec<(String, String)>;
+
+/// The model and what its outputs measure, in the order of the description.
+///
+/// # Errors
+/// Every problem found, with its key.
+pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Measure>), Problems> {
+    let mut builder = Builder { description, values, problems: Vec::new() };
+    let model = builder.model();
+    let measures: Vec<Measure> = description
+        .outputs
+        .iter()
+        .filter_map(|(name, output)| {
+            let measure = builder.measure(&output.measure);
+            builder.noted(&format!("outputs.{name}.measure"), measure)
+        })
+        .collect();
+    if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
+}
+
+struct Builder<'a> {
+    description: &'a Description,
+    values: &'a [f64],
+    problems: Problems,
+}
+
+impl Builder<'_> {
+    fn model(&mut self) -> Model {
+        let description = self.description;
+        let mut mass = Vec::new();
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        for (name, body) in &description.bodies {
+            let key = |field: &str| format!("bodies.{name}.{field}");
+            let m = self.not_negative(&key("mass"), &body.mass);
+            mass.extend([m, m, self.not_negative(&key("inertia"), &body.inertia)]);
+            let (position, angle) =
+                (self.vector(&key("position"), &body.position), self.number(&key("angle"), &body.angle));
+            positions.extend([position.x, position.y, angle]);
+            let velocity = self.vector(&key("velocity"), &body.velocity);
+            velocities.extend([velocity.x, velocity.y, self.number(&key("angular_velocity"), &body.angular_velocity)]);
+        }
+        let (initial_positions, initial_velocities) = self.initial();
+        Model {
+            formulation: description.formulation,
+            mass: DVector::from_vec(mass),
+            gravity: self.vector("gravity", &description.gravity),
+            constraints: self.constraints(),
+            springs: self.springs(),
+            forces: self.forces(),
+            actuators: self.actuators(),
+            position_guess: DVector::from_vec(positions),
+            velocity_guess: DVector::from_vec(velocities),
+            initial_positions,
+            initial_velocities,
+        }
+    }
+
+    /// Those of the joints, then those of the drivers: the order of [`Builder::joint_rows`] and [`Builder::driver_row`].
+    fn constraints(&mut self) -> Constraints {
+        let mut constraints = Vec::new();
+        for (name, joint) in &self.description.joints {
+            let coordinates = self.joint(name, joint);
+            let held = |(coordinate, value)| Constraint {
+                coordinate,
+                target: Target::Fixed { value, rate: 0.0 },
+                owner: format!("joints.{name}"),
+            };
+            constraints.extend(coordinates.into_iter().map(held));
+        }
+        for (name, driver) in &self.description.drivers {
+            let coordinate = self.coordinate(&driver.coordinate);
+            let coordinate = self.noted(&format!("drivers.{name}.coordinate"), coordinate);
+            let motion = self.formula(&format!("drivers.{name}.motion"), &driver.motion, false);
+            if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
+                let owner = format!("drivers.{name}");
+                constraints.push(Constraint { coordinate, target: Target::Motion(motion), owner });
+            }
+        }
+        Constraints(constraints)
+    }
+
+    /// What a joint holds at which value (Haug, chapter 3): a revolute joint both components of the difference of its
+    /// points, a prismatic joint the component across its axis and the angle, a fixed joint the difference and the angle.
+    fn joint(&mut self, name: &str, joint: &JointOptions) -> Vec<(Coordinate, f64)> {
+        let key = |field: &str| format!("joints.{name}.{field}");
+        if joint.kind != JointKind::Prismatic && joint.axis.is_some() {
+            self.problems.push((key("axis"), "belongs to prismatic joints".into()));
+        }
+        if joint.kind == JointKind::Revolute && joint.angle.is_some() {
+            self.problems.push((key("angle"), "belongs to prismatic and fixed joints".into()));
+        }
+        let Some([from, to]) = self.ends(&key("between"), &joint.between) else { return Vec::new() };
+        if from.frame == to.frame {
+            self.problems.push((key("between"), "both points belong to the same body".into()));
+        }
+        let across = |frame, axis| (Coordinate::Projection { from, to, frame, axis }, 0.0);
+        let coincident = [across(None, Vector2::x()), across(None, Vector2::y())];
+        let angle = joint.angle.as_ref().map_or(0.0, |angle| self.number(&key("angle"), angle));
+        let turn = (Coordinate::Angle { from: from.frame, to: to.frame }, angle);
+        match joint.kind {
+            JointKind::Revolute => coincident.to_vec(),
+            JointKind::Fixed => vec![coincident[0], coincident[1], turn],
+            JointKind::Prismatic => {
+                let axis = self.axis(name, joint);
+                vec![across(from.frame, Vector2::new(-axis.y, axis.x)), turn]
+            }
+        }
+    }
+
+    fn axis(&mut self, name: &str, joint: &JointOptions) -> Vector2<f64> {
+        let key = format!("joints.{name}.axis");
+        let Some(axis) = &joint.axis else {
+            self.problems.push((format!("joints.{name}"), "a prismatic joint needs an `axis`".into()));
+            return Vector2::x();
+        };
+        let axis = self.vector(&key, axis);
+        if axis.norm() == 0.0 {
+            self.problems.push((key, "[0, 0] is no direction".into()));
+        }
+        axis.normalize()
+    }
+
+    fn springs(&mut self) -> Vec<Spring> {
+        let mut springs = Vec::new();
+        for (name, spring) in &self.description.springs {
+            let key = |field: &str| format!("springs.{name}.{field}");
+            let [stiffness, damping, rest] =
+                [("stiffness", &spring.stiffness), ("damping", &spring.damping), ("rest", &spring.rest)]
+                    .map(|(field, expression)| self.number(&key(field), expression));
+            let coordinate = match (&spring.between, &spring.coordinate) {
+                (Some(between), None) => {
+                    self.ends(&key("between"), between).map(|[from, to]| Coordinate::Distance { from, to })
+                }
+                (None, Some(coordinate)) => {
+                    let coordinate = self.coordinate(coordinate);
+                    self.noted(&key("coordinate"), coordinate)
+                }
+                _ => {
+                    let message = "expected either `between` or `coordinate`";
+                    self.noted(&format!("springs.{name}"), Err(message.into()))
+                }
+            };
+            springs.extend(coordinate.map(|coordinate| Spring { coordinate, stiffness, damping, rest }));
+        }
+        springs
+    }
+
+    fn forces(&mut self) -> Vec<Force> {
+        let mut forces = Vec::new();
+        for (name, force) in &self.description.forces {
+            let point = self.point(&force.point);
+            let point = self.noted(&format!("forces.{name}.point"), point);
+            let key = format!("forces.{name}.force");
+            let [x, y] = force.force.each_ref().map(|component| self.formula(&key, component, true));
+            if let (Some(point), Some(x), Some(y)) = (point, x, y) {
+                forces.push(Force { point, components: [x, y] });
+            }
+        }
+        forces
+    }
+
+    fn actuators(&mut self) -> Vec<Actuator> {
+        let mut actuators = Vec::new();
+        for (name, actuator) in &self.description.actuators {
+            let coordinate = self.coordinate(&actuator.coordinate);
+            let coordinate = self.noted(&format!("actuators.{name}.coordinate"), coordinate);
+            let effort = self.formula(&format!("actuators.{name}.effort"), &actuator.effort, true);
+            if let (Some(coordinate), Some(effort)) = (coordinate, effort) {
+                actuators.push(Actuator { coordinate, effort });
+            }
+        }
+        actuators
+    }
+
+    /// The conditions on positions and on velocities at the start.
+    fn initial(&mut self) -> (Constraints, Constraints) {
+        let (mut positions, mut velocities) = (Constraints::default(), Constraints::default());
+        for (owner, values) in &self.description.initial {
+            for (quantity, expression) in values {
+                let (name, key) = (format!("{owner}.{quantity}"), format!("initial.{owner}.{quantity}"));
+                let number = self.number(&key, expression);
+                let measure = self.measure(&name).and_then(|measure| match measure {
+                    Measure::Position(_) | Measure::Velocity(_) => Ok(measure),
+                    _ => Err(format!("`{name}` is neither a position nor a velocity")),
+                });
+                let owner = key.clone();
+                match self.noted(&key, measure) {
+                    Some(Measure::Position(coordinate)) => {
+                        let target = Target::Fixed { value: number, rate: 0.0 };
+                        positions.0.push(Constraint { coordinate, target, owner });
+                    }
+                    Some(Measure::Velocity(coordinate)) => {
+                        let target = Target::Fixed { value: 0.0, rate: number };
+                        velocities.0.push(Constraint { coordinate, target, owner });
+                    }
+                    _ => {}
+                }
+            }
+        }
+        (positions, velocities)
+    }
+
+    /// What a name stands for; see [`super::measure`].
+    fn measure(&mut self, name: &str) -> Result<Measure, String> {
+        match name {
+            "kinetic_energy" => return Ok(Measure::KineticEnergy),
+            "potential_energy" => return Ok(Measure::PotentialEnergy),
+            _ => {}
+        }
+        let Some((owner, what)) = name.rsplit_once('.') else {
+            return Err(format!("`{name}` is no measure, expected for instance `BODY.angle`"));
+        };
+        let description = self.description;
+        let unknown = |known: &str| Err(format!("`{owner}` has no `{what}`, expected one of {known}"));
+        if let Some((index, _, joint)) = description.joints.get_full(owner) {
+            return self.joint_measure(index, joint, what).map_or_else(|known| unknown(known), Ok);
+        }
+        if let Some((index, _, spring)) = description.springs.get_full(owner) {
+            let ends = spring.between.as_ref().map(|[from, to]| Ok::<_, String>([self.point(from)?, self.point(to)?]));
+            let distance = ends.transpose()?.map(|[from, to]| Coordinate::Distance { from, to });
+            return match (what, distance) {
+                ("force", _) => Ok(Measure::SpringEffort(index)),
+                ("length", Some(distance)) => Ok(Measure::Position(distance)),
+                ("velocity", Some(distance)) => Ok(Measure::Velocity(distance)),
+                (_, Some(_)) => unknown("length, velocity, force"),
+                (_, None) => unknown("force"),
+            };
+        }
+        if let Some(index) = description.drivers.get_index_of(owner) {
+            let row = self.joint_rows(description.joints.len()).start + index;
+            return if what == "effort" { Ok(Measure::DriverEffort(row)) } else { unknown("effort") };
+        }
+        let point = self.point(owner)?;
+        let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
+        let body = description.bodies.get_index_of(owner);
+        let angle = Coordinate::Angle { from: None, to: body };
+        match (what, body) {
+            ("x", _) => Ok(Measure::Position(x)),
+            ("y", _) => Ok(Measure::Position(y)),
+            ("vx", _) => Ok(Measure::Velocity(x)),
+            ("vy", _) => Ok(Measure::Velocity(y)),
+            ("ax", _) => Ok(Measure::Acceleration(x)),
+            ("ay", _) => Ok(Measure::Acceleration(y)),
+            ("angle", Some(_)) => Ok(Measure::Position(angle)),
+            ("angular_velocity", Some(_)) => Ok(Measure::Velocity(angle)),
+            ("angular_acceleration", Some(_)) => Ok(Measure::Acceleration(angle)),
+            (_, Some(body)) if description.bodies[body].points.contains_key(what) => {
+                Err(format!("`{name}` is a point, expected a component such as `{name}.x`"))
+            }
+            (_, Some(_)) => unknown("x, y, vx, vy, ax, ay, angle, angular_velocity, angular_acceleration"),
+            (_, None) => unknown("x, y, vx, vy, ax, ay"),
+        }
+    }
+
+    /// A joint's measure, or what there is.
+    fn joint_measure(&mut self, index: usize, joint: &JointOptions, what: &str) -> Result<Measure, &'static str> {
+        let rows = self.joint_rows(index);
+        let [from, to] = joint.between.each_ref().map(|name| self.point(name).unwrap_or(Point::ORIGIN));
+        let angle = Coordinate::Angle { from: from.frame, to: to.frame };
+        let slide = || {
+            let [x, y] = joint.axis.clone().unwrap_or_default().map(|component| self.quiet_number(&component));
+            let axis = Vector2::new(x, y).normalize();
+            Coordinate::Projection { from, to, frame: from.frame, axis }
+        };
+        match (joint.kind, what) {
+            (_, "fx") => Ok(Measure::JointForce { rows, component: 0 }),
+            (_, "fy") => Ok(Measure::JointForce { rows, component: 1 }),
+            (JointKind::Prismatic | JointKind::Fixed, "moment") => Ok(Measure::JointMoment { rows }),
+            (JointKind::Revolute, "angle") => Ok(Measure::Position(angle)),
+            (JointKind::Revolute, "angular_velocity") => Ok(Measure::Velocity(angle)),
+            (JointKind::Revolute, "angular_acceleration") => Ok(Measure::Acceleration(angle)),
+            (JointKind::Prismatic, "position") => Ok(Measure::Position(slide())),
+            (JointKind::Prismatic, "velocity") => Ok(Measure::Velocity(slide())),
+            (JointKind::Prismatic, "acceleration") => Ok(Measure::Acceleration(slide())),
+            (JointKind::Revolute, _) => Err("angle, angular_velocity, angular_acceleration, fx, fy"),
+            (JointKind::Prismatic, _) => Err("position, velocity, acceleration, fx, fy, moment"),
+            (JointKind::Fixed, _) => Err("fx, fy, moment"),
+        }
+    }
+
+    /// A joint's constraints; those of the joint after the last are empty and where the drivers begin.
+    fn joint_rows(&self, index: usize) -> Range<usize> {
+        let count = |joint: &JointOptions| if joint.kind == JointKind::Fixed { 3 } else { 2 };
+        let before: usize = self.description.joints.values().take(index).map(count).sum();
+        before..before + self.description.joints.get_index(index).map_or(0, |(_, joint)| count(joint))
+    }
+
+    fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
+        match self.measure(name)? {
+            Measure::Position(coordinate) => Ok(coordinate),
+            _ => Err(format!("`{name}` is no position, expected for instance `BODY.angle`")),
+        }
+    }
+
+    fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[Point; 2]> {
+        let [from, to] = names.each_ref().map(|name| {
+            let point = self.point(name);
+            self.noted(key, point)
+        });
+        Some([from?, to?])
+    }
+
+    /// `ground`, `ground.POINT`, `BODY` (its centre of mass) or `BODY.POINT`.
+    fn point(&mut self, name: &str) -> Result<Point, String> {
+        let description = self.description;
+        let (owner, point) = name.split_once('.').map_or((name, None), |(owner, point)| (owner, Some(point)));
+        let (frame, points): (Frame, _) = match description.bodies.get_full(owner) {
+            Some((index, _, body)) => (Some(index), &body.points),
+            None if owner == "ground" => (None, &description.ground.points),
+            None => {
+                let known = list(description.bodies.keys());
+                return Err(format!("no body `{owner}`, expected one of {known}, ground"));
+            }
+        };
+        let Some(point) = point else { return Ok(Point { frame, local: Vector2::zeros() }) };
+        let Some(local) = points.get(point) else {
+            let known = if points.is_empty() {
+                "it has none".into()
+            } else {
+                format!("expected one of {}", list(points.keys()))
+            };
+            return Err(format!("`{owner}` has no point `{point}`, {known}"));
+        };
+        let key =
+            if frame.is_some() { format!("bodies.{owner}.points.{point}") } else { format!("ground.points.{point}") };
+        Ok(Point { frame, local: self.vector(&key, local) })
+    }
+
+    fn vector(&mut self, key: &str, [x, y]: &Vector) -> Vector2<f64> {
+        Vector2::new(self.number(key, x), self.number(key, y))
+    }
+
+    fn not_negative(&mut self, key: &str, expression: &Expression) -> f64 {
+        let number = self.number(key, expression);
+        if number < 0.0 {
+            self.problem(key, format!("{number}, expected zero or more"));
+        }
+        number
+    }
+
+    /// A number that depends on the parameters only.
+    fn number(&mut self, key: &str, expression: &Expression) -> f64 {
+        for name in expression.names() {
+            if !self.description.parameters.contains_key(name) {
+                let known = list(self.description.parameters.keys());
+                let known = if known.is_empty() { "there are none".into() } else { format!("expected one of {known}") };
+                self.problem(key, format!("`{expression}`: no parameter `{name}`, {known}"));
+                return 1.0;
+            }
+        }
+        let number = self.quiet_number(expression);
+        if !number.is_finite() {
+            self.problem(key, format!("`{expression}` is {number}, expected a finite number"));
+            return 1.0;
+        }
+        number
+    }
+
+    fn quiet_number(&self, expression: &Expression) -> f64 {
+        let value = |position: usize| {
+            let index = self.description.parameters.get_index_of(&expression.names()[position]);
+            Jet::constant(index.map_or(f64::NAN, |index| self.values[index]))
+        };
+        expression.evaluate(value).value
+    }
+
+    /// A formula of the parameters and `time`, and of positions and velocities where they are allowed.
+    fn formula(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<Formula> {
+        let mut slots = Vec::new();
+        for name in expression.names() {
+            let slot = match self.description.parameters.get_index_of(name) {
+                Some(index) => Ok(Slot::Value(self.values[index])),
+                None if name == "time" => Ok(Slot::Time),
+                None if of_state && name.contains('.') => self.measure(name).and_then(|measure| match measure {
+                    Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
+                    Measure::Velocity(coordinate) => Ok(Slot::Velocity(coordinate)),
+                    _ => Err(format!("`{name}` is neither a position nor a velocity")),
+                }),
+                None => {
+                    let known = list(self.description.parameters.keys().map(String::as_str).chain(["time"]));
+                    Err(format!("no `{name}`, expected one of {known}"))
+                }
+            };
+            let slot = slot.map_err(|message| format!("`{expression}`: {message}"));
+            slots.push(self.noted(key, slot)?);
+        }
+        Some(Formula { expression: expression.clone(), slots })
+    }
+
+    fn noted<T>(&mut self, key: &str, result: Result<T, String>) -> Option<T> {
+        result.map_err(|message| self.problem(key, message)).ok()
+    }
+
+    /// Notes a problem once: points are looked up wherever they are named.
+    fn problem(&mut self, key: &str, message: String) {
+        let problem = (key.to_owned(), message);
+        if !self.problems.contains(&problem) {
+            self.problems.push(problem);
+        }
+    }
+}
+
+fn list(names: impl Iterator<Item = impl AsRef<str>>) -> String {
+    names.map(|name| name.as_ref().to_owned()).collect::<Vec<_>>().join(", ")
+}

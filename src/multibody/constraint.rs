@@ -1,0 +1,290 @@
+//! Constraints `C(q, t) = 0` of joints and drivers, and what the solvers need of them.
+//!
+//! A constraint holds a scalar [`Coordinate`] at a target: `C = s(q) - f(t)`. Differentiated twice
+//! (Haug: *Computer-Aided Kinematics and Dynamics of Mechanical Systems*, chapter 3):
+//! - `C_q qd = f'`
+//! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
+
+use super::{
+    coordinate::Coordinate,
+    expression::{Expression, Jet},
+};
+use nalgebra::{DMatrix, DVector};
+
+/// An expression whose names are resolved.
+#[derive(Clone, Debug)]
+pub struct Formula {
+    /// The expression.
+    pub expression: Expression,
+    /// What each of its names stands for.
+    pub slots: Vec<Slot>,
+}
+
+/// What a name in a [`Formula`] stands for.
+#[derive(Clone, Copy, Debug)]
+pub enum Slot {
+    /// A number.
+    Value(f64),
+    /// The time.
+    Time,
+    /// A coordinate's value.
+    Position(Coordinate),
+    /// A coordinate's rate.
+    Velocity(Coordinate),
+}
+
+impl Formula {
+    /// Value and time derivatives where nothing but time matters.
+    pub fn of_time(&self, t: f64) -> Jet {
+        self.expression.evaluate(|position| match self.slots[position] {
+            Slot::Value(value) => Jet::constant(value),
+            Slot::Time => Jet::time(t),
+            Slot::Position(_) | Slot::Velocity(_) => Jet::constant(f64::NAN),
+        })
+    }
+
+    /// Value in a state.
+    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        let slot = |position: usize| match &self.slots[position] {
+            Slot::Value(value) => *value,
+            Slot::Time => t,
+            Slot::Position(coordinate) => coordinate.value(q),
+            Slot::Velocity(coordinate) => coordinate.rate(q, v),
+        };
+        self.expression.evaluate(|position| Jet::constant(slot(position))).value
+    }
+}
+
+/// Where a constraint holds its coordinate.
+#[derive(Clone, Debug)]
+pub enum Target {
+    /// At a value and a rate.
+    Fixed {
+        /// The value.
+        value: f64,
+        /// The rate.
+        rate: f64,
+    },
+    /// At a function of time.
+    Motion(Formula),
+}
+
+impl Target {
+    fn at(&self, t: f64) -> Jet {
+        match self {
+            Self::Fixed { value, rate } => Jet { value: *value, rate: *rate, acceleration: 0.0 },
+            Self::Motion(formula) => formula.of_time(t),
+        }
+    }
+}
+
+/// One scalar constraint.
+#[derive(Clone, Debug)]
+pub struct Constraint {
+    /// What is held.
+    pub coordinate: Coordinate,
+    /// Where.
+    pub target: Target,
+    /// Key of what it belongs to in the description, for messages: `joints.A`.
+    pub owner: String,
+}
+
+/// All scalar constraints of a mechanism, in the order of the multipliers.
+#[derive(Clone, Debug, Default)]
+pub struct Constraints(pub Vec<Constraint>);
+
+/// A row of the Jacobian counts as dependent on those before it if less than this part of it stands out of their span.
+const DEPENDENT: f64 = 1e-9;
+
+impl Constraints {
+    /// Number of scalar constraints.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// `C(q, t)`.
+    pub fn residual(&self, t: f64, q: &DVector<f64>) -> DVector<f64> {
+        let residual = |constraint: &Constraint| constraint.coordinate.value(q) - constraint.target.at(t).value;
+        DVector::from_iterator(self.len(), self.0.iter().map(residual))
+    }
+
+    /// `C_q^T`, shape `[coordinates, constraints]`: a constraint's gradient is a column.
+    pub fn jacobian_transposed(&self, q: &DVector<f64>) -> DMatrix<f64> {
+        let mut transposed = DMatrix::zeros(q.len(), self.len());
+        if !q.is_empty() {
+            for (constraint, column) in self.0.iter().zip(transposed.as_mut_slice().chunks_mut(q.len())) {
+                constraint.coordinate.add_gradient(q, 1.0, column);
+            }
+        }
+        transposed
+    }
+
+    /// `-C_t = f'(t)`: what `C_q qd` must be.
+    pub fn target_rates(&self, t: f64) -> DVector<f64> {
+        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.target.at(t).rate))
+    }
+
+    /// `F_c`: what `C_q qdd` must be.
+    pub fn acceleration_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+        let side =
+            |constraint: &Constraint| constraint.target.at(t).acceleration - constraint.coordinate.curvature(q, v);
+        DVector::from_iterator(self.len(), self.0.iter().map(side))
+    }
+
+    /// Largest violation of positions and velocities.
+    pub fn violation(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        let velocities = self.jacobian_transposed(q).tr_mul(v) - self.target_rates(t);
+        self.residual(t, q).amax().max(velocities.amax())
+    }
+
+    /// Corrects `q` by Newton's method with the smallest corrections, `dq = -C_q^T (C_q C_q^T)^-1 C`, until rounding is
+    /// all that is left. For a `q` that is close; where the Jacobian loses rank this fails.
+    ///
+    /// # Errors
+    /// Which constraint stays violated.
+    pub fn correct_positions(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
+        self.newton(t, q, |transposed, residual| least_norm(transposed, residual))
+    }
+
+    /// Like [`Constraints::correct_positions`] from a rough guess: constraints may depend on each other on the way.
+    ///
+    /// # Errors
+    /// Which constraint stays violated.
+    pub fn assemble(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
+        self.newton(t, q, |transposed, residual| {
+            let svd = transposed.transpose().svd(true, true);
+            svd.solve(residual, 1e-10 * svd.singular_values.amax()).ok()
+        })
+    }
+
+    fn newton(
+        &self,
+        t: f64,
+        q: &mut DVector<f64>,
+        solve: impl Fn(&DMatrix<f64>, &DVector<f64>) -> Option<DVector<f64>>,
+    ) -> Result<(), String> {
+        let mut residual = self.residual(t, q);
+        for _ in 0..100 {
+            let scale = 1.0 + q.amax();
+            if residual.amax() <= 1e-15 * scale {
+                break;
+            }
+            let Some(step) = solve(&self.jacobian_transposed(q), &residual) else { break };
+            let Some((better, left)) = self.shortened(t, q, &step, residual.norm()) else { break };
+            (*q, residual) = (better, left);
+        }
+        if residual.amax() <= 1e-12 * (1.0 + q.amax()) {
+            return Ok(());
+        }
+        let worst = residual.iter().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+        let (row, gap) = worst.map_or((0, f64::NAN), |(row, gap)| (row, gap.abs()));
+        let unit = if self.0[row].coordinate.is_angle() { "rad" } else { "m" };
+        Err(format!(
+            "the mechanism cannot be assembled at t = {t} s: `{}` stays open by {gap:.3e} {unit}",
+            self.0[row].owner
+        ))
+    }
+
+    /// `q - step`, shortened until the constraints are less violated; `None` if that does not help.
+    fn shortened(
+        &self,
+        t: f64,
+        q: &DVector<f64>,
+        step: &DVector<f64>,
+        violation: f64,
+    ) -> Option<(DVector<f64>, DVector<f64>)> {
+        (0..12).find_map(|halvings| {
+            let better = q - step * 0.5f64.powi(halvings);
+            let left = self.residual(t, &better);
+            (left.norm() < violation).then_some((better, left))
+        })
+    }
+
+    /// The velocities closest to `v` that the constraints allow.
+    ///
+    /// # Errors
+    /// Which constraint depends on the others.
+    pub fn correct_velocities(&self, t: f64, q: &DVector<f64>, v: &mut DVector<f64>) -> Result<(), String> {
+        if self.is_empty() {
+            return Ok(());
+        }
+        let transposed = self.jacobian_transposed(q);
+        // the second pass removes the rounding of the first
+        for _ in 0..2 {
+            let error = transposed.tr_mul(v) - self.target_rates(t);
+            *v -= least_norm(&transposed, &error).ok_or_else(|| self.name_singular(t, &transposed))?;
+        }
+        Ok(())
+    }
+
+    /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
+    pub fn first_dependent(&self, transposed: &DMatrix<f64>) -> Option<&Constraint> {
+        self.0.iter().zip(independence(transposed)).find(|(_, independent)| !(*independent > DEPENDENT)).map(|(c, _)| c)
+    }
+
+    /// Names the constraint that depends most on those before it.
+    pub fn name_singular(&self, t: f64, transposed: &DMatrix<f64>) -> String {
+        let worst = self.0.iter().zip(independence(transposed)).min_by(|a, b| a.1.total_cmp(&b.1));
+        let owner = worst.map_or("", |(constraint, _)| constraint.owner.as_str());
+        format!("singular position at t = {t} s: `{owner}` depends on the other constraints there")
+    }
+}
+
+/// For each column the part of it that stands out of the span of the columns before it, between 0 and 1.
+fn independence(columns: &DMatrix<f64>) -> Vec<f64> {
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let mut parts = Vec::new();
+    for column in columns.column_iter() {
+        let (mut rest, norm) = (column.into_owned(), column.norm());
+        // twice is enough (Kahan, Parlett)
+        for _ in 0..2 {
+            for direction in &basis {
+                rest -= direction * direction.dot(&rest);
+            }
+        }
+        let part = rest.norm() / norm;
+        parts.push(if part.is_nan() { 0.0 } else { part });
+        if part > DEPENDENT {
+            basis.push(rest.normalize());
+        }
+    }
+    parts
+}
+
+/// The shortest `x` with `A x = b`, given `A^T` of full column rank: `A^T = Q R`, `x = Q R^-T b`.
+fn least_norm(transposed: &DMatrix<f64>, b: &DVector<f64>) -> Option<DVector<f64>> {
+    if transposed.ncols() > transposed.nrows() {
+        return None;
+    }
+    let qr = transposed.clone().qr();
+    let y = qr.r().tr_solve_upper_triangular(b)?;
+    y.iter().all(|value| value.is_finite()).then(|| qr.q() * y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn least_norm_solves_and_is_shortest() {
+        let transposed = DMatrix::from_column_slice(3, 2, &[1.0, 2.0, -1.0, 0.5, 0.0, 3.0]);
+        let b = DVector::from_vec(vec![0.7, -1.1]);
+        let x = least_norm(&transposed, &b).unwrap();
+        assert!((transposed.tr_mul(&x) - &b).amax() < 1e-15);
+        // the null space of a 2 x 3 matrix is the cross product of its rows
+        let null = transposed.column(0).cross(&transposed.column(1));
+        assert!(null.dot(&x).abs() < 1e-15);
+    }
+
+    #[test]
+    fn independence_is_the_sine_of_the_angle_to_the_columns_before() {
+        let columns = DMatrix::from_column_slice(2, 3, &[2.0, 0.0, 3.0, 3.0, 1.0, -5.0]);
+        let parts = independence(&columns);
+        assert!((parts[0] - 1.0).abs() < 1e-15 && (parts[1] - 0.5f64.sqrt()).abs() < 1e-15 && parts[2] < 1e-15);
+    }
+}

@@ -1,0 +1,244 @@
+//! Scalar functions of the generalized coordinates: what joints hold fixed, drivers prescribe, springs and actuators act
+//! along, and outputs measure.
+//!
+//! Each planar body has the generalized coordinates `(x, y, phi)`: its centre of mass in the ground frame and its angle
+//! (Nikravesh: *Planar Multibody Dynamics*; Shabana: *Computational Dynamics*, chapter 3). For `s(q)` a coordinate gives
+//! - the value `s`,
+//! - the gradient `s_q`, a row of the constraint Jacobian,
+//! - the curvature `(s_q qd)_q qd`, so that `sdd = s_q qdd + curvature`.
+
+use nalgebra::{DVector, Vector2};
+
+/// A body by its position in the mechanism, or the ground.
+pub type Frame = Option<usize>;
+
+/// A point fixed to a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// The body.
+    pub frame: Frame,
+    /// Position in the body's frame, from its centre of mass, in m.
+    pub local: Vector2<f64>,
+}
+
+/// Motion of a vector: itself, its rate, and the part of its second derivative that accelerations do not enter.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    value: Vector2<f64>,
+    rate: Vector2<f64>,
+    curvature: Vector2<f64>,
+}
+
+/// A scalar function of the generalized coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coordinate {
+    /// `a . (r_to - r_from)` with the vector `a` fixed in a frame: components of points, displacements of slides.
+    Projection {
+        /// Where the difference begins.
+        from: Point,
+        /// Where it ends.
+        to: Point,
+        /// Frame in which the axis is fixed.
+        frame: Frame,
+        /// The axis in that frame; a unit vector.
+        axis: Vector2<f64>,
+    },
+    /// `phi_to - phi_from`.
+    Angle {
+        /// Frame from which the angle is measured.
+        from: Frame,
+        /// Frame whose angle it is.
+        to: Frame,
+    },
+    /// `|r_to - r_from|`.
+    Distance {
+        /// One end.
+        from: Point,
+        /// The other end.
+        to: Point,
+    },
+}
+
+impl Point {
+    /// The ground's origin.
+    pub const ORIGIN: Self = Self { frame: None, local: Vector2::new(0.0, 0.0) };
+
+    fn motion(&self, q: &DVector<f64>, v: &DVector<f64>) -> Motion {
+        let Some(body) = self.frame else {
+            return Motion { value: self.local, rate: Vector2::zeros(), curvature: Vector2::zeros() };
+        };
+        let arm = turned(self.frame, self.local, q);
+        let (x, y, omega) = (3 * body, 3 * body + 1, v[3 * body + 2]);
+        Motion {
+            value: Vector2::new(q[x], q[y]) + arm,
+            rate: Vector2::new(v[x], v[y]) + omega * quarter_turn(arm),
+            curvature: -omega * omega * arm,
+        }
+    }
+
+    /// Adds `direction . r_q` to a gradient.
+    pub fn add_gradient(&self, q: &DVector<f64>, direction: Vector2<f64>, gradient: &mut [f64]) {
+        if let Some(body) = self.frame {
+            let arm = turned(self.frame, self.local, q);
+            gradient[3 * body] += direction.x;
+            gradient[3 * body + 1] += direction.y;
+            gradient[3 * body + 2] += direction.dot(&quarter_turn(arm));
+        }
+    }
+}
+
+impl Coordinate {
+    /// Component `x` (0) or `y` (1) of a point in the ground frame.
+    pub fn component(point: Point, axis: usize) -> Self {
+        let axis = if axis == 0 { Vector2::x() } else { Vector2::y() };
+        Self::Projection { from: Point::ORIGIN, to: point, frame: None, axis }
+    }
+
+    /// Whether it is an angle; otherwise it is a length.
+    pub fn is_angle(&self) -> bool {
+        matches!(self, Self::Angle { .. })
+    }
+
+    /// `s(q)`, in m or rad.
+    pub fn value(&self, q: &DVector<f64>) -> f64 {
+        let position = |point: &Point| {
+            let arm = turned(point.frame, point.local, q);
+            point.frame.map_or(arm, |body| Vector2::new(q[3 * body], q[3 * body + 1]) + arm)
+        };
+        match self {
+            Self::Projection { from, to, frame, axis } => {
+                turned(*frame, *axis, q).dot(&(position(to) - position(from)))
+            }
+            Self::Angle { from, to } => angle(*to, q) - angle(*from, q),
+            Self::Distance { from, to } => (position(to) - position(from)).norm(),
+        }
+    }
+
+    /// Adds `factor * s_q` to a row of as many entries as `q`. The gradient of a distance of zero is not a number.
+    pub fn add_gradient(&self, q: &DVector<f64>, factor: f64, gradient: &mut [f64]) {
+        match self {
+            Self::Projection { from, to, frame, axis } => {
+                let axis = factor * turned(*frame, *axis, q);
+                to.add_gradient(q, axis, gradient);
+                from.add_gradient(q, -axis, gradient);
+                if let Some(body) = frame {
+                    gradient[3 * body + 2] += quarter_turn(axis).dot(&self.difference(q, q).value);
+                }
+            }
+            Self::Angle { from, to } => {
+                for (frame, sign) in [(to, factor), (from, -factor)] {
+                    if let Some(body) = frame {
+                        gradient[3 * body + 2] += sign;
+                    }
+                }
+            }
+            Self::Distance { from, to } => {
+                let difference = self.difference(q, q).value;
+                let direction = factor * difference / difference.norm();
+                to.add_gradient(q, direction, gradient);
+                from.add_gradient(q, -direction, gradient);
+            }
+        }
+    }
+
+    /// `s_q qd`, in m/s or rad/s.
+    pub fn rate(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        match self {
+            Self::Projection { frame, axis, .. } => {
+                let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
+                let Motion { value, rate, .. } = self.difference(q, v);
+                axis.dot(&rate) + omega * quarter_turn(axis).dot(&value)
+            }
+            Self::Angle { from, to } => angle(*to, v) - angle(*from, v),
+            Self::Distance { .. } => {
+                let Motion { value, rate, .. } = self.difference(q, v);
+                value.dot(&rate) / value.norm()
+            }
+        }
+    }
+
+    /// `(s_q qd)_q qd`, in m/s² or rad/s².
+    pub fn curvature(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        match self {
+            Self::Projection { frame, axis, .. } => {
+                let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
+                let Motion { value, rate, curvature } = self.difference(q, v);
+                axis.dot(&curvature) + 2.0 * omega * quarter_turn(axis).dot(&rate) - omega * omega * axis.dot(&value)
+            }
+            Self::Angle { .. } => 0.0,
+            Self::Distance { .. } => {
+                let Motion { value, rate, curvature } = self.difference(q, v);
+                let (length, speed) = (value.norm(), value.dot(&rate) / value.norm());
+                value.dot(&curvature) / length + (rate.norm_squared() - speed * speed) / length
+            }
+        }
+    }
+
+    /// Motion of `r_to - r_from`.
+    fn difference(&self, q: &DVector<f64>, v: &DVector<f64>) -> Motion {
+        let (Self::Projection { from, to, .. } | Self::Distance { from, to }) = self else {
+            return Point::ORIGIN.motion(q, v);
+        };
+        let (from, to) = (from.motion(q, v), to.motion(q, v));
+        Motion { value: to.value - from.value, rate: to.rate - from.rate, curvature: to.curvature - from.curvature }
+    }
+}
+
+/// A vector of a frame in the ground frame.
+pub fn turned(frame: Frame, vector: Vector2<f64>, q: &DVector<f64>) -> Vector2<f64> {
+    let Some(body) = frame else { return vector };
+    let (sine, cosine) = q[3 * body + 2].sin_cos();
+    Vector2::new(cosine * vector.x - sine * vector.y, sine * vector.x + cosine * vector.y)
+}
+
+fn quarter_turn(vector: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-vector.y, vector.x)
+}
+
+fn angle(frame: Frame, q: &DVector<f64>) -> f64 {
+    frame.map_or(0.0, |body| q[3 * body + 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradient_rate_and_curvature_agree_with_finite_differences() {
+        let q = DVector::from_vec(vec![0.3, -0.2, 0.7, 1.1, 0.4, -1.9]);
+        let v = DVector::from_vec(vec![0.5, 0.8, -1.2, -0.4, 0.6, 2.3]);
+        let point = |frame, x, y| Point { frame, local: Vector2::new(x, y) };
+        let (one, two, fixed) = (point(Some(0), 0.4, -0.3), point(Some(1), -0.2, 0.9), point(None, 0.1, 2.0));
+        let axis = Vector2::new(0.6, 0.8);
+        let coordinates = [
+            Coordinate::component(one, 0),
+            Coordinate::component(two, 1),
+            Coordinate::Projection { from: one, to: two, frame: Some(0), axis },
+            Coordinate::Projection { from: fixed, to: two, frame: Some(1), axis },
+            Coordinate::Angle { from: None, to: Some(1) },
+            Coordinate::Angle { from: Some(1), to: Some(0) },
+            Coordinate::Distance { from: one, to: two },
+            Coordinate::Distance { from: fixed, to: one },
+        ];
+        let step = 1e-5;
+        for coordinate in coordinates {
+            let mut gradient = [0.0; 6];
+            coordinate.add_gradient(&q, 1.0, &mut gradient);
+            for i in 0..6 {
+                let moved = |sign: f64| {
+                    let mut q = q.clone();
+                    q[i] += sign * step;
+                    coordinate.value(&q)
+                };
+                let expected = (moved(1.0) - moved(-1.0)) / (2.0 * step);
+                assert!((gradient[i] - expected).abs() < 1e-9, "{coordinate:?} {i}: {} {expected}", gradient[i]);
+            }
+            let rate: f64 = gradient.iter().zip(&v).map(|(a, b)| a * b).sum();
+            assert!((coordinate.rate(&q, &v) - rate).abs() < 1e-14, "{coordinate:?}");
+            // at constant velocities the second derivative is the curvature
+            let along = |sign: f64| coordinate.rate(&(&q + sign * step * &v), &v);
+            let expected = (along(1.0) - along(-1.0)) / (2.0 * step);
+            assert!((coordinate.curvature(&q, &v) - expected).abs() < 1e-8, "{coordinate:?}");
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! The mechanism file as plain data.
+//!
+//! TOML. Wherever it takes a number it takes an [expression](super::expression) of the mechanism's parameters in quotes.
+//! SI units and radians throughout. References are names: `rod` is a body and its centre of mass, `rod.tip` a point of it,
+//! `ground` and `ground.pivot` are fixed; `rod.angle`, `hinge.angle`, `guide.position` are coordinates
+//! (see [`super::measure`]).
+//!
+//! ```toml
+//! formulation = "augmented"                   # or "embedding"
+//! gravity = [0, -9.81]                        # in the ground frame; none by default
+//!
+//! [parameters]                                # what a study may vary
+//! L = { default = 0.15, unit = "m" }
+//!
+//! [ground]
+//! points = { wall = [1, 0] }                  # points may be named for later reference
+//!
+//! [bodies.rod]
+//! mass = 0.3
+//! inertia = "0.3*L^2/12"                      # about the centre of mass
+//! position = [0, "-L/2"]                      # of the centre of mass at the start: a guess, made consistent
+//! angle = 0
+//! points = { top = [0, "L/2"] }               # from the centre of mass, in the body's frame
+//!
+//! [joints.pivot]
+//! type = "revolute"                           # or "prismatic" with an axis, or "fixed"
+//! between = ["ground", "rod.top"]
+//!
+//! [springs.damper]
+//! coordinate = "pivot.angle"                  # or `between` two points
+//! damping = 0.01                              # stiffness, damping, rest: 0 where nothing is said
+//!
+//! [initial]                                   # kept exactly; the rest follows from the guesses and the joints
+//! pivot.angle = 1.57
+//! pivot.angular_velocity = 0
+//!
+//! [outputs]
+//! theta = { measure = "pivot.angle" }
+//! ```
+//!
+//! `[forces.NAME]` act on a `point` with a `force`, `[actuators.NAME]` along a `coordinate` with an `effort` (a force or a
+//! torque); both may depend on `time` and on positions and velocities. `[drivers.NAME]` prescribe the `motion` of a
+//! `coordinate`, an expression of the parameters and `time`.
+
+use super::expression::Expression;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+/// A vector in the plane.
+pub type Vector = [Expression; 2];
+
+/// A mechanism file's content.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+    /// How the equations of motion are solved.
+    #[serde(default)]
+    pub formulation: FormulationKind,
+    /// Acceleration of gravity in the ground frame, in m/s².
+    #[serde(default)]
+    pub gravity: Vector,
+    /// What a study may vary.
+    #[serde(default)]
+    pub parameters: IndexMap<String, ParameterOptions>,
+    /// What does not move.
+    #[serde(default)]
+    pub ground: GroundOptions,
+    /// Rigid bodies.
+    pub bodies: IndexMap<String, BodyOptions>,
+    /// Joints.
+    #[serde(default)]
+    pub joints: IndexMap<String, JointOptions>,
+    /// Prescribed motion.
+    #[serde(default)]
+    pub drivers: IndexMap<String, DriverOptions>,
+    /// Springs and dampers.
+    #[serde(default)]
+    pub springs: IndexMap<String, SpringOptions>,
+    /// Forces at points.
+    #[serde(default)]
+    pub forces: IndexMap<String, ForceOptions>,
+    /// Forces and torques along coordinates.
+    #[serde(default)]
+    pub actuators: IndexMap<String, ActuatorOptions>,
+    /// Coordinates and velocities at the start, by the name of what they belong to and their own.
+    #[serde(default)]
+    pub initial: IndexMap<String, IndexMap<String, Expression>>,
+    /// What a study may ask for.
+    pub outputs: IndexMap<String, OutputOptions>,
+}
+
+/// How the equations of motion are solved (Choi et al. 2021, section 2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FormulationKind {
+    /// All coordinates with Lagrange multipliers.
+    #[default]
+    Augmented,
+    /// Independent coordinates only.
+    Embedding,
+}
+
+/// An entry of `[parameters]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterOptions {
+    /// Value where the study says nothing.
+    pub default: f64,
+    /// Lower end of the range that `metafmu new` proposes.
+    pub min: Option<f64>,
+    /// Upper end of the range that `metafmu new` proposes.
+    pub max: Option<f64>,
+    /// Unit.
+    #[serde(default)]
+    pub unit: String,
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+}
+
+/// `[ground]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroundOptions {
+    /// Named points.
+    #[serde(default)]
+    pub points: IndexMap<String, Vector>,
+}
+
+/// An entry of `[bodies]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyOptions {
+    /// Mass in kg; may be zero where the joints leave no motion without inertia.
+    #[serde(default)]
+    pub mass: Expression,
+    /// Moment of inertia about the centre of mass in kg.m²; zero for a point mass.
+    #[serde(default)]
+    pub inertia: Expression,
+    /// Centre of mass at the start, in m.
+    #[serde(default)]
+    pub position: Vector,
+    /// Angle at the start, in rad.
+    #[serde(default)]
+    pub angle: Expression,
+    /// Velocity of the centre of mass at the start, in m/s.
+    #[serde(default)]
+    pub velocity: Vector,
+    /// Angular velocity at the start, in rad/s.
+    #[serde(default)]
+    pub angular_velocity: Expression,
+    /// Named points, from the centre of mass in the body's frame, in m.
+    #[serde(default)]
+    pub points: IndexMap<String, Vector>,
+}
+
+/// An entry of `[joints]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointOptions {
+    /// What it leaves free.
+    #[serde(rename = "type")]
+    pub kind: JointKind,
+    /// The points it connects.
+    pub between: [String; 2],
+    /// Prismatic: direction of the slide in the frame of the first point's body.
+    pub axis: Option<Vector>,
+    /// Prismatic and fixed: angle of the second body against the first, in rad.
+    pub angle: Option<Expression>,
+}
+
+/// What a joint leaves free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JointKind {
+    /// Turning about the common point.
+    Revolute,
+    /// Sliding along the axis.
+    Prismatic,
+    /// Nothing.
+    Fixed,
+}
+
+/// An entry of `[drivers]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriverOptions {
+    /// The coordinate that is prescribed.
+    pub coordinate: String,
+    /// Its value, of the parameters and `time`.
+    pub motion: Expression,
+}
+
+/// An entry of `[springs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpringOptions {
+    /// Ends of a spring that acts along their distance.
+    pub between: Option<[String; 2]>,
+    /// Coordinate that a spring of another kind acts along.
+    pub coordinate: Option<String>,
+    /// Force or torque per m or rad.
+    #[serde(default)]
+    pub stiffness: Expression,
+    /// Force or torque per m/s or rad/s.
+    #[serde(default)]
+    pub damping: Expression,
+    /// Where there is no force: a length or an angle.
+    #[serde(default)]
+    pub rest: Expression,
+}
+
+/// An entry of `[forces]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceOptions {
+    /// Where it acts.
+    pub point: String,
+    /// Components in the ground frame, in N; of the parameters, `time`, positions and velocities.
+    pub force: Vector,
+}
+
+/// An entry of `[actuators]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorOptions {
+    /// The coordinate along which it acts.
+    pub coordinate: String,
+    /// Force in N or torque in N.m, positive where it increases the coordinate; of the parameters, `time`, positions and
+    /// velocities.
+    pub effort: Expression,
+}
+
+/// An entry of `[outputs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputOptions {
+    /// What is measured.
+    pub measure: String,
+    /// Unit; must be the measure's own.
+    pub unit: Option<String>,
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+}

@@ -1,0 +1,272 @@
+//! The two formulations of the equations of motion in Choi et al. 2021, section 2.
+//!
+//! *Augmented*: accelerations and Lagrange multipliers of all coordinates from
+//! `[M C_q^T; C_q 0] [qdd; lambda] = [F_a; F_c]`. The state `(q, qd)` drifts off the constraints, which are enforced for
+//! accelerations only; it is projected back where the drift exceeds [`DRIFT`].
+//!
+//! *Embedding*: the state is `(q_i, qd_i)`, the independent coordinates; the others follow from the constraints. With
+//! `C_q = [C_d C_i]`: `qdd = T qdd_i + r`, `T = [-C_d^-1 C_i; 1]`, `r = [C_d^-1 F_c; 0]`, and
+//! `(T^T M T) qdd_i = T^T F_a - T^T M r` (Wehage, Haug 1982: generalized coordinate partitioning). The dependent
+//! coordinates are chosen by Gaussian elimination with full pivoting, and again when `C_d` degrades.
+
+use super::{description::FormulationKind, model::Model};
+use nalgebra::{DMatrix, DVector, Dyn, LU};
+
+/// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected.
+const DRIFT: f64 = 1e-11;
+
+/// Part of a partition's quality at which another one is chosen.
+const DEGRADED: f64 = 0.2;
+
+/// Accelerations and multipliers in one state.
+#[derive(Clone, Debug)]
+pub struct Acceleration {
+    /// `qdd`.
+    pub qdd: DVector<f64>,
+    /// `lambda`: the constraint forces are `-C_q^T lambda`.
+    pub multipliers: DVector<f64>,
+}
+
+/// A formulation at work on a stretch of a run.
+#[derive(Clone, Debug)]
+pub enum Formulation {
+    /// All coordinates with Lagrange multipliers.
+    Augmented,
+    /// Independent coordinates only.
+    Embedding(Partition),
+}
+
+/// Which coordinates are dependent.
+#[derive(Clone, Debug)]
+pub struct Partition {
+    dependent: Vec<usize>,
+    independent: Vec<usize>,
+    quality: f64,
+}
+
+impl Formulation {
+    /// The model's formulation, from a state on the constraints.
+    ///
+    /// # Errors
+    /// Names the constraint that is singular there.
+    pub fn new(model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+        Ok(match model.formulation {
+            FormulationKind::Augmented => Self::Augmented,
+            FormulationKind::Embedding => Self::Embedding(Partition::new(model, t, q)?),
+        })
+    }
+
+    /// What is integrated: `(q, qd)` or `(q_i, qd_i)`.
+    pub fn state(&self, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+        match self {
+            Self::Augmented => stack(q, v),
+            Self::Embedding(partition) => stack(&pick(q, &partition.independent), &pick(v, &partition.independent)),
+        }
+    }
+
+    /// All coordinates and velocities of a state; those that are dependent are found from a guess nearby.
+    ///
+    /// # Errors
+    /// Which constraint cannot be met.
+    pub fn complete(
+        &self,
+        model: &Model,
+        t: f64,
+        state: &DVector<f64>,
+        guess: &DVector<f64>,
+    ) -> Result<(DVector<f64>, DVector<f64>), String> {
+        let (q, v) = halves(state);
+        match self {
+            Self::Augmented => Ok((q, v)),
+            Self::Embedding(partition) => partition.complete(model, t, (&q, &v), guess),
+        }
+    }
+
+    /// Accelerations and multipliers.
+    ///
+    /// # Errors
+    /// Names the constraint that is singular there.
+    pub fn accelerate(
+        &self,
+        model: &Model,
+        t: f64,
+        q: &DVector<f64>,
+        v: &DVector<f64>,
+    ) -> Result<Acceleration, String> {
+        match self {
+            Self::Augmented => augmented(model, t, q, v),
+            Self::Embedding(partition) => partition.accelerate(model, t, q, v),
+        }
+    }
+
+    /// The state's derivative.
+    pub fn derivative(&self, v: &DVector<f64>, qdd: &DVector<f64>) -> DVector<f64> {
+        self.state(v, qdd)
+    }
+
+    /// Whether it is time to project, or to choose other independent coordinates.
+    pub fn is_worn(&self, model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> bool {
+        match self {
+            Self::Augmented => model.constraints.violation(t, q, v) > DRIFT * (1.0 + q.amax()),
+            Self::Embedding(partition) => {
+                let quality =
+                    partition.split(&model.constraints.jacobian_transposed(q)).map_or(0.0, |(d, _)| quality(&d));
+                quality < DEGRADED * partition.quality
+            }
+        }
+    }
+}
+
+/// `[M C_q^T; C_q 0] [qdd; lambda] = [F_a; F_c]`.
+///
+/// # Errors
+/// Names the constraint that is singular there.
+pub fn augmented(model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
+    let transposed = model.constraints.jacobian_transposed(q);
+    let (n, m) = transposed.shape();
+    let mut matrix = DMatrix::zeros(n + m, n + m);
+    matrix.view_mut((0, 0), (n, n)).set_diagonal(&model.mass);
+    matrix.view_mut((0, n), (n, m)).copy_from(&transposed);
+    matrix.view_mut((n, 0), (m, n)).tr_copy_from(&transposed);
+    let side = stack(&model.applied_forces(t, q, v), &model.constraints.acceleration_side(t, q, v));
+    let solution = matrix.lu().solve(&side).filter(|x| x.iter().all(|value| value.is_finite()));
+    let solution = solution.ok_or_else(|| without_solution(model, t, &transposed))?;
+    Ok(Acceleration { qdd: solution.rows(0, n).into_owned(), multipliers: solution.rows(n, m).into_owned() })
+}
+
+/// Why the equations of motion have no solution.
+fn without_solution(model: &Model, t: f64, transposed: &DMatrix<f64>) -> String {
+    match model.constraints.first_dependent(transposed) {
+        Some(_) => model.constraints.name_singular(t, transposed),
+        None => format!(
+            "the equations of motion have no finite solution at t = {t} s: a free motion without mass or inertia, or a \
+             force that is not finite"
+        ),
+    }
+}
+
+impl Partition {
+    /// Chooses the dependent coordinates: the pivots of Gaussian elimination with full pivoting of `C_q`.
+    fn new(model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+        let transposed = model.constraints.jacobian_transposed(q);
+        let (n, m) = transposed.shape();
+        if model.constraints.first_dependent(&transposed).is_some() {
+            return Err(model.constraints.name_singular(t, &transposed));
+        }
+        let mut scaled = transposed.transpose();
+        // lengths and angles are made comparable
+        for mut column in scaled.column_iter_mut() {
+            let largest = column.amax();
+            if largest > 0.0 {
+                column /= largest;
+            }
+        }
+        let mut order = DMatrix::from_fn(1, n, |_, column| column);
+        scaled.full_piv_lu().q().permute_columns(&mut order);
+        let (mut dependent, mut independent) = (order.as_slice()[..m].to_vec(), order.as_slice()[m..].to_vec());
+        dependent.sort_unstable();
+        independent.sort_unstable();
+        let mut partition = Self { dependent, independent, quality: 0.0 };
+        partition.quality = partition.split(&transposed).map_or(0.0, |(factors, _)| quality(&factors));
+        Ok(partition)
+    }
+
+    /// `C_d` factorised and `C_i`; `None` if `C_d` is singular.
+    fn split(&self, transposed: &DMatrix<f64>) -> Option<(LU<f64, Dyn, Dyn>, DMatrix<f64>)> {
+        let factors = transposed.select_rows(&self.dependent).transpose().lu();
+        factors.is_invertible().then(|| (factors, transposed.select_rows(&self.independent).transpose()))
+    }
+
+    fn complete(
+        &self,
+        model: &Model,
+        t: f64,
+        (q_i, v_i): (&DVector<f64>, &DVector<f64>),
+        guess: &DVector<f64>,
+    ) -> Result<(DVector<f64>, DVector<f64>), String> {
+        let mut q = guess.clone();
+        place(&mut q, &self.independent, q_i);
+        let (factors, c_i) = self.correct_dependent(model, t, &mut q)?;
+        let dependent = factors.solve(&(model.constraints.target_rates(t) - c_i * v_i)).ok_or("C_d is singular")?;
+        let mut v = DVector::zeros(q.len());
+        place(&mut v, &self.independent, v_i);
+        place(&mut v, &self.dependent, &dependent);
+        Ok((q, v))
+    }
+
+    /// Newton's method on the dependent coordinates; returns `C_d` factorised and `C_i` at the solution.
+    fn correct_dependent(
+        &self,
+        model: &Model,
+        t: f64,
+        q: &mut DVector<f64>,
+    ) -> Result<(LU<f64, Dyn, Dyn>, DMatrix<f64>), String> {
+        for iteration in 0..30 {
+            let transposed = model.constraints.jacobian_transposed(q);
+            let split = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
+            let residual = model.constraints.residual(t, q);
+            // after so many iterations rounding is what is left, if anything
+            let tolerance = if iteration < 8 { 1e-14 } else { 1e-12 };
+            if residual.amax() <= tolerance * (1.0 + q.amax()) {
+                return Ok(split);
+            }
+            let step = split.0.solve(&residual).ok_or("C_d is singular")?;
+            for (&position, step) in self.dependent.iter().zip(step.iter()) {
+                q[position] -= step;
+            }
+        }
+        Err(format!("the dependent coordinates cannot be found at t = {t} s"))
+    }
+
+    fn accelerate(&self, model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
+        let transposed = model.constraints.jacobian_transposed(q);
+        let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
+        let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&model.constraints.acceleration_side(t, q, v)));
+        let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
+        let forces = model.applied_forces(t, q, v);
+        let (m_d, m_i) = (pick(&model.mass, &self.dependent), pick(&model.mass, &self.independent));
+
+        // (T^T M T) qdd_i = T^T F_a - T^T M r
+        let mut weighted = t_d.clone();
+        weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&m_d));
+        let matrix = t_d.tr_mul(&weighted) + DMatrix::from_diagonal(&m_i);
+        let f_d = pick(&forces, &self.dependent);
+        let side = pick(&forces, &self.independent) + t_d.tr_mul(&(&f_d - m_d.component_mul(&r_d)));
+        let qdd_i = matrix.lu().solve(&side).filter(|x| x.iter().all(|value| value.is_finite()));
+        let qdd_i = qdd_i.ok_or_else(|| without_solution(model, t, &transposed))?;
+
+        // the dependent rows of M qdd + C_q^T lambda = F_a
+        let qdd_d = t_d * &qdd_i + r_d;
+        let c_d_transposed = transposed.select_rows(&self.dependent).lu();
+        let multipliers = c_d_transposed.solve(&(f_d - m_d.component_mul(&qdd_d))).ok_or("C_d is singular")?;
+        let mut qdd = DVector::zeros(q.len());
+        place(&mut qdd, &self.independent, &qdd_i);
+        place(&mut qdd, &self.dependent, &qdd_d);
+        Ok(Acceleration { qdd, multipliers })
+    }
+}
+
+/// Smallest over largest pivot: how far from singular a matrix is.
+fn quality(factors: &LU<f64, Dyn, Dyn>) -> f64 {
+    let pivots = factors.u().diagonal().abs();
+    if pivots.is_empty() { 1.0 } else { pivots.min() / pivots.max() }
+}
+
+fn pick(vector: &DVector<f64>, positions: &[usize]) -> DVector<f64> {
+    DVector::from_iterator(positions.len(), positions.iter().map(|&position| vector[position]))
+}
+
+fn place(vector: &mut DVector<f64>, positions: &[usize], values: &DVector<f64>) {
+    for (&position, &value) in positions.iter().zip(values.iter()) {
+        vector[position] = value;
+    }
+}
+
+fn stack(upper: &DVector<f64>, lower: &DVector<f64>) -> DVector<f64> {
+    DVector::from_iterator(upper.len() + lower.len(), upper.iter().chain(lower.iter()).copied())
+}
+
+fn halves(state: &DVector<f64>) -> (DVector<f64>, DVector<f64>) {
+    let half = state.len() / 2;
+    (state.rows(0, half).into_owned(), state.rows(half, half).into_owned())
+}

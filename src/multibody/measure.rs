@@ -1,0 +1,112 @@
+//! What outputs, formulas and initial conditions can name.
+//!
+//! | name | what |
+//! |---|---|
+//! | `P.x P.y`, `P.vx P.vy`, `P.ax P.ay` | position, velocity, acceleration of a point; a body's name is its centre of mass |
+//! | `BODY.angle`, `.angular_velocity`, `.angular_acceleration` | of a body, against the ground |
+//! | `JOINT.angle`, `.angular_velocity`, `.angular_acceleration` | of a revolute joint: second body against the first |
+//! | `JOINT.position`, `.velocity`, `.acceleration` | of a prismatic joint, along its axis |
+//! | `JOINT.fx JOINT.fy`, `JOINT.moment` | force at the joint's second point and moment, of the first body on the second |
+//! | `SPRING.length`, `.velocity`, `SPRING.force` | of a spring between points; force (or torque), positive where it pushes |
+//! | `DRIVER.effort` | force or torque that keeps a driver's motion |
+//! | `kinetic_energy`, `potential_energy` | of gravity and springs |
+
+use super::{
+    coordinate::{Coordinate, turned},
+    model::Model,
+    simulate::Sample,
+};
+use std::ops::Range;
+
+/// Something that is measured.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Measure {
+    /// A coordinate.
+    Position(Coordinate),
+    /// A coordinate's rate.
+    Velocity(Coordinate),
+    /// A coordinate's second derivative.
+    Acceleration(Coordinate),
+    /// Component of a joint's force, from its constraints.
+    JointForce {
+        /// The joint's constraints.
+        rows: Range<usize>,
+        /// 0: x, 1: y of the ground frame.
+        component: usize,
+    },
+    /// A joint's moment, from its constraints.
+    JointMoment {
+        /// The joint's constraints.
+        rows: Range<usize>,
+    },
+    /// Force or torque of a driver, by its constraint.
+    DriverEffort(usize),
+    /// Force or torque of a spring, by its position in the model.
+    SpringEffort(usize),
+    /// Kinetic energy.
+    KineticEnergy,
+    /// Potential energy.
+    PotentialEnergy,
+}
+
+impl Measure {
+    /// Unit of the value in a model.
+    pub fn unit(&self, model: &Model) -> &'static str {
+        let effort = |coordinate: &Coordinate| if coordinate.is_angle() { "N.m" } else { "N" };
+        match self {
+            Self::Position(coordinate) => {
+                if coordinate.is_angle() {
+                    "rad"
+                } else {
+                    "m"
+                }
+            }
+            Self::Velocity(coordinate) => {
+                if coordinate.is_angle() {
+                    "rad/s"
+                } else {
+                    "m/s"
+                }
+            }
+            Self::Acceleration(coordinate) => {
+                if coordinate.is_angle() {
+                    "rad/s2"
+                } else {
+                    "m/s2"
+                }
+            }
+            Self::JointForce { .. } => "N",
+            Self::JointMoment { .. } => "N.m",
+            Self::DriverEffort(row) => effort(&model.constraints.0[*row].coordinate),
+            Self::SpringEffort(spring) => effort(&model.springs[*spring].coordinate),
+            Self::KineticEnergy | Self::PotentialEnergy => "J",
+        }
+    }
+
+    /// Value in a sample.
+    pub fn value(&self, model: &Model, sample: &Sample) -> f64 {
+        let Sample { q, v, qdd, multipliers, .. } = sample;
+        match self {
+            Self::Position(coordinate) => coordinate.value(q),
+            Self::Velocity(coordinate) => coordinate.rate(q, v),
+            Self::Acceleration(coordinate) => coordinate.rate(q, qdd) + coordinate.curvature(q, v),
+            Self::JointForce { rows, component } => {
+                let force = |row: usize| match &model.constraints.0[row].coordinate {
+                    Coordinate::Projection { frame, axis, .. } => {
+                        -multipliers[row] * turned(*frame, *axis, q)[*component]
+                    }
+                    _ => 0.0,
+                };
+                rows.clone().map(force).sum()
+            }
+            Self::JointMoment { rows } => {
+                let angles = rows.clone().filter(|&row| model.constraints.0[row].coordinate.is_angle());
+                angles.map(|row| -multipliers[row]).sum()
+            }
+            Self::DriverEffort(row) => -multipliers[*row],
+            Self::SpringEffort(spring) => model.springs[*spring].effort(q, v),
+            Self::KineticEnergy => model.kinetic_energy(v),
+            Self::PotentialEnergy => model.potential_energy(q),
+        }
+    }
+}

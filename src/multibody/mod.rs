@@ -1,0 +1,21 @@
+//! Planar multibody dynamics: rigid bodies, joints, springs, forces and prescribed motion, from a description in a file.
+//!
+//! [`Mechanism::load`] reads and checks a [description]; [`Mechanism::simulate`] puts numbers in for its parameters
+//! ([`build`]), closes the loops ([`model::Model::initial_state`]), and solves the equations of motion in one of two
+//! [formulations](formulation).
+
+pub mod build;
+pub mod constraint;
+pub mod coordinate;
+pub mod description;
+pub mod expression;
+pub mod formulation;
+pub mod measure;
+mod mechanism;
+pub mod model;
+pub mod simulate;
+
+pub use mechanism::Mechanism;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+//! A mechanism with numbers in it: mass matrix, applied forces and constraints of one run.
+
+use super::{
+    constraint::{Constraints, Formula},
+    coordinate::{Coordinate, Point},
+    description::FormulationKind,
+};
+use nalgebra::{DVector, Vector2};
+
+/// A spring and damper along a coordinate: effort `-stiffness (s - rest) - damping sd`.
+#[derive(Clone, Debug)]
+pub struct Spring {
+    /// The coordinate `s`.
+    pub coordinate: Coordinate,
+    /// In N/m or N.m/rad.
+    pub stiffness: f64,
+    /// In N.s/m or N.m.s/rad.
+    pub damping: f64,
+    /// Where there is no force.
+    pub rest: f64,
+}
+
+impl Spring {
+    /// Force or torque that acts to increase the coordinate.
+    pub fn effort(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        -self.stiffness * (self.coordinate.value(q) - self.rest) - self.damping * self.coordinate.rate(q, v)
+    }
+}
+
+/// A force at a point, components in the ground frame.
+#[derive(Clone, Debug)]
+pub struct Force {
+    /// Where it acts.
+    pub point: Point,
+    /// Its components, in N.
+    pub components: [Formula; 2],
+}
+
+/// A force or torque along a coordinate.
+#[derive(Clone, Debug)]
+pub struct Actuator {
+    /// The coordinate.
+    pub coordinate: Coordinate,
+    /// Force or torque that acts to increase it.
+    pub effort: Formula,
+}
+
+/// Everything of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// How the equations of motion are solved.
+    pub formulation: FormulationKind,
+    /// Diagonal of the mass matrix: mass, mass, moment of inertia about the centre of mass of each body.
+    pub mass: DVector<f64>,
+    /// Acceleration of gravity.
+    pub gravity: Vector2<f64>,
+    /// Joints, then drivers.
+    pub constraints: Constraints,
+    /// Springs and dampers.
+    pub springs: Vec<Spring>,
+    /// Forces at points.
+    pub forces: Vec<Force>,
+    /// Forces and torques along coordinates.
+    pub actuators: Vec<Actuator>,
+    /// Guess of the coordinates at the start.
+    pub position_guess: DVector<f64>,
+    /// Guess of the velocities at the start.
+    pub velocity_guess: DVector<f64>,
+    /// Coordinates at the start.
+    pub initial_positions: Constraints,
+    /// Velocities at the start.
+    pub initial_velocities: Constraints,
+}
+
+impl Model {
+    /// `F_a(t, q, qd)`: gravity, springs, forces and actuators. With the centres of mass as coordinates there are no
+    /// velocity terms of inertia.
+    pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+        let mut sum = DVector::zeros(q.len());
+        for (force, mass) in sum.as_mut_slice().chunks_mut(3).zip(self.mass.as_slice().chunks(3)) {
+            force[0] += mass[0] * self.gravity.x;
+            force[1] += mass[1] * self.gravity.y;
+        }
+        for spring in &self.springs {
+            spring.coordinate.add_gradient(q, spring.effort(q, v), sum.as_mut_slice());
+        }
+        for force in &self.forces {
+            let [x, y] = force.components.each_ref().map(|component| component.value(t, q, v));
+            force.point.add_gradient(q, Vector2::new(x, y), sum.as_mut_slice());
+        }
+        for actuator in &self.actuators {
+            actuator.coordinate.add_gradient(q, actuator.effort.value(t, q, v), sum.as_mut_slice());
+        }
+        sum
+    }
+
+    /// `qd^T M qd / 2`, in J.
+    pub fn kinetic_energy(&self, v: &DVector<f64>) -> f64 {
+        0.5 * self.mass.component_mul(v).dot(v)
+    }
+
+    /// Of gravity, zero at the ground's origin, and of the springs, in J.
+    pub fn potential_energy(&self, q: &DVector<f64>) -> f64 {
+        let bodies = q.as_slice().chunks(3).zip(self.mass.as_slice().chunks(3));
+        let height: f64 = bodies.map(|(q, mass)| -mass[0] * (self.gravity.x * q[0] + self.gravity.y * q[1])).sum();
+        let stretch = |spring: &Spring| 0.5 * spring.stiffness * (spring.coordinate.value(q) - spring.rest).powi(2);
+        height + self.springs.iter().map(stretch).sum::<f64>()
+    }
+
+    /// Number of coordinates that the constraints leave free.
+    pub fn degrees_of_freedom(&self) -> usize {
+        self.mass.len().saturating_sub(self.constraints.len())
+    }
+
+    /// Coordinates and velocities at the start: the guesses, corrected so that all constraints and initial conditions hold.
+    ///
+    /// # Errors
+    /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts.
+    pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), String> {
+        let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
+        let with = |conditions: &Constraints| Constraints([&self.constraints.0[..], &conditions.0[..]].concat());
+        let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
+        positions.assemble(t, &mut q)?;
+        if let Some(constraint) = self.constraints.first_dependent(&self.constraints.jacobian_transposed(&q)) {
+            return Err(format!(
+                "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
+                 position",
+                constraint.owner
+            ));
+        }
+        for conditions in [&positions, &velocities] {
+            if let Some(condition) = conditions.first_dependent(&conditions.jacobian_transposed(&q)) {
+                return Err(format!("`{}` is decided by the constraints and conditions before it", condition.owner));
+            }
+        }
+        velocities.correct_velocities(t, &q, &mut v)?;
+        Ok((q, v))
+    }
+}

@@ -1,0 +1,198 @@
+//! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, position by position.
+
+use super::{
+    formulation::{Acceleration, Formulation, augmented},
+    model::Model,
+};
+use nalgebra::DVector;
+use ode_solvers::{Dop853, System, dop_shared::OutputType};
+use std::cell::RefCell;
+
+/// Relative and absolute tolerance of a step, as for the built-in systems.
+const TOLERANCE: f64 = 1e-12;
+
+/// Constraints hold to this in every sample: positions in m and rad, velocities in m/s and rad/s.
+pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
+
+/// Everything about a model at one time.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Time in s.
+    pub t: f64,
+    /// Coordinates.
+    pub q: DVector<f64>,
+    /// Velocities.
+    pub v: DVector<f64>,
+    /// Accelerations.
+    pub qdd: DVector<f64>,
+    /// Lagrange multipliers.
+    pub multipliers: DVector<f64>,
+}
+
+/// Samples at evenly spaced times, from a consistent state at the first of them.
+///
+/// # Errors
+/// A sentence that says what failed, when, and at which joint.
+pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
+    let Some(&start) = times.first() else { return Ok(Vec::new()) };
+    let (q, v) = model.initial_state(start)?;
+    if model.degrees_of_freedom() == 0 {
+        return kinematic(model, times, q, v);
+    }
+    let formulation = Formulation::new(model, start, &q)?;
+    let mut samples = vec![sample(model, &formulation, start, q, v)?];
+    while samples.len() < times.len() {
+        let from = &samples[samples.len() - 1];
+        let rest = &times[samples.len() - 1..];
+        samples.extend(stretch(model, from, rest)?);
+    }
+    Ok(samples)
+}
+
+/// The samples after one, as far as a formulation's choices last; at least one.
+fn stretch(model: &Model, from: &Sample, times: &[f64]) -> Result<Vec<Sample>, String> {
+    let formulation = Formulation::new(model, from.t, &from.q)?;
+    let stretch = Stretch { model, formulation, guess: RefCell::new(from.q.clone()) };
+    let states = stretch.integrate(from, times)?;
+    let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
+    for (state, &t) in states.iter().zip(times).skip(1) {
+        let guess = samples.last().map_or(&from.q, |sample| &sample.q);
+        let (mut q, mut v) = stretch.formulation.complete(model, t, state, guess)?;
+        model.constraints.correct_positions(t, &mut q)?;
+        model.constraints.correct_velocities(t, &q, &mut v)?;
+        samples.push(sample(model, &stretch.formulation, t, q, v)?);
+    }
+    Ok(samples)
+}
+
+fn sample(
+    model: &Model,
+    formulation: &Formulation,
+    t: f64,
+    q: DVector<f64>,
+    v: DVector<f64>,
+) -> Result<Sample, String> {
+    let Acceleration { qdd, multipliers } = formulation.accelerate(model, t, &q, &v)?;
+    let violation = model.constraints.violation(t, &q, &v);
+    if !(violation <= CONSTRAINT_TOLERANCE * (1.0 + q.amax() + v.amax())) {
+        let transposed = model.constraints.jacobian_transposed(&q);
+        return Err(model.constraints.name_singular(t, &transposed));
+    }
+    Ok(Sample { t, q, v, qdd, multipliers })
+}
+
+/// A part of a run with one formulation's choices.
+struct Stretch<'a> {
+    model: &'a Model,
+    formulation: Formulation,
+    /// Coordinates found last: where the search for dependent coordinates begins.
+    guess: RefCell<DVector<f64>>,
+}
+
+impl Stretch<'_> {
+    /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
+    ///
+    /// Dormand and Prince's method of order 8(5,3) with dense output of order 7.
+    fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
+        let (start, stop) = (times[0], times[times.len() - 1]);
+        let spacing = (stop - start) / (times.len() - 1) as f64;
+        let problem = Problem { stretch: self, times, checked: 0 };
+        let state = self.formulation.state(&from.q, &from.v);
+        let mut solver = Dop853::new(problem, start, stop, spacing, state, TOLERANCE, TOLERANCE);
+        solver.set_output(OutputType::Dense);
+        let result = solver.integrate();
+        let states = solver.y_out();
+        let finite = states.iter().take(times.len()).take_while(|y| y.iter().all(|value| value.is_finite())).count();
+        match result {
+            Err(error) => Err(self.explain(&error.to_string(), times[finite.saturating_sub(1)])),
+            Ok(_) if finite < 2 => Err(self.explain("the state is not finite", start)),
+            Ok(_) => Ok(states[..finite].to_vec()),
+        }
+    }
+
+    /// The integrator's message with what the equations of motion say where it stopped.
+    fn explain(&self, error: &str, t: f64) -> String {
+        let q = self.guess.borrow();
+        let reason = self.formulation.accelerate(self.model, t, &q, &DVector::zeros(q.len())).err();
+        let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
+        format!("integration failed after t = {t} s: {error}{reason}")
+    }
+
+    fn derivative(&self, t: f64, state: &DVector<f64>) -> Result<DVector<f64>, String> {
+        let mut guess = self.guess.borrow_mut();
+        let (q, v) = self.formulation.complete(self.model, t, state, &guess)?;
+        let Acceleration { qdd, .. } = self.formulation.accelerate(self.model, t, &q, &v)?;
+        let derivative = self.formulation.derivative(&v, &qdd);
+        *guess = q;
+        Ok(derivative)
+    }
+}
+
+/// A stretch as `ode_solvers` wants it.
+struct Problem<'a> {
+    stretch: &'a Stretch<'a>,
+    times: &'a [f64],
+    /// Rows that were looked at.
+    checked: usize,
+}
+
+impl System<f64, DVector<f64>> for Problem<'_> {
+    fn system(&self, t: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
+        match self.stretch.derivative(t, state) {
+            Ok(value) => derivative.copy_from(&value),
+            // a step into a place without solution is tried again shorter
+            Err(_) => derivative.fill(f64::NAN),
+        }
+    }
+
+    /// Stops behind a row where the formulation is worn.
+    fn solout(&mut self, t: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
+        let reached = self.times.partition_point(|&time| time <= t) - 1;
+        if reached <= self.checked || reached + 1 == self.times.len() {
+            return false;
+        }
+        self.checked = reached;
+        let Stretch { model, formulation, guess } = self.stretch;
+        let t = self.times[reached];
+        match formulation.complete(model, t, row, &guess.borrow()) {
+            Ok((q, v)) => formulation.is_worn(model, t, &q, &v),
+            Err(_) => true,
+        }
+    }
+}
+
+/// A run whose drivers decide everything: the constraints are solved for positions, velocities and accelerations.
+fn kinematic(model: &Model, times: &[f64], q: DVector<f64>, v: DVector<f64>) -> Result<Vec<Sample>, String> {
+    let orientation = |q: &DVector<f64>| model.constraints.jacobian_transposed(q).determinant().signum();
+    let first = sample(model, &Formulation::Augmented, times[0], q, v)?;
+    let side = orientation(&first.q);
+    let mut samples = vec![first];
+    for &t in &times[1..] {
+        let next = advance(model, &samples[samples.len() - 1], t, 12)?;
+        if orientation(&next.q) != side {
+            let message = model.constraints.name_singular(t, &model.constraints.jacobian_transposed(&next.q));
+            return Err(format!("the mechanism passes a {message}"));
+        }
+        samples.push(next);
+    }
+    Ok(samples)
+}
+
+/// The next position, predicted by a parabola; in two halves where that is too far.
+fn advance(model: &Model, from: &Sample, t: f64, halvings: u32) -> Result<Sample, String> {
+    let step = t - from.t;
+    let mut q = &from.q + step * &from.v + 0.5 * step * step * &from.qdd;
+    match model.constraints.correct_positions(t, &mut q) {
+        Ok(()) => {
+            let mut v = &from.v + step * &from.qdd;
+            model.constraints.correct_velocities(t, &q, &mut v)?;
+            let Acceleration { qdd, multipliers } = augmented(model, t, &q, &v)?;
+            Ok(Sample { t, q, v, qdd, multipliers })
+        }
+        Err(message) if halvings == 0 => Err(message),
+        Err(_) => {
+            let middle = advance(model, from, from.t + 0.5 * step, halvings - 1)?;
+            advance(model, &middle, t, halvings - 1)
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! Physical identities and closed forms that whole mechanisms must meet, in both formulations.
+
+use super::{
+    Mechanism,
+    build::build,
+    model::Model,
+    simulate::{Sample, simulate},
+};
+use crate::source::systems::SYSTEMS;
+use std::path::Path;
+
+const SINGLE_PENDULUM: &str = include_str!("../../examples/mechanisms/single-pendulum.toml");
+const DOUBLE_PENDULUM: &str = include_str!("../../examples/mechanisms/double-pendulum.toml");
+const SLIDER_CRANK: &str = include_str!("../../examples/mechanisms/slider-crank.toml");
+const FOUR_BAR: &str = include_str!("../../examples/mechanisms/four-bar.toml");
+const QUARTER_CAR: &str = include_str!("../../examples/mechanisms/quarter-car.toml");
+const SCOTCH_YOKE: &str = include_str!("../../examples/mechanisms/scotch-yoke.toml");
+const EXAMPLES: [&str; 6] = [SINGLE_PENDULUM, DOUBLE_PENDULUM, SLIDER_CRANK, FOUR_BAR, QUARTER_CAR, SCOTCH_YOKE];
+
+fn both_formulations(text: &str) -> [Mechanism; 2] {
+    let text = text.replace("formulation", "# formulation");
+    ["augmented", "embedding"].map(|formulation| parse(&format!("formulation = \"{formulation}\"\n{text}")))
+}
+
+fn parse(text: &str) -> Mechanism {
+    Mechanism::parse(text, Path::new("m.toml")).unwrap()
+}
+
+fn refused(text: &str) -> String {
+    Mechanism::parse(text, Path::new("m.toml")).unwrap_err().to_string()
+}
+
+fn grid(stop: f64, count: u32) -> Vec<f64> {
+    (0..=count).map(|i| stop * f64::from(i) / f64::from(count)).collect()
+}
+
+/// The mechanism's parameters with some of them set.
+fn values(mechanism: &Mechanism, set: &[(&str, f64)]) -> Vec<f64> {
+    for (name, _) in set {
+        assert!(mechanism.parameters().contains_key(*name), "{name}");
+    }
+    let value = |(name, parameter): (&String, &super::description::ParameterOptions)| {
+        set.iter().find(|(known, _)| known == name).map_or(parameter.default, |(_, value)| *value)
+    };
+    mechanism.parameters().iter().map(value).collect()
+}
+
+fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (Model, Vec<Sample>) {
+    let (model, _) = build(mechanism.description(), &values(mechanism, set)).unwrap();
+    let samples = simulate(&model, times).unwrap();
+    (model, samples)
+}
+
+/// Largest difference of the outputs between a built-in system and its twin.
+fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], stop: f64, count: u32) -> f64 {
+    let system = SYSTEMS.iter().find(|system| system.name == name).unwrap();
+    let times = grid(stop, count);
+    let mut largest: f64 = 0.0;
+    for mechanism in both_formulations(text) {
+        for point in points {
+            let set: Vec<(&str, f64)> = parameters.iter().copied().zip(point.iter().copied()).collect();
+            let twin = mechanism.simulate(&values(&mechanism, &set), &times).unwrap();
+            let quantity = |quantity: &crate::source::systems::Quantity| {
+                set.iter().find(|(name, _)| *name == quantity.name).map_or(quantity.default, |(_, value)| *value)
+            };
+            let quantities: Vec<f64> = system.quantities.iter().map(quantity).collect();
+            let exact = (system.simulate)(&quantities, &times).unwrap();
+            let rows = exact.chunks(system.outputs.len()).zip(twin.chunks(mechanism.outputs().len()));
+            for (exact, twin) in rows {
+                for (output, exact) in system.outputs.iter().zip(exact) {
+                    let column = mechanism.outputs().iter().position(|known| known.name == output.name).unwrap();
+                    largest = largest.max((twin[column] - exact).abs());
+                }
+            }
+        }
+    }
+    largest
+}
+
+#[test]
+fn the_single_pendulum_is_the_closed_form_in_both_formulations() {
+    let points: [&[f64]; 4] = [&[0.1, 0.0, 5.0], &[0.2, 0.15, 0.0], &[0.1911, 0.055, 3.78], &[0.123, 0.055, 2.53]];
+    let largest = difference("single-pendulum", SINGLE_PENDULUM, &points, &["L", "c", "thetad0"], 2.0, 200);
+    // theta and thetad; thetadd is up to 98 times theta
+    assert!(largest < 1e-8, "{largest:e}");
+}
+
+#[test]
+fn the_double_pendulum_is_the_closed_form_in_both_formulations() {
+    let points: [&[f64]; 3] = [&[1.0, 2.0, 0.1, 0.5], &[1.01, 2.13, 0.0, 0.3], &[1.98, 2.94, 0.087, 0.47]];
+    let parameters = ["L1", "L2", "theta1d0", "theta2d0"];
+    let largest = difference("double-pendulum", DOUBLE_PENDULUM, &points, &parameters, 5.0, 500);
+    assert!(largest < 1e-8, "{largest:e}");
+}
+
+#[test]
+fn the_slider_crank_is_the_closed_form() {
+    let points: [&[f64]; 3] = [&[1.0, 1.0, 2.5], &[2.0, 3.0, 3.5], &[1.78, 1.36, 3.05]];
+    let largest = difference("slider-crank", SLIDER_CRANK, &points, &["tau", "r", "L_over_r"], 5.0, 500);
+    assert!(largest < 1e-11, "{largest:e}");
+}
+
+#[test]
+fn constraints_hold_and_both_formulations_agree_on_every_example() {
+    let times = grid(5.0, 250);
+    for text in EXAMPLES {
+        let runs = both_formulations(text).map(|mechanism| run(&mechanism, &[], &times));
+        for (model, samples) in &runs {
+            let violation = |s: &Sample| model.constraints.violation(s.t, &s.q, &s.v);
+            let largest = samples.iter().map(violation).fold(0.0, f64::max);
+            assert!(largest < 1e-10, "{largest:e} in {text}");
+        }
+        for (one, other) in runs[0].1.iter().zip(&runs[1].1) {
+            assert!((&one.q - &other.q).amax() < 1e-8, "t = {} in {text}", one.t);
+            let scale = 1.0 + one.multipliers.amax();
+            assert!((&one.multipliers - &other.multipliers).amax() < 1e-6 * scale, "t = {} in {text}", one.t);
+        }
+    }
+}
+
+#[test]
+fn energy_is_kept_where_nothing_dissipates() {
+    let times = grid(10.0, 500);
+    let cases: [(&str, &[(&str, f64)]); 3] = [
+        (SINGLE_PENDULUM, &[("c", 0.0), ("thetad0", 5.0)]),
+        (DOUBLE_PENDULUM, &[("theta1d0", 0.1)]),
+        (FOUR_BAR, &[("damping", 0.0)]),
+    ];
+    for (text, set) in cases {
+        for mechanism in both_formulations(text) {
+            let (model, samples) = run(&mechanism, set, &times);
+            let energy = |s: &Sample| model.kinetic_energy(&s.v) + model.potential_energy(&s.q);
+            // relative to what moves
+            let scale = samples.iter().map(|s| model.kinetic_energy(&s.v)).fold(0.0, f64::max);
+            let drift = samples.iter().map(|s| (energy(s) - energy(&samples[0])).abs()).fold(0.0, f64::max) / scale;
+            assert!(drift < 1e-9, "{drift:e} of {scale} J in {text}");
+        }
+    }
+}
+
+#[test]
+fn the_pivot_carries_weight_and_centripetal_force() {
+    let (m, l, g) = (0.3, 0.15, 9.81);
+    for mechanism in both_formulations(SINGLE_PENDULUM) {
+        let all = values(&mechanism, &[("c", 0.0), ("thetad0", 3.0)]);
+        let rows = mechanism.simulate(&all, &grid(2.0, 200)).unwrap();
+        for row in rows.chunks(mechanism.outputs().len()) {
+            let (theta, thetad, fx, fy) = (row[0], row[1], row[5], row[6]);
+            let rod = m * l * thetad * thetad + m * g * theta.cos();
+            assert!((fx + rod * theta.sin()).abs() < 1e-10 && (fy - rod * theta.cos()).abs() < 1e-10, "{fx} {fy}");
+        }
+    }
+}
+
+#[test]
+fn the_motor_of_the_slider_crank_does_the_work_on_the_slider() {
+    let mechanism = parse(SLIDER_CRANK);
+    let rows = mechanism.simulate(&values(&mechanism, &[("tau", 1.3)]), &grid(5.0, 100)).unwrap();
+    for (row, t) in rows.chunks(mechanism.outputs().len()).zip(grid(5.0, 100)) {
+        let (thetad, xbd, xbdd, torque) = ((1.0 - (1.3 * t).cos()) / 1.3, row[5], row[6], row[7]);
+        assert!((torque * thetad - xbd * xbdd).abs() < 1e-11, "t = {t}");
+    }
+}
+
+#[test]
+fn prismatic_and_fixed_joints_hold_their_angle() {
+    // a block on an incline of 30 degrees, an arm welded to it at right angles
+    let text = r#"
+        gravity = [0, -10]
+        bodies.block = { mass = 2, inertia = 1, position = [1, 0] }
+        bodies.arm = { mass = 1, inertia = 0.1, position = [1, 1], angle = 2, points = { foot = [-1, 0] } }
+        joints.incline = { type = "prismatic", between = ["ground", "block"], axis = ["cos(pi/6)", 0.5], angle = "pi/6" }
+        joints.weld = { type = "fixed", between = ["block", "arm.foot"], angle = "pi/2" }
+        outputs.s = { measure = "incline.position" }
+        outputs.acceleration = { measure = "incline.acceleration" }
+        outputs.angle = { measure = "arm.angle" }
+        outputs.fx = { measure = "incline.fx" }
+        outputs.fy = { measure = "weld.fy" }
+        outputs.moment = { measure = "weld.moment" }
+    "#;
+    for mechanism in both_formulations(text) {
+        let rows = mechanism.simulate(&[], &grid(1.0, 10)).unwrap();
+        let first = rows[0];
+        for (row, t) in rows.chunks(6).zip(grid(1.0, 10)) {
+            let &[s, acceleration, angle, fx, fy, moment] = row else { panic!() };
+            assert!((s - (first - 2.5 * t * t)).abs() < 1e-12 && (acceleration + 5.0).abs() < 1e-12);
+            assert!((angle - std::f64::consts::PI * 2.0 / 3.0).abs() < 1e-12);
+            // normal force 30 cos 30 along (-sin 30, cos 30); the arm slides with -5 along (cos 30, sin 30)
+            let normal = 30.0 * 0.75f64.sqrt();
+            assert!((fx + 0.5 * normal).abs() < 1e-11, "{fx}");
+            assert!((fy - (10.0 - 2.5)).abs() < 1e-11, "{fy}");
+            // about the foot: weight and inertia of the arm at (-1/2, cos 30)
+            let (x, y) = (-0.5, 0.75f64.sqrt());
+            let expected = x * (-2.5 + 10.0) - y * (-5.0 * 0.75f64.sqrt());
+            assert!((moment - expected).abs() < 1e-11, "{moment} {expected}");
+        }
+    }
+}
+
+#[test]
+fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
+    for (from, to, says) in [
+        ("mass = \"m\"", "mass = \"n\"", "m.toml:17: bodies.rod.mass: `n`: no parameter `n`, expected one of L, c"),
+        ("mass = \"m\"", "mass = \"-m\"", "bodies.rod.mass: -0.3, expected zero or more"),
+        ("mass = \"m\"", "mass = \"m/0\"", "bodies.rod.mass: `m/0` is inf"),
+        ("mass = \"m\"", "mass = \"m*\"", "bodies.rod.mass: `m*`: found the end"),
+        ("mass = \"m\"", "mas = 1", "bodies.rod.mas: unknown field"),
+        ("mass = \"m\"", "mass = true", "bodies.rod.mass: invalid type"),
+        ("\"rod.top\"", "\"rod.tip\"", "joints.pivot.between: `rod` has no point `tip`, expected one of top"),
+        ("\"rod.top\"", "\"bar.top\"", "joints.pivot.between: no body `bar`, expected one of rod, ground"),
+        ("\"ground\"", "\"rod\"", "joints.pivot.between: both points belong to the same body"),
+        ("\"revolute\"", "\"hinge\"", "joints.pivot.type: unknown variant `hinge`"),
+        ("\"revolute\"", "\"prismatic\"", "joints.pivot: a prismatic joint needs an `axis`"),
+        ("\"revolute\"", "\"revolute\"\naxis = [1, 0]", "joints.pivot.axis: belongs to prismatic joints"),
+        ("coordinate = \"pivot.angle\"", "", "springs.damper: expected either `between` or `coordinate`"),
+        (
+            "coordinate = \"pivot.angle\"",
+            "coordinate = \"pivot.position\"",
+            "`pivot` has no `position`, expected one of",
+        ),
+        ("measure = \"rod.x\"", "measure = \"rod.z\"", "outputs.x.measure: `rod` has no `z`"),
+        (
+            "measure = \"rod.x\"",
+            "measure = \"rod.top\"",
+            "`rod.top` is a point, expected a component such as `rod.top.x`",
+        ),
+        ("measure = \"rod.x\"", "measure = \"rod.x\", unit = \"mm\"", "outputs.x.unit: `mm`, expected `m`"),
+        ("[bodies.rod]", "[bodies.c]", "bodies.c: `c` is the name of parameters already"),
+        ("\nm = {", "\ntime = {", "parameters.time: `time` is the name of the time already"),
+        ("rod.angle = ", "rod.ax = ", "initial.rod.ax: `rod.ax` is neither a position nor a velocity"),
+    ] {
+        assert!(SINGLE_PENDULUM.contains(from), "{from}");
+        let message = refused(&SINGLE_PENDULUM.replacen(from, to, 1));
+        assert!(message.contains(says), "{to}: no `{says}` in\n{message}");
+    }
+}
+
+#[test]
+fn redundant_and_contradicting_constraints_are_named() {
+    let twice =
+        format!("{FOUR_BAR}\n[joints.E]\ntype = \"revolute\"\nbetween = [\"ground.right\", \"rocker.bottom\"]\n");
+    let message = refused(&twice);
+    assert!(message.contains("joints.E: `joints.E` depends on the joints and drivers before it"), "{message}");
+    let condition = "crank.angle = \"theta0\"";
+    let message = refused(&FOUR_BAR.replacen(condition, "crank.angle = \"theta0\"\nD.angle = 1.5", 1));
+    assert!(message.contains("initial.D.angle") || message.contains("joints."), "{message}");
+    let message =
+        refused(&FOUR_BAR.replacen("crank.angular_velocity = 0", "rocker.angular_velocity = 0\ncrank.vx = 0", 1));
+    assert!(message.contains("initial.crank.vx: `initial.crank.vx` is decided by"), "{message}");
+    let message = refused(&FOUR_BAR.replacen("default = 0.5, unit", "default = 5.5, unit", 1));
+    assert!(message.contains("cannot be assembled at t = 0 s: `joints."), "{message}");
+}
+
+#[test]
+fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
+    // a rod shorter than the crank: the loop opens on the way
+    let mechanism = parse(SLIDER_CRANK);
+    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 0.6)]), &grid(5.0, 100)).unwrap_err();
+    assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
+    // rod and crank of the same length: at 90 degrees the slider stands on the crank's bearing
+    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 1.0)]), &grid(5.0, 100)).unwrap_err();
+    assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
+}
+
+#[test]
+fn a_motion_without_inertia_is_refused() {
+    let mechanism = parse(SINGLE_PENDULUM);
+    let error = mechanism.simulate(&values(&mechanism, &[("m", 0.0)]), &grid(1.0, 10)).unwrap_err();
+    assert!(error.contains("without mass or inertia"), "{error}");
+}
