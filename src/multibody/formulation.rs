@@ -11,12 +11,16 @@
 
 use super::{description::FormulationKind, model::Model};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
+use std::cell::Cell;
 
 /// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected.
 const DRIFT: f64 = 1e-11;
 
-/// Part of a partition's quality at which another one is chosen.
-const DEGRADED: f64 = 0.2;
+/// Part of a partition's quality at which another one is chosen at the next row.
+const DEGRADED: f64 = 0.5;
+
+/// Part of a partition's quality below which it is not used: behind the singularity lies another assembly.
+const UNUSABLE: f64 = 0.05;
 
 /// Accelerations and multipliers in one state.
 #[derive(Clone, Debug)]
@@ -41,7 +45,10 @@ pub enum Formulation {
 pub struct Partition {
     dependent: Vec<usize>,
     independent: Vec<usize>,
+    /// Smallest over largest pivot of `C_d` when it was chosen, with the sign of its determinant.
     quality: f64,
+    /// The same in the state that was looked at last.
+    last_quality: Cell<f64>,
 }
 
 impl Formulation {
@@ -104,15 +111,14 @@ impl Formulation {
         self.state(v, qdd)
     }
 
-    /// Whether it is time to project, or to choose other independent coordinates.
-    pub fn is_worn(&self, model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> bool {
+    /// Whether it is time to project a state, or to choose other independent coordinates.
+    pub fn is_worn(&self, model: &Model, t: f64, state: &DVector<f64>) -> bool {
         match self {
-            Self::Augmented => model.constraints.violation(t, q, v) > DRIFT * (1.0 + q.amax()),
-            Self::Embedding(partition) => {
-                let quality =
-                    partition.split(&model.constraints.jacobian_transposed(q)).map_or(0.0, |(d, _)| quality(&d));
-                quality < DEGRADED * partition.quality
+            Self::Augmented => {
+                let (q, v) = halves(state);
+                model.constraints.violation(t, &q, &v) > DRIFT * (1.0 + q.amax())
             }
+            Self::Embedding(partition) => partition.last_quality.get() < DEGRADED * partition.quality.abs(),
         }
     }
 }
@@ -166,15 +172,17 @@ impl Partition {
         let (mut dependent, mut independent) = (order.as_slice()[..m].to_vec(), order.as_slice()[m..].to_vec());
         dependent.sort_unstable();
         independent.sort_unstable();
-        let mut partition = Self { dependent, independent, quality: 0.0 };
-        partition.quality = partition.split(&transposed).map_or(0.0, |(factors, _)| quality(&factors));
-        Ok(partition)
+        let quality = quality(&transposed.select_rows(&dependent).transpose().lu());
+        Ok(Self { dependent, independent, quality, last_quality: Cell::new(quality.abs()) })
     }
 
-    /// `C_d` factorised and `C_i`; `None` if `C_d` is singular.
+    /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or behind a singularity.
     fn split(&self, transposed: &DMatrix<f64>) -> Option<(LU<f64, Dyn, Dyn>, DMatrix<f64>)> {
         let factors = transposed.select_rows(&self.dependent).transpose().lu();
-        factors.is_invertible().then(|| (factors, transposed.select_rows(&self.independent).transpose()))
+        let quality = quality(&factors) * self.quality.signum();
+        self.last_quality.set(quality);
+        let usable = quality > UNUSABLE * self.quality.abs();
+        usable.then(|| (factors, transposed.select_rows(&self.independent).transpose()))
     }
 
     fn complete(
@@ -246,10 +254,13 @@ impl Partition {
     }
 }
 
-/// Smallest over largest pivot: how far from singular a matrix is.
+/// Smallest over largest pivot, with the sign of the determinant: how far from singular a matrix is, and on which side.
 fn quality(factors: &LU<f64, Dyn, Dyn>) -> f64 {
-    let pivots = factors.u().diagonal().abs();
-    if pivots.is_empty() { 1.0 } else { pivots.min() / pivots.max() }
+    let pivots = factors.u().diagonal();
+    let (smallest, largest) = pivots.iter().fold((1.0, 0.0), |(smallest, largest): (f64, f64), pivot| {
+        (if largest == 0.0 { pivot.abs() } else { smallest.min(pivot.abs()) }, largest.max(pivot.abs()))
+    });
+    if pivots.is_empty() { 1.0 } else { factors.determinant().signum() * smallest / largest }
 }
 
 fn pick(vector: &DVector<f64>, positions: &[usize]) -> DVector<f64> {

@@ -4,12 +4,10 @@ use super::{
     formulation::{Acceleration, Formulation, augmented},
     model::Model,
 };
+use crate::integrate;
 use nalgebra::DVector;
-use ode_solvers::{Dop853, System, dop_shared::OutputType};
+use ode_solvers::System;
 use std::cell::RefCell;
-
-/// Relative and absolute tolerance of a step, as for the built-in systems.
-const TOLERANCE: f64 = 1e-12;
 
 /// Constraints hold to this in every sample: positions in m and rad, velocities in m/s and rad/s.
 pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
@@ -43,10 +41,25 @@ pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
     let mut samples = vec![sample(model, &formulation, start, q, v)?];
     while samples.len() < times.len() {
         let from = &samples[samples.len() - 1];
-        let rest = &times[samples.len() - 1..];
-        samples.extend(stretch(model, from, rest)?);
+        let next = match stretch(model, from, &times[samples.len() - 1..]) {
+            Ok(next) => next,
+            Err(_) => vec![bridge(model, from, times[samples.len()], 8)?],
+        };
+        samples.extend(next);
     }
     Ok(samples)
+}
+
+/// The sample at the next time, on the way there with as many fresh choices as it takes.
+fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32) -> Result<Sample, String> {
+    match stretch(model, from, &[from.t, t]) {
+        Ok(mut samples) => Ok(samples.swap_remove(0)),
+        Err(message) if halvings == 0 => Err(message),
+        Err(_) => {
+            let middle = bridge(model, from, 0.5 * (from.t + t), halvings - 1)?;
+            bridge(model, &middle, t, halvings - 1)
+        }
+    }
 }
 
 /// The samples after one, as far as a formulation's choices last; at least one.
@@ -91,30 +104,19 @@ struct Stretch<'a> {
 
 impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
-    ///
-    /// Dormand and Prince's method of order 8(5,3) with dense output of order 7.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
-        let (start, stop) = (times[0], times[times.len() - 1]);
-        let spacing = (stop - start) / (times.len() - 1) as f64;
         let problem = Problem { stretch: self, times, checked: 0 };
-        let state = self.formulation.state(&from.q, &from.v);
-        let mut solver = Dop853::new(problem, start, stop, spacing, state, TOLERANCE, TOLERANCE);
-        solver.set_output(OutputType::Dense);
-        let result = solver.integrate();
-        let states = solver.y_out();
-        let finite = states.iter().take(times.len()).take_while(|y| y.iter().all(|value| value.is_finite())).count();
-        match result {
-            Err(error) => Err(self.explain(&error.to_string(), times[finite.saturating_sub(1)])),
-            Ok(_) if finite < 2 => Err(self.explain("the state is not finite", start)),
-            Ok(_) => Ok(states[..finite].to_vec()),
-        }
+        let (states, error) = integrate::advance(problem, self.formulation.state(&from.q, &from.v), times);
+        // after a failure the next stretch may do better, if there is a row from which it goes on
+        if states.len() >= 2 { Ok(states) } else { Err(self.explain(error, from.t)) }
     }
 
     /// The integrator's message with what the equations of motion say where it stopped.
-    fn explain(&self, error: &str, t: f64) -> String {
+    fn explain(&self, error: Option<String>, t: f64) -> String {
         let q = self.guess.borrow();
         let reason = self.formulation.accelerate(self.model, t, &q, &DVector::zeros(q.len())).err();
         let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
+        let error = error.unwrap_or_else(|| "the state is not finite".into());
         format!("integration failed after t = {t} s: {error}{reason}")
     }
 
@@ -152,12 +154,7 @@ impl System<f64, DVector<f64>> for Problem<'_> {
             return false;
         }
         self.checked = reached;
-        let Stretch { model, formulation, guess } = self.stretch;
-        let t = self.times[reached];
-        match formulation.complete(model, t, row, &guess.borrow()) {
-            Ok((q, v)) => formulation.is_worn(model, t, &q, &v),
-            Err(_) => true,
-        }
+        self.stretch.formulation.is_worn(self.stretch.model, self.times[reached], row)
     }
 }
 

@@ -110,11 +110,18 @@ fn constraints_hold_and_both_formulations_agree_on_every_example() {
             let largest = samples.iter().map(violation).fold(0.0, f64::max);
             assert!(largest < 1e-10, "{largest:e} in {text}");
         }
+        let mut largest: [f64; 3] = [0.0; 3];
         for (one, other) in runs[0].1.iter().zip(&runs[1].1) {
-            assert!((&one.q - &other.q).amax() < 1e-8, "t = {} in {text}", one.t);
             let scale = 1.0 + one.multipliers.amax();
-            assert!((&one.multipliers - &other.multipliers).amax() < 1e-6 * scale, "t = {} in {text}", one.t);
+            let differences = [
+                (&one.q - &other.q).amax(),
+                (&one.v - &other.v).amax(),
+                (&one.multipliers - &other.multipliers).amax() / scale,
+            ];
+            largest = std::array::from_fn(|i| largest[i].max(differences[i]));
         }
+        eprintln!("{largest:?} {}", text.lines().next().unwrap());
+        assert!(largest[0] < 1e-8 && largest[1] < 1e-7 && largest[2] < 1e-6, "{largest:?} in {text}");
     }
 }
 
@@ -200,7 +207,7 @@ fn prismatic_and_fixed_joints_hold_their_angle() {
 #[test]
 fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
     for (from, to, says) in [
-        ("mass = \"m\"", "mass = \"n\"", "m.toml:17: bodies.rod.mass: `n`: no parameter `n`, expected one of L, c"),
+        ("mass = \"m\"", "mass = \"n\"", "m.toml:16: bodies.rod.mass: `n`: no parameter `n`, expected one of L, c"),
         ("mass = \"m\"", "mass = \"-m\"", "bodies.rod.mass: -0.3, expected zero or more"),
         ("mass = \"m\"", "mass = \"m/0\"", "bodies.rod.mass: `m/0` is inf"),
         ("mass = \"m\"", "mass = \"m*\"", "bodies.rod.mass: `m*`: found the end"),
@@ -246,7 +253,7 @@ fn redundant_and_contradicting_constraints_are_named() {
     assert!(message.contains("initial.D.angle") || message.contains("joints."), "{message}");
     let message =
         refused(&FOUR_BAR.replacen("crank.angular_velocity = 0", "rocker.angular_velocity = 0\ncrank.vx = 0", 1));
-    assert!(message.contains("initial.crank.vx: `initial.crank.vx` is decided by"), "{message}");
+    assert!(message.contains("initial.rocker.angular_velocity` is decided by"), "{message}");
     let message = refused(&FOUR_BAR.replacen("default = 0.5, unit", "default = 5.5, unit", 1));
     assert!(message.contains("cannot be assembled at t = 0 s: `joints."), "{message}");
 }

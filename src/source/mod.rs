@@ -1,6 +1,5 @@
 //! Sources of training data: something that turns parameter values into a run.
 
-mod integrate;
 pub mod systems;
 
 use crate::{

@@ -6,7 +6,7 @@
 //! - `m2 L2 theta2dd + m2 L1 theta1dd cos(theta1 - theta2) - m2 L1 theta1d² sin(theta1 - theta2) + m2 g sin(theta2) = 0`
 
 use super::{Quantity, System, SystemOutput};
-use crate::source::integrate::integrate;
+use crate::integrate::integrate;
 use nalgebra::{Matrix2, Vector2, Vector4};
 
 pub(super) static SYSTEM: System = System {

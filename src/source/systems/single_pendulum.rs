@@ -4,7 +4,7 @@
 //! `thetadd + (g / L) sin(theta) + c / (m L) thetad = 0`.
 
 use super::{Quantity, System, SystemOutput};
-use crate::source::integrate::integrate;
+use crate::integrate::integrate;
 use nalgebra::Vector2;
 
 pub(super) static SYSTEM: System = System {

