@@ -26,8 +26,8 @@ pub enum Error {
     /// A simulation failed.
     #[error("{system} with {values}: {message}")]
     Run {
-        /// The source.
-        system: &'static str,
+        /// The system or mechanism.
+        system: String,
         /// The parameter values.
         values: String,
         /// What happened.

@@ -209,19 +209,19 @@ impl Partition {
         t: f64,
         q: &mut DVector<f64>,
     ) -> Result<(LU<f64, Dyn, Dyn>, DMatrix<f64>), String> {
-        for iteration in 0..30 {
+        let mut converged = false;
+        for _ in 0..30 {
             let transposed = model.constraints.jacobian_transposed(q);
             let split = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
-            let residual = model.constraints.residual(t, q);
-            // after so many iterations rounding is what is left, if anything
-            let tolerance = if iteration < 8 { 1e-14 } else { 1e-12 };
-            if residual.amax() <= tolerance * (1.0 + q.amax()) {
+            if converged {
                 return Ok(split);
             }
-            let step = split.0.solve(&residual).ok_or("C_d is singular")?;
+            let step = split.0.solve(&model.constraints.residual(t, q)).ok_or("C_d is singular")?;
             for (&position, step) in self.dependent.iter().zip(step.iter()) {
                 q[position] -= step;
             }
+            // the error left is about the square of the step: below rounding
+            converged = step.amax() <= 1e-8 * (1.0 + q.amax());
         }
         Err(format!("the dependent coordinates cannot be found at t = {t} s"))
     }

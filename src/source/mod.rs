@@ -5,6 +5,7 @@ pub mod systems;
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
+    multibody::Mechanism,
     study::Study,
     variable::Variable,
 };
@@ -15,36 +16,92 @@ use std::sync::{
 };
 use systems::{SYSTEMS, System};
 
-/// What a study samples: a built-in system with its parameters and outputs resolved.
+/// What a study samples: a system or mechanism with its parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub struct Source {
-    system: &'static System,
-    /// Value of each of the system's quantities; those of parameters are overwritten for each run.
+    /// Name for messages.
+    name: String,
+    model: Model,
+    /// Value of each of the model's quantities; those of parameters are overwritten for each run.
     quantities: Vec<f64>,
     /// Position of each parameter among the quantities.
     parameter_positions: Vec<usize>,
-    /// Position of each output among the system's outputs.
+    /// Position of each output among the model's outputs.
     output_positions: Vec<usize>,
     parameters: Vec<Variable>,
     outputs: Vec<Variable>,
     times: Arc<[f64]>,
 }
 
+/// What is simulated.
+#[derive(Clone, Debug)]
+enum Model {
+    System(&'static System),
+    Mechanism(Arc<Mechanism>),
+}
+
+impl Model {
+    /// Every quantity that may be a parameter or a constant, with its default.
+    fn quantities(&self) -> Vec<(Variable, f64)> {
+        match self {
+            Self::System(system) => {
+                let quantities = system.quantities.iter();
+                quantities.map(|q| (variable(q.name, q.unit, q.description), q.default)).collect()
+            }
+            Self::Mechanism(mechanism) => {
+                let parameters = mechanism.parameters().iter();
+                parameters.map(|(name, p)| (variable(name, &p.unit, &p.description), p.default)).collect()
+            }
+        }
+    }
+
+    /// Every output, in the order of a simulation's rows.
+    fn outputs(&self) -> Vec<Variable> {
+        match self {
+            Self::System(system) => {
+                system.outputs.iter().map(|output| variable(output.name, output.unit, output.description)).collect()
+            }
+            Self::Mechanism(mechanism) => mechanism.outputs().to_vec(),
+        }
+    }
+
+    fn simulate(&self, quantities: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
+        match self {
+            Self::System(system) => (system.simulate)(quantities, times),
+            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times),
+        }
+    }
+
+    fn output_count(&self) -> usize {
+        match self {
+            Self::System(system) => system.outputs.len(),
+            Self::Mechanism(mechanism) => mechanism.outputs().len(),
+        }
+    }
+}
+
 impl Source {
-    /// Finds the study's system and in it the study's parameters, constants and outputs.
+    /// Finds the study's system or mechanism and in it the study's parameters, constants and outputs.
     ///
     /// # Errors
-    /// [`Error::Study`] with every name the system does not know and every unit that is not the system's.
+    /// [`Error::Study`] with every name the source does not know and every unit that is not the source's.
     pub fn new(study: &Study) -> Result<Self> {
-        let name = &study.source.system;
-        let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
-            let known = list(SYSTEMS.iter().map(|system| system.name));
-            let message = format!("no system `{name}`, expected one of {known}");
-            return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
+        let (name, model) = match (study.mechanism(), &study.source.system) {
+            (Some(mechanism), _) => ("the mechanism".to_owned(), Model::Mechanism(Arc::clone(mechanism))),
+            (None, name) => {
+                let name = name.as_deref().unwrap_or_default();
+                let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
+                    let known = list(SYSTEMS.iter().map(|system| system.name));
+                    let message = format!("no system `{name}`, expected one of {known}");
+                    return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
+                };
+                (name.to_owned(), Model::System(system))
+            }
         };
         let mut source = Self {
-            system,
-            quantities: system.quantities.iter().map(|quantity| quantity.default).collect(),
+            name,
+            quantities: model.quantities().iter().map(|(_, default)| *default).collect(),
+            model,
             parameter_positions: Vec::new(),
             output_positions: Vec::new(),
             parameters: Vec::new(),
@@ -60,14 +117,14 @@ impl Source {
 
     fn resolve_inputs(&mut self, study: &Study) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let quantities = self.system.quantities;
+        let quantities: Vec<Variable> = self.model.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
-            let known = list(quantities.iter().map(|quantity| quantity.name));
-            format!("{} has no quantity `{name}`, expected one of {known}", self.system.name)
+            let known = list(quantities.iter().map(|quantity| &quantity.name));
+            format!("{} has no quantity `{name}`, expected one of {known}", self.name)
         };
         for (name, &value) in &study.source.constants {
             let key = format!("source.constants.{name}");
-            match quantities.iter().position(|quantity| quantity.name == name) {
+            match quantities.iter().position(|quantity| quantity.name == *name) {
                 None => problems.push((key, unknown(name))),
                 Some(_) if study.parameters.contains_key(name) => {
                     problems.push((key, "is a parameter: a quantity is either constant or varied".into()));
@@ -78,14 +135,14 @@ impl Source {
         }
         for (name, parameter) in &study.parameters {
             let key = format!("parameters.{name}");
-            match quantities.iter().position(|quantity| quantity.name == name) {
+            match quantities.iter().position(|quantity| quantity.name == *name) {
                 None => problems.push((key, unknown(name))),
                 Some(position) => {
                     let quantity = &quantities[position];
-                    problems.extend(wrong_unit(&key, parameter.unit.as_deref(), quantity.unit));
+                    problems.extend(wrong_unit(&key, parameter.unit.as_deref(), &quantity.unit));
                     self.parameter_positions.push(position);
-                    let description = parameter.description.as_deref().unwrap_or(quantity.description);
-                    self.parameters.push(variable(name, quantity.unit, description));
+                    let description = parameter.description.as_deref().unwrap_or(&quantity.description);
+                    self.parameters.push(variable(name, &quantity.unit, description));
                 }
             }
         }
@@ -94,20 +151,20 @@ impl Source {
 
     fn resolve_outputs(&mut self, study: &Study) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let known = self.system.outputs;
+        let known = self.model.outputs();
         for (name, output) in &study.outputs {
             let key = format!("outputs.{name}");
-            match known.iter().position(|known| known.name == name) {
+            match known.iter().position(|known| known.name == *name) {
                 None => {
-                    let known = list(known.iter().map(|output| output.name));
-                    let message = format!("{} has no output `{name}`, expected one of {known}", self.system.name);
+                    let known = list(known.iter().map(|output| &output.name));
+                    let message = format!("{} has no output `{name}`, expected one of {known}", self.name);
                     problems.push((key, message));
                 }
                 Some(position) => {
-                    problems.extend(wrong_unit(&key, output.unit.as_deref(), known[position].unit));
+                    problems.extend(wrong_unit(&key, output.unit.as_deref(), &known[position].unit));
                     self.output_positions.push(position);
-                    let description = output.description.as_deref().unwrap_or(known[position].description);
-                    self.outputs.push(variable(name, known[position].unit, description));
+                    let description = output.description.as_deref().unwrap_or(&known[position].description);
+                    self.outputs.push(variable(name, &known[position].unit, description));
                 }
             }
         }
@@ -146,13 +203,13 @@ impl Source {
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;
         }
-        let rows = (self.system.simulate)(&quantities, &self.times).map_err(|message| Error::Run {
-            system: self.system.name,
+        let rows = self.model.simulate(&quantities, &self.times).map_err(|message| Error::Run {
+            system: self.name.clone(),
             values: list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name))),
             message,
         })?;
         let outputs = rows
-            .chunks(self.system.outputs.len())
+            .chunks(self.model.output_count())
             .flat_map(|row| self.output_positions.iter().map(|&position| row[position]))
             .collect();
         Ok(Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs })
@@ -184,7 +241,7 @@ impl Source {
 fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<(String, String)> {
     let found = found.filter(|&found| found != expected)?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
-    Some((format!("{key}.unit"), format!("`{found}`, expected {expected}: values are in the system's unit")))
+    Some((format!("{key}.unit"), format!("`{found}`, expected {expected}: values are in the source's unit")))
 }
 
 fn variable(name: &str, unit: &str, description: &str) -> Variable {
@@ -211,7 +268,7 @@ mod tests {
         for system in SYSTEMS {
             let study = Study::parse(system.study, Path::new("s.toml")).unwrap();
             assert_eq!(study.name, system.name);
-            assert_eq!(study.source.system, system.name);
+            assert_eq!(study.source.system.as_deref(), Some(system.name));
             let source = Source::new(&study).unwrap();
             let middle: Vec<f64> = study.parameters.values().map(|p| 0.5 * (p.min + p.max)).collect();
             let run = source.run(&middle).unwrap();

@@ -7,8 +7,9 @@
 //! seed = 1
 //!
 //! [source]
-//! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them
-//! constants = { m = 0.3 }               # quantities that are no parameters; the system has defaults
+//! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them; or
+//! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file
+//! constants = { m = 0.3 }               # quantities that are no parameters; there are defaults
 //!
 //! [time]                                # rows of a run: 0, step, 2 step, ..., stop, in seconds
 //! stop = 2.0
@@ -34,7 +35,7 @@
 
 mod options;
 
-use crate::{Error, Result, origin::Origin, sampling::MAX_SOBOL_PARAMETERS};
+use crate::{Error, Result, multibody::Mechanism, origin::Origin, sampling::MAX_SOBOL_PARAMETERS};
 use indexmap::IndexMap;
 pub use options::{
     ExportOptions, FmiChoice, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions,
@@ -42,7 +43,7 @@ pub use options::{
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// A study file's content, validated.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -80,6 +81,8 @@ pub struct Study {
     pub export: ExportOptions,
     #[serde(skip)]
     origin: Origin,
+    #[serde(skip)]
+    mechanism: Option<Arc<Mechanism>>,
 }
 
 fn default_seed() -> u64 {
@@ -96,17 +99,26 @@ impl Study {
         Self::parse(&text, path)
     }
 
-    /// Validates a study file's text; `path` is for messages.
+    /// Validates a study file's text, and reads the mechanism it names; `path` is for messages and tells the folder.
     ///
     /// # Errors
-    /// [`Error::Study`] with every problem found.
+    /// [`Error::Study`] with every problem found in the study or in the mechanism.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
         let mut study: Self = origin.deserialize()?;
         let problems = study.problems();
         study.origin = origin;
         study.refuse(problems)?;
+        if let Some(file) = &study.source.mechanism {
+            let file = path.parent().unwrap_or(Path::new("")).join(file);
+            study.mechanism = Some(Arc::new(Mechanism::load(&file)?));
+        }
         Ok(study)
+    }
+
+    /// The mechanism that the study's source names.
+    pub fn mechanism(&self) -> Option<&Arc<Mechanism>> {
+        self.mechanism.as_ref()
     }
 
     /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
@@ -118,7 +130,11 @@ impl Study {
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
     pub fn sampling_digest(&self) -> String {
-        digest(&(self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling))
+        let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
+        match &self.mechanism {
+            None => digest(&study),
+            Some(mechanism) => digest(&(study, mechanism.description())),
+        }
     }
 
     /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
@@ -135,6 +151,9 @@ impl Study {
         if !self.name.starts_with(|c: char| c.is_ascii_alphabetic()) || !self.name.chars().all(plain) {
             let expected = "expected a letter, then letters, digits, `-` and `_`";
             problems.add("name", format!("`{}` is no name: {expected}", self.name));
+        }
+        if self.source.system.is_some() == self.source.mechanism.is_some() {
+            problems.add("source", "expected either `system` or `mechanism`".into());
         }
         self.time_problems(&mut problems);
         self.variable_problems(&mut problems);

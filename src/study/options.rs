@@ -3,14 +3,18 @@
 use indexmap::IndexMap;
 use metafmu_runtime::{Activation, Precision, Variability};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// `[source]`: what is sampled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SourceOptions {
     /// Name of a built-in system.
-    pub system: String,
-    /// Values of the system's quantities that are no parameters; it has a default for each.
+    pub system: Option<String>,
+    /// A mechanism file, relative to the study's folder. Its content counts for digests, not where it lies.
+    #[serde(skip_serializing)]
+    pub mechanism: Option<PathBuf>,
+    /// Values of the source's quantities that are no parameters; it has a default for each.
     #[serde(default)]
     pub constants: IndexMap<String, f64>,
 }
