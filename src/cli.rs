@@ -24,7 +24,11 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Write a commented study file
-    #[command(after_help = "Example:\n  metafmu new my-pendulum --system single-pendulum")]
+    #[command(after_help = "Examples:
+  metafmu new my-pendulum --system single-pendulum
+  metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
+
+With a mechanism, its parameters that have a `min` and a `max` become the study's, and so do all its outputs.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
@@ -67,7 +71,11 @@ pub struct NewArgs {
     pub name: String,
     /// Built-in system to sample
     #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]
-    pub system: String,
+    #[arg(required_unless_present = "mechanism", conflicts_with = "mechanism")]
+    pub system: Option<String>,
+    /// Mechanism file to sample
+    #[arg(long, value_name = "FILE.toml")]
+    pub mechanism: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

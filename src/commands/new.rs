@@ -2,17 +2,18 @@
 
 use super::{Outcome, print};
 use crate::cli::NewArgs;
-use metafmu::{Error, Result, files, source::systems::SYSTEMS, study::Study};
-use std::path::PathBuf;
+use metafmu::{Error, Result, files, multibody::Mechanism, source::systems::SYSTEMS, study::Study};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
     let path = PathBuf::from(format!("{}.toml", args.name));
-    let system = SYSTEMS.iter().find(|system| system.name == args.system);
-    let template = system.map_or("", |system| system.study);
-    let text = template
-        .replacen(&format!("metafmu new {}", args.system), &format!("metafmu new {}", args.name), 1)
-        .replacen(&format!("{}.toml", args.system), &format!("{}.toml", args.name), 1)
-        .replacen(&format!("name = \"{}\"", args.system), &format!("name = \"{}\"", args.name), 1);
+    let text = match &args.mechanism {
+        Some(file) => of_mechanism(&args.name, file)?,
+        None => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
+    };
     Study::parse(&text, &path)?;
     if path.exists() {
         let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
@@ -21,4 +22,70 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
     files::write_whole(&path, text.as_bytes())?;
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(Outcome::Fine)
+}
+
+fn of_system(name: &str, system: &str) -> String {
+    let template = SYSTEMS.iter().find(|known| known.name == system).map_or("", |system| system.study);
+    template
+        .replacen(&format!("metafmu new {system}"), &format!("metafmu new {name}"), 1)
+        .replacen(&format!("{system}.toml"), &format!("{name}.toml"), 1)
+        .replacen(&format!("name = \"{system}\""), &format!("name = \"{name}\""), 1)
+}
+
+/// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.
+fn of_mechanism(name: &str, file: &Path) -> Result<String> {
+    let mechanism = Mechanism::load(file)?;
+    let file = file.display().to_string();
+    let mut text = format!(
+        "# Made by `metafmu new {name} --mechanism {file}`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+description = {}
+seed = 1                    # everything random follows from it
+
+[source]
+mechanism = {}    # relative to this file
+# Parameters of the mechanism that are not varied here: their defaults there, or constants = {{ NAME = VALUE }}
+
+[time]                      # rows of a run: 0, step, 2 step, ..., stop
+stop = 2.0                  # s
+step = 0.01                 # s
+
+[parameters]                # inputs of the surrogate, beside the time; `variability` is \"tunable\" (default) or \"fixed\"
+",
+        quoted(&mechanism.description().description),
+        quoted(&file),
+    );
+    // writing to a string does not fail
+    for (name, parameter) in mechanism.parameters() {
+        let unit =
+            if parameter.unit.is_empty() { String::new() } else { format!(", unit = {}", quoted(&parameter.unit)) };
+        let _ = match (parameter.min, parameter.max) {
+            (Some(min), Some(max)) => writeln!(text, "{name} = {{ min = {min:?}, max = {max:?}{unit} }}"),
+            _ => writeln!(
+                text,
+                "# {name} = {{ min = ..., max = ...{unit} }}    # {:?} where it is not varied",
+                parameter.default
+            ),
+        };
+    }
+    text += "\n[outputs]\n";
+    for output in mechanism.outputs() {
+        let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
+    }
+    // from here on the built-in systems' studies say nothing of their own
+    let template = SYSTEMS[0].study;
+    let rest = template.find("[sampling]").map_or("", |start| &template[start..]);
+    let mesh = "method = \"mesh\"             # \"mesh\": every combination of evenly spaced levels; \"random\" or \"sobol\": `runs` points
+levels = 11                 # of each parameter; a parameter may have `levels` of its own
+";
+    let sobol = "method = \"sobol\"            # `runs` points; \"random\"; or \"mesh\" with `levels` of each parameter
+runs = 1000
+";
+    Ok(text + "\n" + &rest.replacen(mesh, sobol, 1))
+}
+
+/// A TOML string.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', " "))
 }

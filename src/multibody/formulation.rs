@@ -63,7 +63,7 @@ impl Formulation {
         })
     }
 
-    /// What is integrated: `(q, qd)` or `(q_i, qd_i)`.
+    /// What is integrated: `(q, qd)` or `(q_i, qd_i)`; of `(qd, qdd)` its derivative.
     pub fn state(&self, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
         match self {
             Self::Augmented => stack(q, v),
@@ -104,11 +104,6 @@ impl Formulation {
             Self::Augmented => augmented(model, t, q, v),
             Self::Embedding(partition) => partition.accelerate(model, t, q, v),
         }
-    }
-
-    /// The state's derivative.
-    pub fn derivative(&self, v: &DVector<f64>, qdd: &DVector<f64>) -> DVector<f64> {
-        self.state(v, qdd)
     }
 
     /// Whether it is time to project a state, or to choose other independent coordinates.

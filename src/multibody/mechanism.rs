@@ -101,6 +101,7 @@ impl Mechanism {
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::new();
     let Description { parameters, bodies, joints, drivers, springs, forces, actuators, .. } = description;
+    let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
     let sections: [(&str, Vec<&String>); 7] = [
         ("parameters", parameters.keys().collect()),
         ("bodies", bodies.keys().collect()),
@@ -110,8 +111,10 @@ fn name_problems(description: &Description) -> Problems {
         ("forces", forces.keys().collect()),
         ("actuators", actuators.keys().collect()),
     ];
-    let mut seen: Vec<(&str, &str)> = vec![("the ground", "ground"), ("the time", "time"), ("a number", "pi")];
     for (section, names) in &sections {
+        // parameters stand alone in expressions, parts of the mechanism with a dot behind them
+        let mut taken = vec![("the time", "time"), ("a number", "pi")];
+        let seen = if *section == "parameters" { &mut taken } else { &mut parts };
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {

@@ -1,6 +1,7 @@
 //! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, position by position.
 
 use super::{
+    description::FormulationKind,
     formulation::{Acceleration, Formulation, augmented},
     model::Model,
 };
@@ -43,7 +44,11 @@ pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
         let from = &samples[samples.len() - 1];
         let next = match stretch(model, from, &times[samples.len() - 1..]) {
             Ok(next) => next,
-            Err(_) => vec![bridge(model, from, times[samples.len()], 8)?],
+            // other independent coordinates on the way may do
+            Err(_) if model.formulation == FormulationKind::Embedding => {
+                vec![bridge(model, from, times[samples.len()], 5)?]
+            }
+            Err(message) => return Err(message),
         };
         samples.extend(next);
     }
@@ -70,7 +75,7 @@ fn stretch(model: &Model, from: &Sample, times: &[f64]) -> Result<Vec<Sample>, S
     let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
     for (state, &t) in states.iter().zip(times).skip(1) {
         let guess = samples.last().map_or(&from.q, |sample| &sample.q);
-        let (mut q, mut v) = stretch.formulation.complete(model, t, state, guess)?;
+        let (mut q, mut v) = stretch.formulation.complete(model, t, &split_time(state).1, guess)?;
         model.constraints.correct_positions(t, &mut q)?;
         model.constraints.correct_velocities(t, &q, &mut v)?;
         samples.push(sample(model, &stretch.formulation, t, q, v)?);
@@ -105,8 +110,8 @@ struct Stretch<'a> {
 impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
-        let problem = Problem { stretch: self, times, checked: 0 };
-        let (states, error) = integrate::advance(problem, self.formulation.state(&from.q, &from.v), times);
+        let state = self.formulation.state(&from.q, &from.v).push(from.t);
+        let (states, error) = integrate::advance(Problem { stretch: self, checked: from.t }, state, times);
         // after a failure the next stretch may do better, if there is a row from which it goes on
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(error, from.t)) }
     }
@@ -120,27 +125,26 @@ impl Stretch<'_> {
         format!("integration failed after t = {t} s: {error}{reason}")
     }
 
-    fn derivative(&self, t: f64, state: &DVector<f64>) -> Result<DVector<f64>, String> {
+    fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {
+        let (t, state) = split_time(state);
         let mut guess = self.guess.borrow_mut();
-        let (q, v) = self.formulation.complete(self.model, t, state, &guess)?;
+        let (q, v) = self.formulation.complete(self.model, t, &state, &guess)?;
         let Acceleration { qdd, .. } = self.formulation.accelerate(self.model, t, &q, &v)?;
-        let derivative = self.formulation.derivative(&v, &qdd);
         *guess = q;
-        Ok(derivative)
+        Ok(self.formulation.state(&v, &qdd).push(1.0))
     }
 }
 
-/// A stretch as `ode_solvers` wants it.
+/// A stretch as `ode_solvers` wants it: the time is the last of the states.
 struct Problem<'a> {
     stretch: &'a Stretch<'a>,
-    times: &'a [f64],
-    /// Rows that were looked at.
-    checked: usize,
+    /// Time of the last row that was looked at.
+    checked: f64,
 }
 
 impl System<f64, DVector<f64>> for Problem<'_> {
-    fn system(&self, t: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
-        match self.stretch.derivative(t, state) {
+    fn system(&self, _: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
+        match self.stretch.derivative(state) {
             Ok(value) => derivative.copy_from(&value),
             // a step into a place without solution is tried again shorter
             Err(_) => derivative.fill(f64::NAN),
@@ -148,14 +152,17 @@ impl System<f64, DVector<f64>> for Problem<'_> {
     }
 
     /// Stops behind a row where the formulation is worn.
-    fn solout(&mut self, t: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
-        let reached = self.times.partition_point(|&time| time <= t) - 1;
-        if reached <= self.checked || reached + 1 == self.times.len() {
-            return false;
-        }
-        self.checked = reached;
-        self.stretch.formulation.is_worn(self.stretch.model, self.times[reached], row)
+    fn solout(&mut self, _: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
+        let (t, state) = split_time(row);
+        let is_new = t > self.checked;
+        self.checked = t;
+        is_new && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
     }
+}
+
+fn split_time(state: &DVector<f64>) -> (f64, DVector<f64>) {
+    let count = state.len() - 1;
+    (state[count], state.rows(0, count).into_owned())
 }
 
 /// A run whose drivers decide everything: the constraints are solved for positions, velocities and accelerations.

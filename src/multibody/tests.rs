@@ -102,7 +102,7 @@ fn the_slider_crank_is_the_closed_form() {
 
 #[test]
 fn constraints_hold_and_both_formulations_agree_on_every_example() {
-    let times = grid(5.0, 250);
+    let times = grid(2.0, 100);
     for text in EXAMPLES {
         let runs = both_formulations(text).map(|mechanism| run(&mechanism, &[], &times));
         for (model, samples) in &runs {
@@ -120,8 +120,7 @@ fn constraints_hold_and_both_formulations_agree_on_every_example() {
             ];
             largest = std::array::from_fn(|i| largest[i].max(differences[i]));
         }
-        // the tumbling linkage amplifies what differs
-        assert!(largest[0] < 1e-7 && largest[1] < 1e-6 && largest[2] < 1e-6, "{largest:?} in {text}");
+        assert!(largest[0] < 1e-8 && largest[1] < 1e-7 && largest[2] < 1e-7, "{largest:?} in {text}");
     }
 }
 
@@ -232,7 +231,7 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
             "`rod.top` is a point, expected a component such as `rod.top.x`",
         ),
         ("measure = \"rod.x\"", "measure = \"rod.x\", unit = \"mm\"", "outputs.x.unit: `mm`, expected `m`"),
-        ("[bodies.rod]", "[bodies.c]", "bodies.c: `c` is the name of parameters already"),
+        ("[springs.damper]", "[springs.rod]", "springs.rod: `rod` is the name of bodies already"),
         ("\nm = {", "\ntime = {", "parameters.time: `time` is the name of the time already"),
         ("rod.angle = ", "rod.ax = ", "initial.rod.ax: `rod.ax` is neither a position nor a velocity"),
     ] {

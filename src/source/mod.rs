@@ -277,6 +277,36 @@ mod tests {
     }
 
     #[test]
+    fn every_mechanism_has_a_study_that_simulates() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/mechanisms");
+        let names = ["single-pendulum", "double-pendulum", "slider-crank", "four-bar", "quarter-car", "scotch-yoke"];
+        for name in names {
+            let study = Study::load(&folder.join(format!("{name}-study.toml"))).unwrap();
+            let source = Source::new(&study).unwrap();
+            for end in [0.0, 0.5, 1.0] {
+                let point: Vec<f64> = study.parameters.values().map(|p| p.min + end * (p.max - p.min)).collect();
+                let run = source.run(&point).unwrap();
+                assert_eq!(run.outputs.len(), source.times().len() * source.outputs().len(), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mechanisms_content_counts_for_the_digest_and_its_layout_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let digest = |mechanism: String| {
+            std::fs::write(folder.path().join("m.toml"), mechanism).unwrap();
+            let text = SYSTEMS[0].study.replacen("system = \"single-pendulum\"", "mechanism = \"m.toml\"", 1);
+            Study::parse(&text, &folder.path().join("s.toml")).unwrap().sampling_digest()
+        };
+        let text = include_str!("../../examples/mechanisms/single-pendulum.toml");
+        let first = digest(text.to_owned());
+        assert_eq!(digest(format!("# a comment\n{text}")), first);
+        assert_ne!(digest(text.replacen("inertia = 0 ", "inertia = 1 ", 1)), first);
+        assert_ne!(digest(text.replacen("augmented", "embedding", 1)), first);
+    }
+
+    #[test]
     fn outputs_come_in_the_studys_order_and_constants_count() {
         let all = Source::new(&study("seed", "seed")).unwrap().run(&[0.1, 0.05, 2.0]).unwrap();
         let text = SYSTEMS[0].study.replace("m = 0.3", "m = 0.6");

@@ -60,7 +60,7 @@ fn simulate(quantities: &[f64], times: &[f64]) -> Result<Vec<f64>, String> {
     let model = Model { lengths: [l1, l2], masses: [m1, m2], gravity };
     let initial = Vector4::new(theta10, theta20, theta1d0, theta2d0);
     // a singular mass matrix (a rod or mass of zero) shows as a state that is not finite
-    let derivative = |_, y: &Vector4<f64>| {
+    let derivative = |y: &Vector4<f64>| {
         let accelerations = model.accelerations((*y).into()).unwrap_or(Vector2::repeat(f64::NAN));
         Vector4::new(y[2], y[3], accelerations[0], accelerations[1])
     };

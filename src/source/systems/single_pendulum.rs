@@ -33,7 +33,7 @@ fn simulate(quantities: &[f64], times: &[f64]) -> Result<Vec<f64>, String> {
     };
     let (stiffness, damping) = (gravity / length, damping / (mass * length));
     let acceleration = |theta: f64, thetad: f64| -stiffness * theta.sin() - damping * thetad;
-    let states = integrate(|_, y| Vector2::new(y[1], acceleration(y[0], y[1])), Vector2::new(theta0, thetad0), times)?;
+    let states = integrate(|y| Vector2::new(y[1], acceleration(y[0], y[1])), Vector2::new(theta0, thetad0), times)?;
     Ok(states.iter().flat_map(|y| [y[0], y[1], acceleration(y[0], y[1])]).collect())
 }
 
