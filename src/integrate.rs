@@ -29,40 +29,44 @@ pub(crate) fn integrate<const N: usize>(
     initial: SVector<f64, N>,
     times: &[f64],
 ) -> Result<Vec<SVector<f64, N>>, String> {
-    let (states, error) = advance(RightHandSide(derivative), initial, times);
-    match error {
+    let Integration { states, failure, .. } = advance(RightHandSide(derivative), initial, times, TOLERANCE);
+    match failure {
         Some(error) => Err(format!("integration failed: {error}")),
         None if states.len() < times.len() => Err(format!("the state is not finite at t = {} s", times[states.len()])),
         None => Ok(states),
     }
 }
 
-/// Finite states at evenly spaced `times` up to where the problem stops or the method fails, and how it failed.
+/// Integrates an autonomous problem over evenly spaced `times`; `tolerance` is relative and absolute.
 ///
 /// Dormand and Prince's method of order 8(5,3) with dense output of order 7 (Hairer, Norsett, Wanner: *Solving Ordinary
 /// Differential Equations I*, II.10).
-pub(crate) fn advance<D: Dim>(
+pub fn advance<D: Dim>(
     problem: impl System<f64, OVector<f64, D>>,
     initial: OVector<f64, D>,
     times: &[f64],
-) -> (Vec<OVector<f64, D>>, Option<String>)
+    tolerance: f64,
+) -> Integration<OVector<f64, D>>
 where
     DefaultAllocator: Allocator<D>,
 {
     let &[start, .., stop] = times else {
-        return (times.iter().map(|_| initial.clone()).collect(), None);
+        return Integration { states: vec![initial; times.len()], failure: None, evaluations: 0 };
     };
     let spacing = (stop - start) / (times.len() - 1) as f64;
     // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
     let end = stop + 0.01 * spacing;
-    let mut solver = Dop853::new(problem, start, end, spacing, initial, TOLERANCE, TOLERANCE);
+    let mut solver = Dop853::new(problem, start, end, spacing, initial, tolerance, tolerance);
     solver.set_output(OutputType::Dense);
-    let error = solver.integrate().err().map(|error| error.to_string());
+    let (evaluations, failure) = match solver.integrate() {
+        Ok(statistics) => (statistics.num_eval, None),
+        Err(error) => (0, Some(error.to_string())),
+    };
     let finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
     let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
     // nothing is wrong if only the way past the last row failed
-    let error = error.filter(|_| states.len() < times.len());
-    (states, error)
+    let failure = failure.filter(|_| states.len() < times.len());
+    Integration { states, failure, evaluations }
 }
 
 #[cfg(test)]

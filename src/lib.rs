@@ -5,7 +5,7 @@ pub mod error;
 pub mod evaluation;
 pub mod files;
 pub mod fmu;
-mod integrate;
+pub mod integrate;
 pub mod multibody;
 pub mod network;
 pub mod origin;

@@ -5,7 +5,7 @@ use super::{
     formulation::{Acceleration, Formulation, augmented},
     model::Model,
 };
-use crate::integrate;
+use crate::integrate::{self, Integration, TOLERANCE};
 use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
@@ -111,9 +111,10 @@ impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
         let state = self.formulation.state(&from.q, &from.v).push(from.t);
-        let (states, error) = integrate::advance(Problem { stretch: self, checked: from.t }, state, times);
+        let problem = Problem { stretch: self, checked: from.t };
+        let Integration { states, failure, .. } = integrate::advance(problem, state, times, TOLERANCE);
         // after a failure the next stretch may do better, if there is a row from which it goes on
-        if states.len() >= 2 { Ok(states) } else { Err(self.explain(error, from.t)) }
+        if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
     }
 
     /// The integrator's message with what the equations of motion say where it stopped.

@@ -1,0 +1,124 @@
+"""Mechanisms against an independent code: scipy on equations derived by hand, from the tables of `metafmu sample`."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROOT, metafmu
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+MECHANISMS = ROOT / "examples" / "mechanisms"
+
+
+def sample(name, formulation, tmp_path, runs=8):
+    """Samples a few runs of an example's study in one formulation and returns its table."""
+    mechanism = (MECHANISMS / f"{name}.toml").read_text()
+    lines = [line for line in mechanism.splitlines() if not line.startswith("formulation")]
+    (tmp_path / f"{name}.toml").write_text("\n".join([f'formulation = "{formulation}"', *lines]))
+    study = (MECHANISMS / f"{name}-study.toml").read_text().splitlines()
+    study = [f"runs = {runs}" if line.startswith("runs = ") else line for line in study]
+    (tmp_path / "study.toml").write_text("\n".join(study))
+    metafmu("sample", tmp_path / "study.toml", "--out", tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "train.csv")
+    assert table["run"].nunique() == runs
+    return table
+
+
+def four_bar(crank, theta0, damping, times):
+    """theta, psi, psid, x, y of examples/mechanisms/four-bar.toml.
+
+    One degree of freedom, the crank angle: coupler and rocker angles from the loop closure
+    `crank e^(i theta) + coupler e^(i phi) = base + rocker e^(i psi)`, the equation of motion from Lagrange's equation
+    with the velocity coefficients phi' = dphi/dtheta, psi' = dpsi/dtheta and their derivatives.
+    """
+    coupler, rocker, base, density, gravity, stiffness, rest = 0.5, 0.4, 0.45, 2.0, 9.81, 2.0, 1.5
+
+    def angles(theta):
+        tip = crank * np.exp(1j * theta)
+        diagonal = base - tip
+        length = abs(diagonal)
+        # the triangle of coupler, rocker and diagonal, coupler above it
+        at_tip = np.arccos((coupler**2 + length**2 - rocker**2) / (2 * coupler * length))
+        phi = np.angle(diagonal) + at_tip
+        psi = np.angle(tip + coupler * np.exp(1j * phi) - base)
+        return phi, psi
+
+    def coefficients(theta, phi, psi):
+        # i crank e^(i theta) + i coupler e^(i phi) phi' = i rocker e^(i psi) psi', and once more
+        matrix = np.array(
+            [[-coupler * np.sin(phi), rocker * np.sin(psi)], [coupler * np.cos(phi), -rocker * np.cos(psi)]]
+        )
+        first = np.linalg.solve(matrix, [crank * np.sin(theta), -crank * np.cos(theta)])
+        phi1, psi1 = first
+        # derivative of both sides with the coefficients held
+        right = np.array(
+            [
+                crank * np.cos(theta) + coupler * np.cos(phi) * phi1**2 - rocker * np.cos(psi) * psi1**2,
+                crank * np.sin(theta) + coupler * np.sin(phi) * phi1**2 - rocker * np.sin(psi) * psi1**2,
+            ]
+        )
+        return first, np.linalg.solve(matrix, right)
+
+    def derivative(_, state):
+        theta, thetad = state
+        phi, psi = angles(theta)
+        (phi1, psi1), (phi2, psi2) = coefficients(theta, phi, psi)
+        masses = density * np.array([crank, coupler, rocker])
+        inertias = masses * np.array([crank, coupler, rocker]) ** 2 / 12
+        # centre of the coupler: crank e^(i theta) + coupler/2 e^(i phi)
+        e, f = np.exp(1j * theta), np.exp(1j * phi)
+        c1 = 1j * crank * e + 1j * coupler / 2 * f * phi1
+        c2 = -crank * e - coupler / 2 * f * phi1**2 + 1j * coupler / 2 * f * phi2
+        mass = (
+            inertias[0] + masses[0] * crank**2 / 4
+            + inertias[1] * phi1**2 + masses[1] * abs(c1) ** 2
+            + (inertias[2] + masses[2] * rocker**2 / 4) * psi1**2
+        )
+        half_slope = (
+            inertias[1] * phi1 * phi2
+            + masses[1] * (c1 * np.conj(c2)).real
+            + (inertias[2] + masses[2] * rocker**2 / 4) * psi1 * psi2
+        )
+        weight = -gravity * (
+            masses[0] * crank / 2 * np.cos(theta) + masses[1] * c1.imag + masses[2] * rocker / 2 * np.cos(psi) * psi1
+        )
+        spring = -(stiffness * (psi - rest) + damping * psi1 * thetad) * psi1
+        return [thetad, (weight + spring - half_slope * thetad**2) / mass]
+
+    solution = solve_ivp(derivative, (0, times[-1]), [theta0, 0.0], "DOP853", times, rtol=1e-12, atol=1e-12)
+    theta, thetad = solution.y
+    rows = []
+    for angle, rate in zip(theta, thetad):
+        phi, psi = angles(angle)
+        (_, psi1), _ = coefficients(angle, phi, psi)
+        centre = crank * np.exp(1j * angle) + coupler / 2 * np.exp(1j * phi)
+        rows.append([angle, psi, psi1 * rate, centre.real, centre.imag])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("formulation", ["augmented", "embedding"])
+def test_the_four_bar_linkage_is_the_loop_closure_with_lagranges_equation(formulation, tmp_path):
+    for _, run in sample("four-bar", formulation, tmp_path).groupby("run"):
+        parameters = run[["crank_length", "theta0", "damping"]].iloc[0]
+        exact = four_bar(*parameters, run["time"].to_numpy())
+        np.testing.assert_allclose(run[["theta", "psi", "psid", "x", "y"]], exact, rtol=0, atol=1e-8)
+
+
+def quarter_car(stiffness, damping, times):
+    """y, ay, yw of examples/mechanisms/quarter-car.toml by the matrix exponential; the road's sine is two more states."""
+    tyre, mass, wheel, height, omega = 160000.0, 250.0, 40.0, 0.02, 6.283185307179586
+    # y - 1, yw - 0.4, their rates, road, road's rate
+    matrix = np.zeros((6, 6))
+    matrix[0, 2] = matrix[1, 3] = matrix[4, 5] = 1
+    matrix[2, :4] = np.array([-stiffness, stiffness, -damping, damping]) / mass
+    matrix[3, :5] = np.array([stiffness, -stiffness - tyre, damping, -damping, tyre]) / wheel
+    matrix[5, 4] = -(omega**2)
+    states = np.array([expm(matrix * t) @ [0, 0, 0, 0, 0, height * omega] for t in times])
+    return np.column_stack([1 + states[:, 0], states @ matrix[2], 0.4 + states[:, 1]])
+
+
+@pytest.mark.parametrize("formulation", ["augmented", "embedding"])
+def test_the_quarter_car_is_its_matrix_exponential(formulation, tmp_path):
+    for _, run in sample("quarter-car", formulation, tmp_path).groupby("run"):
+        exact = quarter_car(*run[["k", "c"]].iloc[0], run["time"].to_numpy())
+        np.testing.assert_allclose(run[["y", "ay", "yw"]], exact, rtol=0, atol=1e-8)
