@@ -227,7 +227,7 @@ impl Builder<'_> {
         let description = self.description;
         let unknown = |known: &str| Err(format!("`{owner}` has no `{what}`, expected one of {known}"));
         if let Some((index, _, joint)) = description.joints.get_full(owner) {
-            return self.joint_measure(index, joint, what).map_or_else(|known| unknown(known), Ok);
+            return self.joint_measure(index, joint, what).map_or_else(unknown, Ok);
         }
         if let Some((index, _, spring)) = description.springs.get_full(owner) {
             let ends = spring.between.as_ref().map(|[from, to]| Ok::<_, String>([self.point(from)?, self.point(to)?]));

@@ -148,7 +148,7 @@ impl Constraints {
     /// # Errors
     /// Which constraint stays violated.
     pub fn correct_positions(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
-        self.newton(t, q, |transposed, residual| least_norm(transposed, residual))
+        self.newton(t, q, least_norm)
     }
 
     /// Like [`Constraints::correct_positions`] from a rough guess: constraints may depend on each other on the way.
@@ -224,7 +224,8 @@ impl Constraints {
 
     /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
     pub fn first_dependent(&self, transposed: &DMatrix<f64>) -> Option<&Constraint> {
-        self.0.iter().zip(independence(transposed)).find(|(_, independent)| !(*independent > DEPENDENT)).map(|(c, _)| c)
+        let mut constraints = self.0.iter().zip(independence(transposed));
+        constraints.find(|(_, independent)| *independent <= DEPENDENT).map(|(constraint, _)| constraint)
     }
 
     /// Names the constraint that depends most on those before it.

@@ -40,6 +40,9 @@ pub enum Formulation {
     Embedding(Partition),
 }
 
+/// `C_d` factorised, and `C_i`.
+type Split = (LU<f64, Dyn, Dyn>, DMatrix<f64>);
+
 /// Which coordinates are dependent.
 #[derive(Clone, Debug)]
 pub struct Partition {
@@ -172,7 +175,7 @@ impl Partition {
     }
 
     /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or behind a singularity.
-    fn split(&self, transposed: &DMatrix<f64>) -> Option<(LU<f64, Dyn, Dyn>, DMatrix<f64>)> {
+    fn split(&self, transposed: &DMatrix<f64>) -> Option<Split> {
         let factors = transposed.select_rows(&self.dependent).transpose().lu();
         let quality = quality(&factors) * self.quality.signum();
         self.last_quality.set(quality);
@@ -198,12 +201,7 @@ impl Partition {
     }
 
     /// Newton's method on the dependent coordinates; returns `C_d` factorised and `C_i` at the solution.
-    fn correct_dependent(
-        &self,
-        model: &Model,
-        t: f64,
-        q: &mut DVector<f64>,
-    ) -> Result<(LU<f64, Dyn, Dyn>, DMatrix<f64>), String> {
+    fn correct_dependent(&self, model: &Model, t: f64, q: &mut DVector<f64>) -> Result<Split, String> {
         let mut converged = false;
         for _ in 0..30 {
             let transposed = model.constraints.jacobian_transposed(q);

@@ -92,7 +92,8 @@ fn sample(
 ) -> Result<Sample, String> {
     let Acceleration { qdd, multipliers } = formulation.accelerate(model, t, &q, &v)?;
     let violation = model.constraints.violation(t, &q, &v);
-    if !(violation <= CONSTRAINT_TOLERANCE * (1.0 + q.amax() + v.amax())) {
+    let bound = CONSTRAINT_TOLERANCE * (1.0 + q.amax() + v.amax());
+    if violation.is_nan() || violation > bound {
         let transposed = model.constraints.jacobian_transposed(&q);
         return Err(model.constraints.name_singular(t, &transposed));
     }
