@@ -2,7 +2,7 @@
 //!
 //! *Augmented*: accelerations and Lagrange multipliers of all coordinates from
 //! `[M C_q^T; C_q 0] [qdd; lambda] = [F_a; F_c]`. The state `(q, qd)` drifts off the constraints, which are enforced for
-//! accelerations only; it is projected back where the drift exceeds [`DRIFT`].
+//! accelerations only; it is projected back where the drift exceeds 1e-11.
 //!
 //! *Embedding*: the state is `(q_i, qd_i)`, the independent coordinates; the others follow from the constraints. With
 //! `C_q = [C_d C_i]`: `qdd = T qdd_i + r`, `T = [-C_d^-1 C_i; 1]`, `r = [C_d^-1 F_c; 0]`, and
