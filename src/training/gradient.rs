@@ -1,140 +1,185 @@
-//! The loss of a batch and its gradient, on all cores, with the same bits for any number of threads.
+//! The loss of a batch and its gradient, on all members of a team, with the same bits for any number of them.
 //!
-//! A batch is cut into parts whose size depends on the batch alone. Each part adds up its gradient block by block in a
-//! buffer of its own, whichever thread works on it; the parts are then added in their order.
-//!
-//! Batches of up to [`BLOCK_ROWS`] rows are one part and stay on one core: cut into 32 rows for each of two cores, a batch
-//! of 64 takes longer (100 µs against 90 for 4-128-128-3), because products with so few rows are slower and the cores
-//! have to meet.
+//! A batch is cut into parts whose number depends on the batch alone. Each part adds up its gradient block by block in a
+//! buffer of its own, whichever thread works on it; the parts are added in their order, by [`Gradients::sum_piece`].
 
-use super::Rows;
-use crate::network::{BLOCK_ROWS, Network, Workspace};
-use rayon::prelude::*;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use super::{
+    Rows,
+    team::{Divided, Team},
+};
+use crate::network::{
+    BLOCK_ROWS, Packed, Workspace,
+    kernels::{Kernel, Lanes, Register, Simd, WIDTH, buffer::Buffer, layer::Store},
+    layout::stride,
+};
+use std::{
+    ops::Range,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
 
-/// Most parts of a batch: bounds the memory and the cost of adding the parts' gradients.
-const MAX_PARTS: usize = 64;
+/// Most parts of a batch: bounds the memory and the cost of adding the parts' gradients, which are to stay in the cache.
+const MAX_PARTS: usize = 8;
+
+/// Rows of a part at least: with fewer, products are slower than it is worth.
+const MIN_PART_ROWS: usize = 32;
 
 /// Working memory for the gradients of batches, and for the loss on whole sets of rows.
 pub(super) struct Gradients {
     /// Most rows of a batch.
     batch: usize,
-    /// Whole blocks, and no more than [`MAX_PARTS`] parts in a batch.
-    part_rows: usize,
-    /// `[parts, parameters]`; the sum ends in the first
-    parts: Vec<f32>,
-    /// `[parts]`, sums of squared errors
-    losses: Vec<f64>,
-    workers: Vec<Mutex<Worker>>,
+    simd: Simd,
+    parts: Vec<Part>,
+    /// One for each member.
+    workspaces: Vec<Mutex<Workspace>>,
 }
 
-/// What one thread needs to work on a block of rows.
-struct Worker {
-    inputs: Vec<f32>,
-    targets: Vec<f32>,
-    workspace: Workspace,
+/// A part of the batch.
+struct Part {
+    /// Laid out as the packed parameters are.
+    gradient: Buffer,
+    /// Sum of squared errors.
+    loss: f64,
+}
+
+/// The gradients of the parts of a batch, while they are added piece by piece.
+pub(super) struct Sum<'a> {
+    simd: Simd,
+    first: Divided<'a, f32>,
+    others: &'a [Part],
 }
 
 impl Gradients {
-    /// For batches of at most `batch` rows, on the current thread pool.
-    pub(super) fn new(network: &Network, batch: usize) -> Self {
-        let part_rows = batch.div_ceil(MAX_PARTS * BLOCK_ROWS).max(1) * BLOCK_ROWS;
-        let parts = batch.div_ceil(part_rows);
-        let workers = (0..rayon::current_num_threads()).map(|_| Mutex::new(Worker::new(network))).collect();
+    /// For batches of at most `batch` rows and teams of at most `members`.
+    pub(super) fn new(network: &Packed, batch: usize, members: usize) -> Self {
+        let part = || Part { gradient: Buffer::zeros(network.layout.len()), loss: 0.0 };
         Self {
             batch,
-            part_rows,
-            parts: vec![0.0; parts * network.parameters().len()],
-            losses: vec![0.0; parts],
-            workers,
+            simd: Simd::detect(),
+            parts: (0..parts(batch)).map(|_| part()).collect(),
+            workspaces: (0..members).map(|_| Mutex::new(Workspace::new(network))).collect(),
         }
     }
 
-    /// Mean over rows and outputs of the squared error on the rows with the given numbers; leaves its gradient in
-    /// [`gradient`](Self::gradient).
-    pub(super) fn compute(&mut self, network: &Network, rows: &Rows, numbers: &[u32]) -> f64 {
-        let Self { batch, part_rows, parts, losses, workers } = self;
+    /// Mean over rows and outputs of the squared error on the rows with the given numbers; leaves the gradients of its
+    /// parts for [`sum`](Self::sum).
+    pub(super) fn compute(&mut self, team: &mut Team, network: &Packed, rows: &Rows, numbers: &[u32]) -> f64 {
+        let Self { batch, parts: all, workspaces, .. } = self;
         assert!((1..=*batch).contains(&numbers.len()), "{} rows, expected 1 to {batch}", numbers.len());
-        assert_eq!((rows.n_inputs(), rows.n_outputs()), (network.inputs(), network.outputs()), "columns of the rows");
-        let used = numbers.len().div_ceil(*part_rows);
-        let parameters = network.parameters().len();
+        let shapes = &network.layout.shapes;
+        let columns = (shapes[0].inputs, shapes[shapes.len() - 1].outputs);
+        assert_eq!((rows.n_inputs(), rows.n_outputs()), columns, "columns of the rows");
+        let used = parts(numbers.len());
         let count = (numbers.len() * rows.n_outputs()) as f64;
-        numbers
-            .par_chunks(*part_rows)
-            .zip(parts.par_chunks_exact_mut(parameters))
-            .zip(losses.par_iter_mut())
-            .with_max_len(1)
-            .for_each(|((numbers, gradient), loss)| {
-                let mut worker = own_worker(workers);
-                gradient.fill(0.0);
-                let blocks = numbers.chunks(BLOCK_ROWS);
-                *loss = blocks.map(|block| worker.add_gradient(network, rows, block, 2.0 / count, gradient)).sum();
-            });
-        let (total, others) = parts[..used * parameters].split_at_mut(parameters);
-        for part in others.chunks_exact(parameters) {
-            total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
-        }
-        losses[..used].iter().sum::<f64>() / count
-    }
-
-    /// The gradient of the last batch, laid out as the parameters are.
-    pub(super) fn gradient(&self, network: &Network) -> &[f32] {
-        &self.parts[..network.parameters().len()]
-    }
-
-    /// Mean over rows and outputs of the squared error on all rows.
-    pub(super) fn loss(&self, network: &Network, rows: &Rows, sums: &mut [f64]) -> f64 {
-        let blocks = rows.inputs().par_chunks(BLOCK_ROWS * rows.n_inputs());
-        let targets = rows.outputs().par_chunks(BLOCK_ROWS * rows.n_outputs());
-        blocks.zip(targets).zip(sums.par_iter_mut()).for_each(|((inputs, targets), sum)| {
-            let mut worker = own_worker(&self.workers);
-            let outputs = network.forward(inputs, &mut worker.workspace);
-            *sum = outputs.iter().zip(targets).map(|(output, target)| squared(output - target)).sum();
+        let divided = Divided::new(&mut all[..used]);
+        team.for_each(used, |member, index| {
+            // SAFETY: one part for each item
+            let part = unsafe { &mut divided.range(index..index + 1)[0] };
+            let mut workspace = lock(&workspaces[member]);
+            let numbers = &numbers[index * numbers.len() / used..(index + 1) * numbers.len() / used];
+            part.loss = 0.0;
+            let mut store = Store::Replace;
+            for numbers in numbers.chunks(BLOCK_ROWS) {
+                part.loss += squared_errors(network, &mut workspace, rows, numbers, 2.0 / count);
+                network.backward(numbers.len(), &mut workspace, store, &mut part.gradient);
+                store = Store::Add;
+            }
         });
-        sums.iter().sum::<f64>() / rows.outputs().len() as f64
+        self.parts[..used].iter().map(|part| part.loss).sum::<f64>() / count
+    }
+
+    /// To add the gradients of the parts of the last batch, which had `rows` rows.
+    pub(super) fn sum(&mut self, rows: usize) -> Sum<'_> {
+        let (first, others) = self.parts[..parts(rows)].split_at_mut(1);
+        Sum { simd: self.simd, first: Divided::new(&mut first[0].gradient), others }
+    }
+
+    /// The gradient of the last batch, laid out as the packed parameters are, once all its pieces are added.
+    #[cfg(test)]
+    pub(super) fn gradient(&self) -> &[f32] {
+        &self.parts[0].gradient
+    }
+
+    /// Mean over rows and outputs of the squared error on all rows; `sums`: one place for every [`BLOCK_ROWS`] rows.
+    pub(super) fn loss(&self, team: &mut Team, network: &Packed, rows: &Rows, sums: &mut [f64]) -> f64 {
+        let blocks = rows.len().div_ceil(BLOCK_ROWS);
+        let divided = Divided::new(&mut sums[..blocks]);
+        team.for_each(blocks, |member, index| {
+            let numbers = index * BLOCK_ROWS..((index + 1) * BLOCK_ROWS).min(rows.len());
+            let mut workspace = lock(&self.workspaces[member]);
+            let mut block = [0; BLOCK_ROWS];
+            block.iter_mut().zip(numbers.clone()).for_each(|(to, number)| *to = number as u32);
+            // SAFETY: one place for each item
+            let sum = unsafe { &mut divided.range(index..index + 1)[0] };
+            *sum = squared_errors(network, &mut workspace, rows, &block[..numbers.len()], 0.0);
+        });
+        sums[..blocks].iter().sum::<f64>() / rows.outputs().len() as f64
     }
 }
 
-impl Worker {
-    fn new(network: &Network) -> Self {
-        Self {
-            inputs: vec![0.0; BLOCK_ROWS * network.inputs()],
-            targets: vec![0.0; BLOCK_ROWS * network.outputs()],
-            workspace: Workspace::new(network),
-        }
-    }
+/// Number of parts of a batch.
+fn parts(rows: usize) -> usize {
+    (rows / MIN_PART_ROWS).clamp(1, MAX_PARTS)
+}
 
-    /// Adds to `gradient` that of `scale / 2` times the sum of squared errors, and returns that sum.
-    fn add_gradient(
-        &mut self,
-        network: &Network,
-        rows: &Rows,
-        numbers: &[u32],
-        scale: f64,
-        gradient: &mut [f32],
-    ) -> f64 {
-        let inputs = &mut self.inputs[..numbers.len() * rows.n_inputs()];
-        let targets = &mut self.targets[..numbers.len() * rows.n_outputs()];
-        rows.gather(numbers, inputs, targets);
-        network.forward(inputs, &mut self.workspace);
-        let (outputs, deltas) = self.workspace.outputs_and_deltas();
-        let mut sum = 0.0;
-        for ((output, target), delta) in outputs.iter().zip(&*targets).zip(deltas) {
+/// Sum of squared errors of at most [`BLOCK_ROWS`] rows, and in the workspace `scale` times the errors as deltas.
+fn squared_errors(network: &Packed, workspace: &mut Workspace, rows: &Rows, numbers: &[u32], scale: f64) -> f64 {
+    let (n_inputs, n_outputs) = (rows.n_inputs(), rows.n_outputs());
+    for (to, &number) in workspace.inputs_mut().chunks_exact_mut(stride(n_inputs)).zip(numbers) {
+        to[..n_inputs].copy_from_slice(&rows.inputs()[number as usize * n_inputs..][..n_inputs]);
+    }
+    network.forward(numbers.len(), workspace);
+    let (outputs, deltas) = workspace.outputs_and_deltas();
+    let distance = stride(n_outputs);
+    let mut sum = 0.0;
+    for ((outputs, deltas), &number) in
+        outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance)).zip(numbers)
+    {
+        let targets = &rows.outputs()[number as usize * n_outputs..][..n_outputs];
+        for ((output, target), delta) in outputs.iter().zip(targets).zip(deltas) {
             let error = output - target;
             *delta = scale as f32 * error;
-            sum += squared(error);
+            sum += f64::from(error) * f64::from(error);
         }
-        network.backward(inputs, &mut self.workspace, gradient);
-        sum
+    }
+    sum
+}
+
+impl Sum<'_> {
+    /// The gradient of a piece of the parameters.
+    ///
+    /// # Safety
+    /// As long as the result lives, no other piece that overlaps with this one is asked for.
+    pub(super) unsafe fn piece(&self, range: Range<usize>) -> &mut [f32] {
+        // SAFETY: as the caller promises
+        let total = unsafe { self.first.range(range.clone()) };
+        if !self.others.is_empty() {
+            self.simd.run(AddParts { total, others: self.others, range });
+        }
+        total
     }
 }
 
-/// The calling thread's worker. Never waits: each thread of the pool has one of its own.
-fn own_worker(workers: &[Mutex<Worker>]) -> MutexGuard<'_, Worker> {
-    let index = rayon::current_thread_index().unwrap_or(0);
-    workers[index].lock().unwrap_or_else(PoisonError::into_inner)
+struct AddParts<'a> {
+    total: &'a mut [f32],
+    others: &'a [Part],
+    range: Range<usize>,
 }
 
-fn squared(error: f32) -> f64 {
-    f64::from(error) * f64::from(error)
+impl Kernel for AddParts<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<R: Register, const N: usize>(self) {
+        let Self { total, others, range } = self;
+        for part in others {
+            let part = part.gradient[range.clone()].as_chunks::<WIDTH>().0;
+            for (total, part) in total.as_chunks_mut::<WIDTH>().0.iter_mut().zip(part) {
+                Lanes::<R, N>::load(total).add(Lanes::load(part)).store(total);
+            }
+        }
+    }
+}
+
+fn lock(workspace: &Mutex<Workspace>) -> MutexGuard<'_, Workspace> {
+    workspace.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -10,6 +10,7 @@ mod adam;
 mod gradient;
 mod rows;
 mod schedule;
+mod team;
 mod trainer;
 
 pub use rows::Rows;

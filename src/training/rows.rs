@@ -62,16 +62,6 @@ impl Rows {
     pub fn outputs(&self) -> &[f32] {
         &self.outputs
     }
-
-    /// Copies the rows with the given numbers, one after the other.
-    pub(super) fn gather(&self, numbers: &[u32], inputs: &mut [f32], outputs: &mut [f32]) {
-        let targets = inputs.chunks_exact_mut(self.n_inputs).zip(outputs.chunks_exact_mut(self.n_outputs));
-        for (&number, (input, output)) in numbers.iter().zip(targets) {
-            let row = number as usize;
-            input.copy_from_slice(&self.inputs[row * self.n_inputs..][..self.n_inputs]);
-            output.copy_from_slice(&self.outputs[row * self.n_outputs..][..self.n_outputs]);
-        }
-    }
 }
 
 #[cfg(test)]

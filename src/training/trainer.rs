@@ -1,11 +1,14 @@
 //! The training loop.
 
 use super::{
-    EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError, adam::Adam, gradient::Gradients,
+    EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
+    adam::Adam,
+    gradient::Gradients,
     schedule::relative_rate,
+    team::{Divided, Team},
 };
 use crate::{
-    network::{BLOCK_ROWS, Network},
+    network::{BLOCK_ROWS, Network, Packed, kernels::buffer::Buffer},
     study::{Optimizer, TrainingOptions},
 };
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
@@ -14,36 +17,56 @@ use std::time::Instant;
 /// A network under training: its parameters, the optimizer's memory and all working memory of a step.
 pub struct Trainer {
     network: Network,
-    optimizer: Adam,
+    packed: Packed,
+    steps: u64,
+    mean: Buffer,
+    square: Buffer,
     gradients: Gradients,
+    team: Team,
 }
 
 impl Trainer {
-    /// For batches of at most `batch` rows, to be stepped in the current rayon pool.
-    pub fn new(network: Network, optimizer: Optimizer, batch: usize) -> Self {
-        let optimizer = match optimizer {
-            Optimizer::Adam => Adam::new(network.parameters().len()),
-        };
-        let gradients = Gradients::new(&network, batch);
-        Self { network, optimizer, gradients }
+    /// For batches of at most `batch` rows, on `threads` threads, the caller's included.
+    pub fn new(network: Network, optimizer: Optimizer, batch: usize, threads: usize) -> Self {
+        let Optimizer::Adam = optimizer;
+        let packed = Packed::new(&network);
+        let team = Team::new(threads);
+        let gradients = Gradients::new(&packed, batch, team.members());
+        let moments = || Buffer::zeros(packed.layout.len());
+        Self { mean: moments(), square: moments(), network, packed, steps: 0, gradients, team }
     }
 
     /// The network as it stands.
-    pub fn network(&self) -> &Network {
-        &self.network
+    pub fn network(&self) -> Network {
+        let mut network = self.network.clone();
+        self.packed.layout.unpack(&self.packed.parameters, network.parameters_mut());
+        network
     }
 
     /// One optimizer step on the rows with the given numbers. Returns their loss before the step; if it is infinite or
-    /// not a number, the network stays as it is. Allocates nothing but what the matrix products need for themselves.
+    /// not a number, the network stays as it is. Allocates nothing.
     ///
     /// # Panics
-    /// If the rows do not fit the network, a number is too large, there are none or more than `batch` of them, or the
-    /// pool has more threads than the one the trainer was made in.
+    /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.
     pub fn step(&mut self, rows: &Rows, numbers: &[u32], learning_rate: f64) -> f64 {
-        let loss = self.gradients.compute(&self.network, rows, numbers);
+        let Self { packed, steps, mean, square, gradients, team, .. } = self;
+        let loss = gradients.compute(team, packed, rows, numbers);
         if loss.is_finite() {
-            let gradient = self.gradients.gradient(&self.network);
-            self.optimizer.step(self.network.parameters_mut(), gradient, learning_rate);
+            *steps += 1;
+            let (adam, sum) = (Adam::new(*steps, learning_rate), gradients.sum(numbers.len()));
+            let Packed { layout, parameters, turned, .. } = packed;
+            let (mean, square) = (Divided::new(mean), Divided::new(square));
+            let (parameters, turned) = (Divided::new(parameters), Divided::new(turned));
+            team.for_each(layout.pieces.len(), |_, index| {
+                let piece = &layout.pieces[index];
+                let range = || piece.range.clone();
+                // SAFETY: the pieces of a layout do not overlap, nor do the turned weights of different pieces
+                unsafe {
+                    let parameters = parameters.range(range());
+                    adam.update(parameters, sum.piece(range()), mean.range(range()), square.range(range()));
+                    piece.turn(&layout.shapes[piece.layer], parameters, |range, fill| fill(turned.range(range)));
+                }
+            });
         }
         loss
     }
@@ -66,29 +89,30 @@ pub fn train(
     check_rows(&network, "training", training)?;
     check_rows(&network, "validation", validation)?;
     let rows = u32::try_from(training.len()).map_err(|_| TrainingError::TooManyRows { rows: training.len() })?;
-    // inside the pool, where handing work to the other threads is cheap
-    Ok(rayon::scope(|_| {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // not the numbers that the same seed gave the network's weights
-        random.set_stream(1);
-        let batch = options.batch.min(training.len());
-        let run = Run {
-            trainer: Trainer::new(network, options.optimizer, batch),
-            training,
-            validation,
-            options,
-            random,
-            order: (0..rows).collect(),
-            steps: training.len().div_ceil(batch),
-            validation_sums: vec![0.0; validation.len().div_ceil(BLOCK_ROWS)],
-        };
-        run.run(observer)
-    }))
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    // not the numbers that the same seed gave the network's weights
+    random.set_stream(1);
+    let batch = options.batch.min(training.len());
+    let best = network.clone();
+    let run = Run {
+        trainer: Trainer::new(network, options.optimizer, batch, rayon::current_num_threads()),
+        best,
+        training,
+        validation,
+        options,
+        random,
+        order: (0..rows).collect(),
+        steps: training.len().div_ceil(batch),
+        validation_sums: vec![0.0; validation.len().div_ceil(BLOCK_ROWS)],
+    };
+    Ok(run.run(observer))
 }
 
 /// A training under way.
 struct Run<'a> {
     trainer: Trainer,
+    /// The network with the smallest validation loss so far; at first the given one.
+    best: Network,
     training: &'a Rows,
     validation: &'a Rows,
     options: &'a TrainingOptions,
@@ -110,7 +134,6 @@ struct Epoch {
 impl Run<'_> {
     fn run(mut self, observer: &mut dyn Observer) -> Outcome {
         let started = Instant::now();
-        let mut best = self.trainer.network.clone();
         let (mut best_epoch, mut best_loss) = (0, f64::INFINITY);
         let mut history = Vec::with_capacity(self.options.epochs);
         let mut reason = StopReason::Finished;
@@ -125,7 +148,7 @@ impl Run<'_> {
             let is_best = validation_loss < best_loss;
             if is_best {
                 (best_epoch, best_loss) = (epoch, validation_loss);
-                best.parameters_mut().copy_from_slice(self.trainer.network.parameters());
+                self.best = self.trainer.network();
             }
             let seconds = started.elapsed().as_secs_f64();
             let record = EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best: is_best };
@@ -137,9 +160,9 @@ impl Run<'_> {
             }
         }
         if best_epoch == 0 && reason == StopReason::Interrupted {
-            best = self.trainer.network;
+            self.best = self.trainer.network();
         }
-        Outcome { network: best, history, best_epoch, reason }
+        Outcome { network: self.best, history, best_epoch, reason }
     }
 
     /// All training rows once, then the validation.
@@ -163,8 +186,8 @@ impl Run<'_> {
                 return Err(StopReason::Interrupted);
             }
         }
-        let Trainer { network, gradients, .. } = &self.trainer;
-        let validation_loss = gradients.loss(network, self.validation, &mut self.validation_sums);
+        let Trainer { packed, gradients, team, .. } = &mut self.trainer;
+        let validation_loss = gradients.loss(team, packed, self.validation, &mut self.validation_sums);
         if !validation_loss.is_finite() {
             return Err(StopReason::Diverged);
         }
@@ -288,11 +311,13 @@ mod tests {
             let network = from_parameters(&sizes, case.activation, &case.parameters);
             let rows = Rows::new(sizes[0], sizes[sizes.len() - 1], case.inputs, case.targets).unwrap();
             let numbers: Vec<u32> = (0..rows.len() as u32).collect();
-            let mut trainer = Trainer::new(network, Optimizer::Adam, rows.len());
+            let mut trainer = Trainer::new(network, Optimizer::Adam, rows.len(), 2);
             for (loss, gradient) in case.losses.iter().zip(&case.gradients) {
                 let found = trainer.step(&rows, &numbers, rate);
                 assert!((found - loss).abs() < 2e-7 * loss, "{:?}: loss {found}, expected {loss}", case.activation);
-                for (found, expected) in trainer.gradients.gradient(&trainer.network).iter().zip(gradient) {
+                let mut found = vec![0.0; gradient.len()];
+                trainer.packed.layout.unpack(trainer.gradients.gradient(), &mut found);
+                for (found, expected) in found.iter().zip(gradient) {
                     assert!((found - expected).abs() < 2e-7, "{:?}: gradient {found} {expected}", case.activation);
                 }
             }
@@ -305,21 +330,28 @@ mod tests {
     #[test]
     fn a_batch_of_many_parts_and_blocks_has_the_gradient_of_its_rows() {
         // 20,000 rows: parts of several blocks, the last one shorter; the same rows one block at a time as reference
-        let (rows, network) = (smooth(0, 20_000), network(&[8]));
+        let (rows, packed) = (smooth(0, 20_000), Packed::new(&network(&[8])));
         let numbers: Vec<u32> = (0..20_000).rev().collect();
-        let mut whole = Gradients::new(&network, numbers.len());
-        let loss = whole.compute(&network, &rows, &numbers);
-        let mut block = Gradients::new(&network, BLOCK_ROWS);
-        let (mut sum, mut expected) = (0.0, vec![0.0; network.parameters().len()]);
+        let mut team = Team::new(2);
+        let mut whole = Gradients::new(&packed, numbers.len(), 2);
+        let loss = whole.compute(&mut team, &packed, &rows, &numbers);
+        let sum = whole.sum(numbers.len());
+        // SAFETY: one piece
+        let found = unsafe { sum.piece(0..packed.layout.len()) }.to_vec();
+        let mut block = Gradients::new(&packed, BLOCK_ROWS, 2);
+        let (mut sum, mut expected) = (0.0, vec![0.0; packed.layout.len()]);
         for numbers in numbers.chunks(BLOCK_ROWS) {
             let share = numbers.len() as f64 / 20_000.0;
-            sum += share * block.compute(&network, &rows, numbers);
-            for (total, part) in expected.iter_mut().zip(block.gradient(&network)) {
+            sum += share * block.compute(&mut team, &packed, &rows, numbers);
+            let parts = block.sum(numbers.len());
+            // SAFETY: one piece
+            let part = unsafe { parts.piece(0..packed.layout.len()) };
+            for (total, part) in expected.iter_mut().zip(part) {
                 *total += share * f64::from(*part);
             }
         }
         assert!((loss - sum).abs() < 1e-12 * sum, "{loss} {sum}");
-        for (found, expected) in whole.gradient(&network).iter().zip(expected) {
+        for (found, expected) in found.iter().zip(expected) {
             assert!((f64::from(*found) - expected).abs() < 1e-6, "{found} {expected}");
         }
     }
@@ -374,8 +406,9 @@ mod tests {
         assert_eq!(losses[outcome.best_epoch - 1], smallest);
         assert_eq!(outcome.history.iter().rposition(|record| record.best), Some(outcome.best_epoch - 1));
         assert_eq!(recorder.epochs, outcome.history);
-        let mut sums = [0.0];
-        assert_eq!(Gradients::new(&outcome.network, 1).loss(&outcome.network, &validation, &mut sums), smallest);
+        let packed = Packed::new(&outcome.network);
+        let found = Gradients::new(&packed, 1, 1).loss(&mut Team::new(1), &packed, &validation, &mut [0.0; 2]);
+        assert_eq!(found, smallest);
     }
 
     #[test]

@@ -1,25 +1,30 @@
-//! One source for every instruction set: a loop is compiled once for each set the processor may have, and the best one
+//! One source for every instruction set: a kernel is compiled once for each set the processor may have, and the best one
 //! is chosen when the program runs.
 
-/// A loop over slices that the compiler turns into SIMD code. Its fields are its arguments.
+#[cfg(target_arch = "x86_64")]
+use super::x86::{Avx2, Avx512};
+use super::{Portable, Register};
+
+/// Work on numbers. Its fields are its arguments.
 pub(crate) trait Kernel {
-    /// Runs the loop; `FMA`: the processor has fused multiply-add. To be marked `#[inline(always)]`, so that it is
-    /// compiled with the caller's instruction set.
-    fn run<const FMA: bool>(self);
+    /// What it computes.
+    type Output;
+
+    /// Does the work with [`Lanes<R, N>`](super::Lanes). To be marked `#[inline(always)]`, so that it is compiled with
+    /// the caller's instruction set.
+    fn run<R: Register, const N: usize>(self) -> Self::Output;
 }
 
-/// The instruction sets the loops are compiled for.
+/// The instruction sets the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Simd {
     #[cfg(target_arch = "x86_64")]
     Avx512,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// What every processor of the target has: SSE2 or NEON.
     Portable,
 }
-
-/// Whether the portable code may use fused multiply-add: it is part of the base instruction set of 64-bit ARM.
-const PORTABLE_FMA: bool = cfg!(target_arch = "aarch64");
 
 impl Simd {
     /// The best set this processor has.
@@ -37,8 +42,8 @@ impl Simd {
         Self::Portable
     }
 
-    /// Runs a loop with this instruction set.
-    pub(crate) fn run(self, kernel: impl Kernel) {
+    /// Runs a kernel with this instruction set.
+    pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         match self {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Simd::detect` found these features
@@ -46,7 +51,7 @@ impl Simd {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
             Self::Avx2 => unsafe { run_avx2(kernel) },
-            Self::Portable => kernel.run::<PORTABLE_FMA>(),
+            Self::Portable => kernel.run::<Portable, 8>(),
         }
     }
 
@@ -65,18 +70,12 @@ impl Simd {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-fn run_avx512(kernel: impl Kernel) {
-    kernel.run::<true>();
+fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<Avx512, 2>()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn run_avx2(kernel: impl Kernel) {
-    kernel.run::<true>();
-}
-
-/// `a * b + c`, rounded once where the processor can (without FMA in hardware, `mul_add` would be a slow library call).
-#[inline(always)]
-pub(crate) fn fma<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
+fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<Avx2, 4>()
 }

@@ -1,0 +1,26 @@
+//! Compute kernels: matrix products in single precision with everything that surrounds them in a network's training.
+//!
+//! All products are of the same kind: rows times a panel of [`WIDTH`] = 32 columns, which one [`Lanes`] holds, summed up in
+//! registers over the inner dimension and finished there (bias, activation, its derivative, accumulation). What makes
+//! this faster than a general product on networks as small as ours: weights are kept in panels, so nothing is packed;
+//! products with few inputs or outputs are not padded; values are finished while they are in registers.
+//!
+//! - [`register`]: SIMD registers of each instruction set
+//! - [`simd`]: the choice of the instruction set when the program runs
+//! - [`product`]: the product
+//! - [`activation`]: activation functions and their derivatives
+//! - [`layer`]: forward pass, backward pass and gradient of a layer
+//! - [`buffer`]: memory that begins at a cache line
+
+pub(crate) mod activation;
+pub(crate) mod buffer;
+pub(crate) mod layer;
+mod product;
+mod register;
+mod simd;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub(crate) use product::{Finish, Left, Panel, product};
+pub(crate) use register::{Lanes, Portable, Register, WIDTH};
+pub(crate) use simd::{Kernel, Simd};

@@ -1,0 +1,157 @@
+//! The one matrix product everything is made of: a tile of rows times a panel of [`WIDTH`] columns.
+
+use super::{Lanes, Register, WIDTH};
+
+/// The left matrix of a product, `[rows, inner]`; element `(i, k)` is `values[i * row_stride + k * inner_stride]`.
+#[derive(Clone, Copy)]
+pub(crate) struct Left<'a> {
+    pub(crate) values: &'a [f32],
+    pub(crate) rows: usize,
+    pub(crate) inner: usize,
+    pub(crate) row_stride: usize,
+    pub(crate) inner_stride: usize,
+}
+
+/// A panel of the right matrix, `[inner, WIDTH]`; row `k` begins at `values[k * stride]`.
+#[derive(Clone, Copy)]
+pub(crate) struct Panel<'a> {
+    pub(crate) values: &'a [f32],
+    pub(crate) stride: usize,
+}
+
+/// What becomes of a row of a product while it is in registers.
+///
+/// A trait and not a closure, because a closure cannot be marked `#[inline(always)]`, without which it would not be
+/// compiled with the caller's instruction set.
+pub(crate) trait Finish<R: Register, const N: usize> {
+    fn finish(&mut self, row: usize, sum: Lanes<R, N>);
+}
+
+/// Finishes every row with `finish(row, start + sum over k of left[row][k] * panel[k])`. The sum is in the order of `k`.
+///
+/// # Panics
+/// If the slices are too short for their shapes.
+#[inline(always)]
+pub(crate) fn product<R: Register, const N: usize>(
+    left: Left,
+    panel: Panel,
+    start: Lanes<R, N>,
+    finish: &mut impl Finish<R, N>,
+) {
+    let Left { values, rows, inner, row_stride, inner_stride } = left;
+    if rows == 0 {
+        return;
+    }
+    if inner > 0 {
+        let last = (rows - 1) * row_stride + (inner - 1) * inner_stride;
+        assert!(last < values.len(), "the left matrix is shorter than its shape");
+        assert!((inner - 1) * panel.stride + WIDTH <= panel.values.len(), "the panel is shorter than its shape");
+    }
+    let mut row = 0;
+    while row < rows {
+        let count = (rows - row).min(R::ROWS);
+        // SAFETY: the assertions above hold for all rows, thus for `count` of them from `row` on
+        let done = unsafe {
+            match count {
+                8.. => tile::<R, N, 8>(left, row, panel, start, finish),
+                4.. => tile::<R, N, 4>(left, row, panel, start, finish),
+                3 => tile::<R, N, 3>(left, row, panel, start, finish),
+                2 => tile::<R, N, 2>(left, row, panel, start, finish),
+                _ => tile::<R, N, 1>(left, row, panel, start, finish),
+            }
+        };
+        row += done;
+    }
+}
+
+/// `ROWS` rows of [`product`] from `first` on; returns `ROWS`.
+///
+/// # Safety
+/// All elements of these rows and of the panel lie within their slices.
+#[inline(always)]
+unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
+    left: Left,
+    first: usize,
+    panel: Panel,
+    start: Lanes<R, N>,
+    finish: &mut impl Finish<R, N>,
+) -> usize {
+    let mut sums = [start; ROWS];
+    for k in 0..left.inner {
+        // SAFETY: `k` is below the number of the panel's rows, each of which has `WIDTH` columns
+        let columns = unsafe { &*panel.values.as_ptr().add(k * panel.stride).cast::<[f32; WIDTH]>() };
+        let columns = Lanes::load(columns);
+        for (i, sum) in sums.iter_mut().enumerate() {
+            let at = (first + i) * left.row_stride + k * left.inner_stride;
+            // SAFETY: element `(first + i, k)` of the left matrix
+            let value = unsafe { *left.values.get_unchecked(at) };
+            *sum = Lanes::splat(value).mul_add(columns, *sum);
+        }
+    }
+    for (i, sum) in sums.into_iter().enumerate() {
+        finish.finish(first + i, sum);
+    }
+    ROWS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::kernels::{Kernel, Simd};
+
+    struct Multiply<'a> {
+        left: Left<'a>,
+        panel: Panel<'a>,
+        result: &'a mut [f32],
+    }
+
+    impl Kernel for Multiply<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<R: Register, const N: usize>(self) {
+            let mut result = Rows(self.result.as_chunks_mut::<WIDTH>().0);
+            product::<R, N>(self.left, self.panel, Lanes::splat(1.0), &mut result);
+        }
+    }
+
+    struct Rows<'a>(&'a mut [[f32; WIDTH]]);
+
+    impl<R: Register, const N: usize> Finish<R, N> for Rows<'_> {
+        #[inline(always)]
+        fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
+            sum.store(&mut self.0[row]);
+        }
+    }
+
+    #[test]
+    fn products_of_plain_and_transposed_matrices_agree_with_the_definition() {
+        // integers below 2^24: exact in any order of summation
+        let sequence = |count: usize, factor: usize| (0..count).map(|i| ((i * factor) % 13) as f32).collect::<Vec<_>>();
+        for (rows, inner) in [(0, 3), (1, 1), (3, 4), (17, 5), (8, 128), (39, 33), (5, 0)] {
+            let (a, b) = (sequence(rows * inner, 7), sequence(inner * 40, 5));
+            let transposed: Vec<f32> =
+                (0..inner).flat_map(|k| (0..rows).map(move |i| (i, k))).map(|(i, k)| a[i * inner + k]).collect();
+            for simd in Simd::available() {
+                for (values, row_stride, inner_stride) in [(&a, inner, 1), (&transposed, 1, rows)] {
+                    let mut result = vec![f32::NAN; rows * WIDTH];
+                    let left = Left { values, rows, inner, row_stride, inner_stride };
+                    simd.run(Multiply { left, panel: Panel { values: &b, stride: 40 }, result: &mut result });
+                    for (index, found) in result.iter().enumerate() {
+                        let (row, column) = (index / WIDTH, index % WIDTH);
+                        let sum: f32 = (0..inner).map(|k| a[row * inner + k] * b[k * 40 + column]).sum();
+                        assert_eq!(*found, 1.0 + sum, "{simd:?} {rows} {inner} at {row} {column}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "shorter than its shape")]
+    fn a_left_matrix_that_is_too_short_is_refused() {
+        let left = Left { values: &[0.0; 11], rows: 3, inner: 4, row_stride: 4, inner_stride: 1 };
+        let panel = Panel { values: &[0.0; 4 * WIDTH], stride: WIDTH };
+        Simd::detect().run(Multiply { left, panel, result: &mut [0.0; 3 * WIDTH] });
+    }
+}

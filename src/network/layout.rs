@@ -1,0 +1,193 @@
+//! How parameters lie in memory while a network is trained.
+
+use super::kernels::WIDTH;
+use std::ops::Range;
+
+/// Columns of a matrix with the padding that makes them whole panels.
+pub(crate) const fn padded(columns: usize) -> usize {
+    columns.next_multiple_of(WIDTH)
+}
+
+/// Distance between the rows of activations and deltas: an odd number of cache lines, so that the rows of a column do
+/// not compete for the same few places of the cache.
+pub(crate) const fn stride(columns: usize) -> usize {
+    padded(columns) + 16
+}
+
+/// A last layer with at most this many outputs is kept by rows.
+const FEW_OUTPUTS: usize = 8;
+
+/// A layer's place in the block of all parameters.
+///
+/// ```text
+/// by panels   W^T in panels of 32 outputs [padded(outputs) / 32, inputs, 32], then b [padded(outputs)]
+/// by rows     W [outputs, padded(inputs)], then b [padded(outputs)]
+/// turned      W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
+/// ```
+///
+/// The padding is zero and stays so.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Shape {
+    pub(crate) inputs: usize,
+    pub(crate) outputs: usize,
+    pub(crate) by_rows: bool,
+    /// Of all weights and biases, padding included, within the block of parameters.
+    range: Range<usize>,
+    weights: usize,
+    /// Within the block of turned weights; empty for the first layer, whose inputs need no derivative.
+    turned: Range<usize>,
+}
+
+/// A piece of the parameters that can be updated on its own: a panel of a layer, or a whole small layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Piece {
+    pub(crate) layer: usize,
+    /// Within the block of parameters.
+    pub(crate) range: Range<usize>,
+    /// The panel to be turned after the update.
+    panel: Option<usize>,
+}
+
+/// The places of all layers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Layout {
+    pub(crate) shapes: Vec<Shape>,
+    pub(crate) pieces: Vec<Piece>,
+}
+
+impl Layout {
+    pub(crate) fn new(sizes: &[usize]) -> Self {
+        let (mut shapes, mut pieces) = (Vec::new(), Vec::new());
+        let (mut begin, mut turned) = (0, 0);
+        let last = sizes.len() - 2;
+        for (layer, pair) in sizes.windows(2).enumerate() {
+            let (inputs, outputs) = (pair[0], pair[1]);
+            let by_rows = layer == last && outputs <= FEW_OUTPUTS;
+            let weights = if by_rows { outputs * padded(inputs) } else { inputs * padded(outputs) };
+            let range = begin..begin + weights + padded(outputs);
+            let turned_end = if by_rows || layer == 0 { turned } else { turned + outputs * padded(inputs) };
+            if turned_end == turned {
+                pieces.push(Piece { layer, range: range.clone(), panel: None });
+            } else {
+                let panels = padded(outputs) / WIDTH;
+                for panel in 0..panels {
+                    let first = range.start + panel * inputs * WIDTH;
+                    // the biases go with the last panel
+                    let end = if panel + 1 == panels { range.end } else { first + inputs * WIDTH };
+                    pieces.push(Piece { layer, range: first..end, panel: Some(panel) });
+                }
+            }
+            begin = range.end;
+            shapes.push(Shape { inputs, outputs, by_rows, range, weights, turned: turned..turned_end });
+            turned = turned_end;
+        }
+        Self { shapes, pieces }
+    }
+
+    /// Length of the block of parameters.
+    pub(crate) fn len(&self) -> usize {
+        self.shapes.last().map_or(0, |shape| shape.range.end)
+    }
+
+    /// Length of the block of turned weights.
+    pub(crate) fn turned_len(&self) -> usize {
+        self.shapes.last().map_or(0, |shape| shape.turned.end)
+    }
+
+    /// From the parameters of a [`Network`](super::Network) to this layout.
+    pub(crate) fn pack(&self, plain: &[f32], packed: &mut [f32]) {
+        packed.fill(0.0);
+        self.for_each(|plain_index, packed_index| packed[packed_index] = plain[plain_index]);
+    }
+
+    /// From this layout to the parameters of a [`Network`](super::Network).
+    pub(crate) fn unpack(&self, packed: &[f32], plain: &mut [f32]) {
+        self.for_each(|plain_index, packed_index| plain[plain_index] = packed[packed_index]);
+    }
+
+    /// The index of every parameter in a network's block and in this one.
+    fn for_each(&self, mut visit: impl FnMut(usize, usize)) {
+        let mut plain = 0;
+        for shape in &self.shapes {
+            for output in 0..shape.outputs {
+                for input in 0..shape.inputs {
+                    visit(plain, shape.range.start + shape.weight(output, input));
+                    plain += 1;
+                }
+            }
+            for output in 0..shape.outputs {
+                visit(plain, shape.range.start + shape.weights + output);
+                plain += 1;
+            }
+        }
+    }
+}
+
+impl Shape {
+    /// Where a weight lies within the layer's part.
+    fn weight(&self, output: usize, input: usize) -> usize {
+        if self.by_rows {
+            output * padded(self.inputs) + input
+        } else {
+            (output / WIDTH * self.inputs + input) * WIDTH + output % WIDTH
+        }
+    }
+
+    /// The layer's weights and biases out of a block laid out as the parameters are.
+    pub(crate) fn split<'a>(&self, block: &'a [f32]) -> (&'a [f32], &'a [f32]) {
+        block[self.range.clone()].split_at(self.weights)
+    }
+
+    pub(crate) fn split_mut<'a>(&self, block: &'a mut [f32]) -> (&'a mut [f32], &'a mut [f32]) {
+        block[self.range.clone()].split_at_mut(self.weights)
+    }
+
+    /// The layer's turned weights.
+    pub(crate) fn turned<'a>(&self, block: &'a [f32]) -> &'a [f32] {
+        &block[self.turned.clone()]
+    }
+
+    /// Where the turned weights of a panel of 32 outputs lie: a range for each panel of 32 inputs.
+    fn turned_ranges(&self, panel: usize) -> impl Iterator<Item = Range<usize>> {
+        let rows = (self.outputs - panel * WIDTH).min(WIDTH);
+        let (begin, distance) = (self.turned.start + panel * WIDTH * WIDTH, self.outputs * WIDTH);
+        (0..padded(self.inputs) / WIDTH)
+            .map(move |index| begin + index * distance..begin + index * distance + rows * WIDTH)
+    }
+}
+
+impl Piece {
+    /// Renews the turned weights after an update of the piece's `parameters`; `place` is called with a range of the
+    /// turned weights and what fills it.
+    pub(crate) fn turn(
+        &self,
+        shape: &Shape,
+        parameters: &[f32],
+        mut place: impl FnMut(Range<usize>, &dyn Fn(&mut [f32])),
+    ) {
+        let Some(panel) = self.panel else { return };
+        let panels = parameters[..shape.inputs * WIDTH].chunks(WIDTH * WIDTH);
+        for (weights, range) in panels.zip(shape.turned_ranges(panel)) {
+            place(range, &|to| transpose(weights.as_chunks().0, to.as_chunks_mut().0));
+        }
+    }
+}
+
+/// `to[column][row] = from[row][column]`, for at most [`WIDTH`] of each, in blocks of 4 by 4.
+fn transpose(from: &[[f32; WIDTH]], to: &mut [[f32; WIDTH]]) {
+    let (blocks, rest) = from.as_chunks::<4>();
+    for (index, rows) in blocks.iter().enumerate() {
+        for (column, to) in to.chunks_mut(4).enumerate() {
+            for (within, to) in to.iter_mut().enumerate() {
+                let at = 4 * column + within;
+                let values = [rows[0][at], rows[1][at], rows[2][at], rows[3][at]];
+                to[4 * index..4 * index + 4].copy_from_slice(&values);
+            }
+        }
+    }
+    for (index, row) in rest.iter().enumerate() {
+        for (to, value) in to.iter_mut().zip(row) {
+            to[4 * blocks.len() + index] = *value;
+        }
+    }
+}
