@@ -1,4 +1,4 @@
-//! Time of an optimizer step of the paper's three networks: `training_speed THREADS [SECONDS] [ACTIVATION]`.
+//! Time of an optimizer step of the paper's three networks: `training_speed THREADS [SECONDS] [ACTIVATION] [NETWORK]`.
 //!
 //! One line of JSON for each network, with the minimum and the median over samples of many steps each. The rows are as
 //! many as do not fit into the caches near the cores, in random order.
@@ -23,11 +23,16 @@ const ROWS: usize = 600_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = env::args().skip(1);
-    let threads: usize = arguments.next().ok_or("usage: training_speed THREADS [SECONDS] [ACTIVATION]")?.parse()?;
+    let threads: usize =
+        arguments.next().ok_or("usage: training_speed THREADS [SECONDS] [ACTIVATION] [NETWORK]")?.parse()?;
     let seconds: f64 = arguments.next().map_or(Ok(2.0), |text| text.parse())?;
     let name = arguments.next().unwrap_or_else(|| "relu".into());
     let activation: Activation = serde_json::from_value(name.clone().into())?;
+    let only = arguments.next();
     for (problem, inputs, hidden, outputs, batch) in NETWORKS {
+        if only.as_deref().is_some_and(|only| only != problem) {
+            continue;
+        }
         let options = NetworkOptions { hidden: hidden.into(), activation };
         let network = Network::new(inputs, outputs, &options, 1)?;
         let rows = rows(inputs, outputs)?;

@@ -1,6 +1,6 @@
 //! How parameters lie in memory while a network is trained.
 
-use super::kernels::WIDTH;
+use super::kernels::{WIDTH, transpose};
 use std::ops::Range;
 
 /// Columns of a matrix with the padding that makes them whole panels.
@@ -169,25 +169,6 @@ impl Piece {
         let panels = parameters[..shape.inputs * WIDTH].chunks(WIDTH * WIDTH);
         for (weights, range) in panels.zip(shape.turned_ranges(panel)) {
             place(range, &|to| transpose(weights.as_chunks().0, to.as_chunks_mut().0));
-        }
-    }
-}
-
-/// `to[column][row] = from[row][column]`, for at most [`WIDTH`] of each, in blocks of 4 by 4.
-fn transpose(from: &[[f32; WIDTH]], to: &mut [[f32; WIDTH]]) {
-    let (blocks, rest) = from.as_chunks::<4>();
-    for (index, rows) in blocks.iter().enumerate() {
-        for (column, to) in to.chunks_mut(4).enumerate() {
-            for (within, to) in to.iter_mut().enumerate() {
-                let at = 4 * column + within;
-                let values = [rows[0][at], rows[1][at], rows[2][at], rows[3][at]];
-                to[4 * index..4 * index + 4].copy_from_slice(&values);
-            }
-        }
-    }
-    for (index, row) in rest.iter().enumerate() {
-        for (to, value) in to.iter_mut().zip(row) {
-            to[4 * blocks.len() + index] = *value;
         }
     }
 }

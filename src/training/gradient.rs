@@ -124,8 +124,13 @@ fn parts(rows: usize) -> usize {
 /// Sum of squared errors of at most [`BLOCK_ROWS`] rows, and in the workspace `scale` times the errors as deltas.
 fn squared_errors(network: &Packed, workspace: &mut Workspace, rows: &Rows, numbers: &[u32], scale: f64) -> f64 {
     let (n_inputs, n_outputs) = (rows.n_inputs(), rows.n_outputs());
+    for &number in numbers {
+        rows.prefetch(number as usize);
+    }
     for (to, &number) in workspace.inputs_mut().chunks_exact_mut(stride(n_inputs)).zip(numbers) {
-        to[..n_inputs].copy_from_slice(&rows.inputs()[number as usize * n_inputs..][..n_inputs]);
+        let row = &rows.inputs()[number as usize * n_inputs..][..n_inputs];
+        // a row is too short for a call of `memcpy`
+        to.iter_mut().zip(row).for_each(|(to, value)| *to = *value);
     }
     network.forward(numbers.len(), workspace);
     let (outputs, deltas) = workspace.outputs_and_deltas();

@@ -62,6 +62,19 @@ impl Rows {
     pub fn outputs(&self) -> &[f32] {
         &self.outputs
     }
+
+    /// Tells the processor that a row is about to be read. Shuffled rows are not in its caches, and waiting for them one
+    /// after the other takes a twentieth of a step.
+    pub(super) fn prefetch(&self, row: usize) {
+        #[cfg(target_arch = "x86_64")]
+        for begin in [&self.inputs[row * self.n_inputs], &self.outputs[row * self.n_outputs]] {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            // SAFETY: SSE is part of x86-64, and a prefetch has no effect but on speed
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(begin).cast()) };
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = row;
+    }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! - [`simd`]: the choice of the instruction set when the program runs
 //! - [`product`]: the product
 //! - [`activation`]: activation functions and their derivatives
+//! - [`transpose`](mod@transpose): the transpose
 //! - [`layer`]: forward pass, backward pass and gradient of a layer
 //! - [`buffer`]: memory that begins at a cache line
 
@@ -18,9 +19,11 @@ pub(crate) mod layer;
 mod product;
 mod register;
 mod simd;
+mod transpose;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub(crate) use product::{Finish, Left, Panel, product};
 pub(crate) use register::{Lanes, Portable, Register, WIDTH};
 pub(crate) use simd::{Kernel, Simd};
+pub(crate) use transpose::transpose;

@@ -24,7 +24,9 @@ pub(crate) trait Register: Copy {
     fn add(self, other: Self) -> Self;
     fn sub(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
+    /// `self / other`, relative error below 2e-7, for `1e-30 < |other| < 1e30`.
     fn div(self, other: Self) -> Self;
+    /// The square root, relative error below 2e-7 from 1e-30 to 1e30; below, something between 0 and 1e-15.
     fn sqrt(self) -> Self;
     /// `self * factor + addend`, rounded once where the processor can.
     fn mul_add(self, factor: Self, addend: Self) -> Self;
@@ -47,6 +49,8 @@ pub(crate) trait Register: Copy {
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes<R, const N: usize>([R; N]);
 
+// Loops and not closures: a closure is only inlined if the compiler likes it, and if it is not, it is not compiled with the
+// caller's instruction set.
 impl<R: Register, const N: usize> Lanes<R, N> {
     #[inline(always)]
     pub(crate) fn splat(value: f32) -> Self {
@@ -55,85 +59,115 @@ impl<R: Register, const N: usize> Lanes<R, N> {
 
     #[inline(always)]
     pub(crate) fn load(from: &[f32; WIDTH]) -> Self {
-        Self(std::array::from_fn(|i| R::load(&from[i * R::LANES..])))
+        let mut registers = [R::splat(0.0); N];
+        for (register, from) in registers.iter_mut().zip(from.chunks_exact(R::LANES)) {
+            *register = R::load(from);
+        }
+        Self(registers)
     }
 
     #[inline(always)]
     pub(crate) fn store(self, to: &mut [f32; WIDTH]) {
-        for (i, register) in self.0.into_iter().enumerate() {
-            register.store(&mut to[i * R::LANES..]);
+        for (register, to) in self.0.into_iter().zip(to.chunks_exact_mut(R::LANES)) {
+            register.store(to);
         }
     }
 
     #[inline(always)]
-    fn map(self, function: impl Fn(R) -> R) -> Self {
-        Self(std::array::from_fn(|i| function(self.0[i])))
+    pub(crate) fn sqrt(mut self) -> Self {
+        for register in &mut self.0 {
+            *register = register.sqrt();
+        }
+        self
     }
 
     #[inline(always)]
-    fn zip(self, other: Self, function: impl Fn(R, R) -> R) -> Self {
-        Self(std::array::from_fn(|i| function(self.0[i], other.0[i])))
+    pub(crate) fn at_least_zero(mut self) -> Self {
+        for register in &mut self.0 {
+            *register = register.at_least_zero();
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn add(self, other: Self) -> Self {
-        self.zip(other, R::add)
+    pub(crate) fn abs(mut self) -> Self {
+        for register in &mut self.0 {
+            *register = register.abs();
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn sub(self, other: Self) -> Self {
-        self.zip(other, R::sub)
+    pub(crate) fn power_of_two(mut self) -> Self {
+        for register in &mut self.0 {
+            *register = register.power_of_two();
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn mul(self, other: Self) -> Self {
-        self.zip(other, R::mul)
+    pub(crate) fn add(mut self, other: Self) -> Self {
+        for (register, other) in self.0.iter_mut().zip(other.0) {
+            *register = register.add(other);
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn div(self, other: Self) -> Self {
-        self.zip(other, R::div)
+    pub(crate) fn sub(mut self, other: Self) -> Self {
+        for (register, other) in self.0.iter_mut().zip(other.0) {
+            *register = register.sub(other);
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
-        self.map(R::sqrt)
+    pub(crate) fn mul(mut self, other: Self) -> Self {
+        for (register, other) in self.0.iter_mut().zip(other.0) {
+            *register = register.mul(other);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(crate) fn div(mut self, other: Self) -> Self {
+        for (register, other) in self.0.iter_mut().zip(other.0) {
+            *register = register.div(other);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(crate) fn at_most(mut self, limit: Self) -> Self {
+        for (register, limit) in self.0.iter_mut().zip(limit.0) {
+            *register = register.at_most(limit);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(crate) fn where_positive(mut self, condition: Self) -> Self {
+        for (register, condition) in self.0.iter_mut().zip(condition.0) {
+            *register = register.where_positive(condition);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(crate) fn copysign(mut self, sign: Self) -> Self {
+        for (register, sign) in self.0.iter_mut().zip(sign.0) {
+            *register = register.copysign(sign);
+        }
+        self
     }
 
     /// `self * factor + addend`
     #[inline(always)]
-    pub(crate) fn mul_add(self, factor: Self, addend: Self) -> Self {
-        Self(std::array::from_fn(|i| self.0[i].mul_add(factor.0[i], addend.0[i])))
-    }
-
-    #[inline(always)]
-    pub(crate) fn at_most(self, limit: Self) -> Self {
-        self.zip(limit, R::at_most)
-    }
-
-    #[inline(always)]
-    pub(crate) fn at_least_zero(self) -> Self {
-        self.map(R::at_least_zero)
-    }
-
-    #[inline(always)]
-    pub(crate) fn where_positive(self, condition: Self) -> Self {
-        self.zip(condition, R::where_positive)
-    }
-
-    #[inline(always)]
-    pub(crate) fn abs(self) -> Self {
-        self.map(R::abs)
-    }
-
-    #[inline(always)]
-    pub(crate) fn copysign(self, sign: Self) -> Self {
-        self.zip(sign, R::copysign)
-    }
-
-    #[inline(always)]
-    pub(crate) fn power_of_two(self) -> Self {
-        self.map(R::power_of_two)
+    pub(crate) fn mul_add(mut self, factor: Self, addend: Self) -> Self {
+        for ((register, factor), addend) in self.0.iter_mut().zip(factor.0).zip(addend.0) {
+            *register = register.mul_add(factor, addend);
+        }
+        self
     }
 
     /// The sum of all numbers, in an order that depends on the instruction set alone.
