@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use metafmu::{
     network::Network,
-    study::{NetworkOptions, Optimizer},
+    study::{NetworkOptions, TrainingOptions},
     training::{Rows, Trainer},
 };
 use metafmu_runtime::Activation;
@@ -30,7 +30,7 @@ fn optimizer_step(criterion: &mut Criterion) {
 /// On as many threads as a training takes.
 fn time_steps(network: &Network, rows: &Rows, batch: usize, steps: u64) -> std::time::Duration {
     let numbers: Vec<u32> = (0..rows.len() as u32).collect();
-    let mut trainer = Trainer::new(network.clone(), Optimizer::Adam, batch, rayon::current_num_threads());
+    let mut trainer = Trainer::new(network.clone(), &TrainingOptions::default(), batch, rayon::current_num_threads());
     let started = Instant::now();
     for (_, numbers) in (0..steps).zip(numbers.chunks_exact(batch).cycle()) {
         black_box(trainer.step(rows, numbers, 1e-3));

@@ -142,6 +142,32 @@ impl Shape {
         block[self.range.clone()].split_at_mut(self.weights)
     }
 
+    /// Rows and columns of the layer's weights and biases as one matrix: `[W^T; b]` of a layer by panels, `[W b]` of a
+    /// layer by rows.
+    pub(crate) fn matrix_size(&self) -> (usize, usize) {
+        if self.by_rows { (self.outputs, self.inputs + 1) } else { (self.inputs + 1, self.outputs) }
+    }
+
+    /// Where a row of this matrix lies: pairs of a range within the block of parameters and its first column.
+    pub(crate) fn matrix_row(&self, row: usize) -> impl Iterator<Item = (Range<usize>, usize)> {
+        let (begin, biases) = (self.range.start, self.range.start + self.weights);
+        let pieces = if self.by_rows { 2 } else { padded(self.outputs) / WIDTH };
+        (0..pieces).map(move |index| {
+            let (at, length, column) = if self.by_rows {
+                if index == 0 {
+                    (begin + row * padded(self.inputs), self.inputs, 0)
+                } else {
+                    (biases + row, 1, self.inputs)
+                }
+            } else if row < self.inputs {
+                (begin + (index * self.inputs + row) * WIDTH, WIDTH, index * WIDTH)
+            } else {
+                (biases + index * WIDTH, WIDTH, index * WIDTH)
+            };
+            (at..at + length, column)
+        })
+    }
+
     /// The layer's turned weights.
     pub(crate) fn turned<'a>(&self, block: &'a [f32]) -> &'a [f32] {
         &block[self.turned.clone()]

@@ -38,8 +38,8 @@ mod options;
 use crate::{Error, Result, multibody::Mechanism, origin::Origin, sampling::MAX_SOBOL_PARAMETERS};
 use indexmap::IndexMap;
 pub use options::{
-    ExportOptions, FmiChoice, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions, SamplingOptions,
-    Schedule, SourceOptions, TimeOptions, TrainingOptions,
+    ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
+    SamplingOptions, Schedule, SourceOptions, TimeOptions, TrainingOptions,
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

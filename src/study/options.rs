@@ -142,12 +142,29 @@ pub struct NetworkOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingOptions {
+    /// What is made small.
+    pub loss: Loss,
+    /// From which error on, in standard deviations, the Huber loss grows linearly.
+    pub huber_delta: f64,
+    /// Weights of the outputs in the loss, in the order of the outputs; none: all 1.
+    pub output_weights: Vec<f64>,
     /// Rule that turns gradients into parameter updates.
     pub optimizer: Optimizer,
+    /// Share of the mean gradient that is kept from step to step: SGD's momentum, β1 of the others. Without it, the
+    /// optimizer's own: 0.9, of SOAP 0.95, of RMSprop none.
+    pub momentum: Option<f64>,
+    /// Share of the mean squared gradient that is kept from step to step: RMSprop's α, β2 of the others. Without it,
+    /// the optimizer's own: 0.99 of RMSprop, 0.999 of Adam and AdamW, 0.95 of SOAP.
+    pub square_memory: Option<f64>,
+    /// Steps between two refreshes of SOAP's eigenbases.
+    pub refresh: u64,
     /// Learning rate at its highest.
     pub learning_rate: f64,
     /// How the learning rate changes over the training.
     pub schedule: Schedule,
+    /// Share of the training in which the learning rate rises linearly from nearly zero (of the one-cycle schedule:
+    /// along half a cosine). Without it, the schedule's own: 0.03 of the cosine, 0.3 of one-cycle, 0 of the others.
+    pub warm_up: Option<f64>,
     /// Rows per optimizer step.
     pub batch: usize,
     /// Passes over the training rows, at the most.
@@ -156,14 +173,46 @@ pub struct TrainingOptions {
     pub validation: f64,
     /// Stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
+    /// Weight of the sum of all parameters' magnitudes in the loss.
+    pub l1: f64,
+    /// Weight of half the sum of all parameters' squares in the loss.
+    pub l2: f64,
+    /// AdamW's and SOAP's: what a parameter loses in a step, relative to itself and to the learning rate.
+    pub weight_decay: f64,
+    /// Share of the hidden nodes that is left out in a step, others in each row.
+    pub dropout: f64,
+    /// Whether hidden layers are normalised over the rows of a block. In the FMU, weights and biases contain it.
+    pub batch_norm: bool,
+    /// Longer gradients are shortened to this length; 0: none is.
+    pub clip_norm: f64,
+}
+
+/// What is made small: the mean over rows and outputs of a function of the error `e` of the standardised output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Loss {
+    /// `e²`
+    Mse,
+    /// `|e|`
+    Mae,
+    /// `e² / 2` up to `|e| = δ`, `δ (|e| - δ / 2)` above.
+    Huber,
 }
 
 /// Rule that turns gradients into parameter updates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Optimizer {
+    /// Gradient descent with momentum: `m = μ m + g`, `p -= rate m`.
+    Sgd,
+    /// Tieleman and Hinton 2012: `v = α v + (1 - α) g²`, `p -= rate g / (√v + ε)`.
+    RmsProp,
     /// Kingma and Ba, arXiv:1412.6980.
     Adam,
+    /// Loshchilov and Hutter, arXiv:1711.05101: Adam with a weight decay beside the gradient.
+    AdamW,
+    /// Vyas and others, arXiv:2409.11321: Adam in the eigenbasis of Shampoo's preconditioner.
+    Soap,
 }
 
 /// How the learning rate changes over the training.
@@ -172,8 +221,12 @@ pub enum Optimizer {
 pub enum Schedule {
     /// Always the same.
     Constant,
-    /// A short linear warm-up, then half a cosine down to (nearly) zero.
+    /// A tenth after each third of the training.
+    Step,
+    /// Half a cosine down to (nearly) zero.
     Cosine,
+    /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
+    OneCycle,
 }
 
 impl Default for NetworkOptions {
@@ -185,13 +238,85 @@ impl Default for NetworkOptions {
 impl Default for TrainingOptions {
     fn default() -> Self {
         Self {
+            loss: Loss::Mse,
+            huber_delta: 1.0,
+            output_weights: Vec::new(),
             optimizer: Optimizer::Adam,
+            momentum: None,
+            square_memory: None,
+            refresh: 10,
             learning_rate: 5e-3,
             schedule: Schedule::Cosine,
+            warm_up: None,
             batch: 1024,
             epochs: 40,
             validation: 0.1,
             patience: 0,
+            l1: 0.0,
+            l2: 0.0,
+            weight_decay: 0.0,
+            dropout: 0.0,
+            batch_norm: false,
+            clip_norm: 0.0,
         }
+    }
+}
+
+impl NetworkOptions {
+    /// Every mistake: its key within `[network]` and what is wrong.
+    pub fn problems(&self) -> Vec<(String, String)> {
+        let too = |(layer, nodes): (usize, &usize)| {
+            let message = format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1);
+            (!(1..=16384).contains(nodes)).then(|| ("hidden".to_owned(), message))
+        };
+        self.hidden.iter().enumerate().filter_map(too).collect()
+    }
+}
+
+impl TrainingOptions {
+    /// Every mistake: its key within `[training]` and what is wrong. `outputs`: how many the network has.
+    pub fn problems(&self, outputs: usize) -> Vec<(String, String)> {
+        let mut problems = Vec::new();
+        let mut expect = |good: bool, key: &str, found: &dyn std::fmt::Display, expected: &str| {
+            if !good {
+                problems.push((key.to_owned(), format!("{found}, expected {expected}")));
+            }
+        };
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let not_negative = |value: f64| value >= 0.0 && value.is_finite();
+        let share = |value: f64| (0.0..1.0).contains(&value);
+
+        expect(positive(self.learning_rate), "learning_rate", &self.learning_rate, "a positive number");
+        expect(positive(self.huber_delta), "huber_delta", &self.huber_delta, "a positive number");
+        for (key, value) in
+            [("l1", self.l1), ("l2", self.l2), ("weight_decay", self.weight_decay), ("clip_norm", self.clip_norm)]
+        {
+            expect(not_negative(value), key, &value, "0 or a positive number");
+        }
+        expect(share(self.dropout), "dropout", &self.dropout, "a share of at least 0 and below 1");
+        for (key, value) in
+            [("momentum", self.momentum), ("square_memory", self.square_memory), ("warm_up", self.warm_up)]
+        {
+            let value = value.unwrap_or(0.0);
+            expect(share(value), key, &value, "a share of at least 0 and below 1");
+        }
+        let held_out = self.validation > 0.0 && self.validation < 1.0;
+        expect(held_out, "validation", &self.validation, "a share between 0 and 1");
+        expect(self.batch > 0, "batch", &self.batch, "at least 1 row");
+        expect(self.epochs > 0, "epochs", &self.epochs, "at least 1");
+        expect(self.refresh > 0, "refresh", &self.refresh, "at least 1 step");
+
+        let weights = &self.output_weights;
+        let count = format!("{} weights", weights.len());
+        expect(weights.is_empty() || weights.len() == outputs, "output_weights", &count, "one for each output or none");
+        let good = weights.iter().all(|&weight| not_negative(weight));
+        let some = weights.is_empty() || weights.iter().any(|&weight| weight > 0.0);
+        expect(good && some, "output_weights", &format!("{weights:?}"), "no negative numbers, and not only zeros");
+        let decays = matches!(self.optimizer, Optimizer::AdamW | Optimizer::Soap);
+        if self.weight_decay > 0.0 && !decays {
+            let message = "belongs to the optimizers \"adamw\" and \"soap\"; the others have `l2`";
+            problems.push(("weight_decay".into(), message.into()));
+        }
+        problems
     }
 }

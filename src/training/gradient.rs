@@ -5,6 +5,7 @@
 
 use super::{
     Rows,
+    loss::LossFunction,
     team::{Divided, Team},
 };
 use crate::network::{
@@ -12,6 +13,7 @@ use crate::network::{
     kernels::{Kernel, Lanes, Register, Simd, WIDTH, buffer::Buffer, layer::Store},
     layout::stride,
 };
+use crate::study::TrainingOptions;
 use std::{
     ops::Range,
     sync::{Mutex, MutexGuard, PoisonError},
@@ -28,6 +30,7 @@ pub(super) struct Gradients {
     /// Most rows of a batch.
     batch: usize,
     simd: Simd,
+    function: LossFunction,
     parts: Vec<Part>,
     /// One for each member.
     workspaces: Vec<Mutex<Workspace>>,
@@ -37,7 +40,7 @@ pub(super) struct Gradients {
 struct Part {
     /// Laid out as the packed parameters are.
     gradient: Buffer,
-    /// Sum of squared errors.
+    /// Sum over its rows.
     loss: f64,
 }
 
@@ -50,20 +53,22 @@ pub(super) struct Sum<'a> {
 
 impl Gradients {
     /// For batches of at most `batch` rows and teams of at most `members`.
-    pub(super) fn new(network: &Packed, batch: usize, members: usize) -> Self {
+    pub(super) fn new(network: &Packed, options: &TrainingOptions, batch: usize, members: usize) -> Self {
+        let outputs = network.layout.shapes[network.layout.shapes.len() - 1].outputs;
         let part = || Part { gradient: Buffer::zeros(network.layout.len()), loss: 0.0 };
         Self {
             batch,
             simd: Simd::detect(),
+            function: LossFunction::new(options, outputs),
             parts: (0..parts(batch)).map(|_| part()).collect(),
             workspaces: (0..members).map(|_| Mutex::new(Workspace::new(network))).collect(),
         }
     }
 
-    /// Mean over rows and outputs of the squared error on the rows with the given numbers; leaves the gradients of its
+    /// Mean loss over the outputs of the rows with the given numbers; leaves the gradients of its
     /// parts for [`sum`](Self::sum).
     pub(super) fn compute(&mut self, team: &mut Team, network: &Packed, rows: &Rows, numbers: &[u32]) -> f64 {
-        let Self { batch, parts: all, workspaces, .. } = self;
+        let Self { batch, function, parts: all, workspaces, .. } = self;
         assert!((1..=*batch).contains(&numbers.len()), "{} rows, expected 1 to {batch}", numbers.len());
         let shapes = &network.layout.shapes;
         let columns = (shapes[0].inputs, shapes[shapes.len() - 1].outputs);
@@ -79,7 +84,7 @@ impl Gradients {
             part.loss = 0.0;
             let mut store = Store::Replace;
             for numbers in numbers.chunks(BLOCK_ROWS) {
-                part.loss += squared_errors(network, &mut workspace, rows, numbers, 2.0 / count);
+                part.loss += sum_of_losses(network, function, &mut workspace, rows, numbers, 1.0 / count);
                 network.backward(numbers.len(), &mut workspace, store, &mut part.gradient);
                 store = Store::Add;
             }
@@ -87,19 +92,19 @@ impl Gradients {
         self.parts[..used].iter().map(|part| part.loss).sum::<f64>() / count
     }
 
-    /// To add the gradients of the parts of the last batch, which had `rows` rows.
-    pub(super) fn sum(&mut self, rows: usize) -> Sum<'_> {
-        let (first, others) = self.parts[..parts(rows)].split_at_mut(1);
+    /// To add the gradients of the parts of the last batch, which had `rows` rows; `done`: they have been added already.
+    pub(super) fn sum(&mut self, rows: usize, done: bool) -> Sum<'_> {
+        let used = if done { 1 } else { parts(rows) };
+        let (first, others) = self.parts[..used].split_at_mut(1);
         Sum { simd: self.simd, first: Divided::new(&mut first[0].gradient), others }
     }
 
     /// The gradient of the last batch, laid out as the packed parameters are, once all its pieces are added.
-    #[cfg(test)]
-    pub(super) fn gradient(&self) -> &[f32] {
+    pub(super) fn total(&self) -> &[f32] {
         &self.parts[0].gradient
     }
 
-    /// Mean over rows and outputs of the squared error on all rows; `sums`: one place for every [`BLOCK_ROWS`] rows.
+    /// Mean loss over the outputs of all rows; `sums`: one place for every [`BLOCK_ROWS`] rows.
     pub(super) fn loss(&self, team: &mut Team, network: &Packed, rows: &Rows, sums: &mut [f64]) -> f64 {
         let blocks = rows.len().div_ceil(BLOCK_ROWS);
         let divided = Divided::new(&mut sums[..blocks]);
@@ -110,7 +115,7 @@ impl Gradients {
             block.iter_mut().zip(numbers.clone()).for_each(|(to, number)| *to = number as u32);
             // SAFETY: one place for each item
             let sum = unsafe { &mut divided.range(index..index + 1)[0] };
-            *sum = squared_errors(network, &mut workspace, rows, &block[..numbers.len()], 0.0);
+            *sum = sum_of_losses(network, &self.function, &mut workspace, rows, &block[..numbers.len()], 0.0);
         });
         sums[..blocks].iter().sum::<f64>() / rows.outputs().len() as f64
     }
@@ -121,8 +126,15 @@ fn parts(rows: usize) -> usize {
     (rows / MIN_PART_ROWS).clamp(1, MAX_PARTS)
 }
 
-/// Sum of squared errors of at most [`BLOCK_ROWS`] rows, and in the workspace `scale` times the errors as deltas.
-fn squared_errors(network: &Packed, workspace: &mut Workspace, rows: &Rows, numbers: &[u32], scale: f64) -> f64 {
+/// Sum of the losses of at most [`BLOCK_ROWS`] rows, and in the workspace `scale` times its derivatives by the outputs.
+fn sum_of_losses(
+    network: &Packed,
+    function: &LossFunction,
+    workspace: &mut Workspace,
+    rows: &Rows,
+    numbers: &[u32],
+    scale: f64,
+) -> f64 {
     let (n_inputs, n_outputs) = (rows.n_inputs(), rows.n_outputs());
     for &number in numbers {
         rows.prefetch(number as usize);
@@ -135,18 +147,12 @@ fn squared_errors(network: &Packed, workspace: &mut Workspace, rows: &Rows, numb
     network.forward(numbers.len(), workspace);
     let (outputs, deltas) = workspace.outputs_and_deltas();
     let distance = stride(n_outputs);
-    let mut sum = 0.0;
-    for ((outputs, deltas), &number) in
-        outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance)).zip(numbers)
-    {
+    let outputs = outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance));
+    let row = |((outputs, deltas), &number): ((&[f32], &mut [f32]), &u32)| {
         let targets = &rows.outputs()[number as usize * n_outputs..][..n_outputs];
-        for ((output, target), delta) in outputs.iter().zip(targets).zip(deltas) {
-            let error = output - target;
-            *delta = scale as f32 * error;
-            sum += f64::from(error) * f64::from(error);
-        }
-    }
-    sum
+        function.row(outputs, targets, scale as f32, deltas)
+    };
+    outputs.zip(numbers).map(row).sum()
 }
 
 impl Sum<'_> {

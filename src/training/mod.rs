@@ -6,8 +6,9 @@
 //!
 //! The same rows, options, seed and processor give the same bits for any number of threads.
 
-mod adam;
 mod gradient;
+mod loss;
+mod optimizer;
 mod rows;
 mod schedule;
 mod team;
@@ -150,13 +151,11 @@ pub enum TrainingError {
         expected: usize,
     },
     /// An option that makes no sense.
-    #[error("training option `{name}` is {found}, expected {expected}")]
+    #[error("training option `{name}`: {problem}")]
     Option {
         /// The option's key in the study file.
-        name: &'static str,
-        /// What was given.
-        found: f64,
-        /// What it should be.
-        expected: &'static str,
+        name: String,
+        /// What was given and what it should be.
+        problem: String,
     },
 }

@@ -1,27 +1,42 @@
 //! How the learning rate changes over a training.
 
-use crate::study::Schedule;
+use crate::study::{Schedule, TrainingOptions};
+use std::f64::consts::PI;
 
-/// Share of the training in which the learning rate rises linearly from nearly zero.
-const WARM_UP: f64 = 0.03;
-
-/// Learning rate of the last step of a cosine schedule, relative to the highest: small enough to settle, not wasted.
+/// Learning rate of the last step of a falling schedule, relative to the highest: small enough to settle, not wasted.
 const FLOOR: f64 = 1e-4;
+
+/// Learning rate of a one-cycle schedule's first step, relative to the highest.
+const CYCLE_START: f64 = 1.0 / 25.0;
 
 /// Learning rate of step number `step` out of `steps`, counted from 0, relative to the highest.
 ///
-/// Cosine: `min(1, (k + 1) / w) * (floor + (1 - floor) (1 + cos(π max(0, k - w) / (n - w))) / 2)`, with `k` the step,
-/// `n` the steps and `w` the steps of the warm-up.
-pub(super) fn relative_rate(schedule: Schedule, step: u64, steps: u64) -> f64 {
-    match schedule {
-        Schedule::Constant => 1.0,
-        Schedule::Cosine => {
-            let (step, steps) = (step as f64, steps as f64);
-            let warm_up = (WARM_UP * steps).max(1.0);
-            let rise = ((step + 1.0) / warm_up).min(1.0);
-            let fraction = ((step - warm_up) / (steps - warm_up).max(1.0)).clamp(0.0, 1.0);
-            rise * (FLOOR + (1.0 - FLOOR) * 0.5 * (1.0 + (std::f64::consts::PI * fraction).cos()))
-        }
+/// With `w` the steps of the warm-up (at least one, the first), `rise = min(1, (step + 1) / w)`,
+/// `x = max(0, step - w) / (steps - w)` and `fall = floor + (1 - floor) (1 + cos(π x)) / 2`:
+///
+/// ```text
+/// constant    rise
+/// step        rise * 0.1^(floor(3 step / steps))
+/// cosine      rise * fall
+/// one-cycle   start + (1 - start) (1 - cos(π rise)) / 2 in the warm-up, then fall
+/// ```
+pub(super) fn relative_rate(options: &TrainingOptions, step: u64, steps: u64) -> f64 {
+    let (step, steps) = (step as f64, steps as f64);
+    let share = options.warm_up.unwrap_or(match options.schedule {
+        Schedule::Constant | Schedule::Step => 0.0,
+        Schedule::Cosine => 0.03,
+        Schedule::OneCycle => 0.3,
+    });
+    let warm_up = (share * steps).max(1.0);
+    let rise = ((step + 1.0) / warm_up).min(1.0);
+    let x = ((step - warm_up) / (steps - warm_up).max(1.0)).clamp(0.0, 1.0);
+    let fall = FLOOR + (1.0 - FLOOR) * 0.5 * (1.0 + (PI * x).cos());
+    match options.schedule {
+        Schedule::Constant => rise,
+        Schedule::Step => rise * 0.1f64.powf((3.0 * step / steps).floor()),
+        Schedule::Cosine => rise * fall,
+        Schedule::OneCycle if rise < 1.0 => CYCLE_START + (1.0 - CYCLE_START) * 0.5 * (1.0 - (PI * rise).cos()),
+        Schedule::OneCycle => fall,
     }
 }
 
@@ -29,14 +44,30 @@ pub(super) fn relative_rate(schedule: Schedule, step: u64, steps: u64) -> f64 {
 mod tests {
     use super::*;
 
+    fn rates(schedule: Schedule, warm_up: Option<f64>, steps: u64) -> Vec<f64> {
+        let options = TrainingOptions { schedule, warm_up, ..TrainingOptions::default() };
+        (0..steps).map(|step| relative_rate(&options, step, steps)).collect()
+    }
+
     #[test]
-    fn the_constant_schedule_is_constant() {
-        assert!([0, 7, 99].iter().all(|&step| relative_rate(Schedule::Constant, step, 100) == 1.0));
+    fn the_constant_schedule_is_constant_after_its_warm_up() {
+        assert!(rates(Schedule::Constant, None, 100).iter().all(|&rate| rate == 1.0));
+        let warmed = rates(Schedule::Constant, Some(0.1), 100);
+        assert!((warmed[0] - 0.1).abs() < 1e-12 && warmed[..10].is_sorted_by(|a, b| a < b), "{warmed:?}");
+        assert!(warmed[9..].iter().all(|&rate| rate == 1.0));
+    }
+
+    #[test]
+    fn the_step_schedule_falls_to_a_tenth_after_each_third() {
+        let rates = rates(Schedule::Step, None, 9);
+        for (rate, expected) in rates.iter().zip([1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.01, 0.01, 0.01]) {
+            assert!((rate - expected).abs() < 1e-12, "{rates:?}");
+        }
     }
 
     #[test]
     fn the_cosine_schedule_warms_up_then_falls_to_its_floor() {
-        let rates: Vec<f64> = (0..1000).map(|step| relative_rate(Schedule::Cosine, step, 1000)).collect();
+        let rates = rates(Schedule::Cosine, None, 1000);
         assert!((rates[0] - 1.0 / 30.0).abs() < 1e-12);
         assert!(rates[..30].is_sorted());
         assert_eq!(rates[30], 1.0);
@@ -46,7 +77,20 @@ mod tests {
     }
 
     #[test]
+    fn one_cycle_rises_and_falls_along_cosines() {
+        let rates = rates(Schedule::OneCycle, None, 1000);
+        assert!((rates[0] - 0.04).abs() < 1e-4, "{}", rates[0]);
+        assert!((rates[149] - 0.52).abs() < 1e-3, "half-way up: {}", rates[149]);
+        assert!(rates[..300].is_sorted_by(|a, b| a < b));
+        assert_eq!(rates[300], 1.0);
+        assert!(rates[300..].is_sorted_by(|a, b| a > b));
+        assert!(rates[999] < 2e-4, "{}", rates[999]);
+    }
+
+    #[test]
     fn a_single_step_has_a_positive_rate() {
-        assert_eq!(relative_rate(Schedule::Cosine, 0, 1), 1.0);
+        for schedule in [Schedule::Constant, Schedule::Step, Schedule::Cosine, Schedule::OneCycle] {
+            assert_eq!(rates(schedule, None, 1), [1.0], "{schedule:?}");
+        }
     }
 }

@@ -1,15 +1,12 @@
 //! The training loop.
 
 use super::{
-    EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
-    adam::Adam,
-    gradient::Gradients,
-    schedule::relative_rate,
-    team::{Divided, Team},
+    EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError, gradient::Gradients, optimizer::Updater,
+    schedule::relative_rate, team::Team,
 };
 use crate::{
-    network::{BLOCK_ROWS, Network, Packed, kernels::buffer::Buffer},
-    study::{Optimizer, TrainingOptions},
+    network::{BLOCK_ROWS, Network, Packed},
+    study::TrainingOptions,
 };
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use std::time::Instant;
@@ -18,22 +15,21 @@ use std::time::Instant;
 pub struct Trainer {
     network: Network,
     packed: Packed,
-    steps: u64,
-    mean: Buffer,
-    square: Buffer,
+    updater: Updater,
     gradients: Gradients,
     team: Team,
 }
 
 impl Trainer {
     /// For batches of at most `batch` rows, on `threads` threads, the caller's included.
-    pub fn new(network: Network, optimizer: Optimizer, batch: usize, threads: usize) -> Self {
-        let Optimizer::Adam = optimizer;
+    ///
+    /// # Panics
+    /// If there are weights of outputs, but not one for each output.
+    pub fn new(network: Network, options: &TrainingOptions, batch: usize, threads: usize) -> Self {
         let packed = Packed::new(&network);
         let team = Team::new(threads);
-        let gradients = Gradients::new(&packed, batch, team.members());
-        let moments = || Buffer::zeros(packed.layout.len());
-        Self { mean: moments(), square: moments(), network, packed, steps: 0, gradients, team }
+        let gradients = Gradients::new(&packed, options, batch, team.members());
+        Self { updater: Updater::new(options, &packed), network, packed, gradients, team }
     }
 
     /// The network as it stands.
@@ -49,24 +45,10 @@ impl Trainer {
     /// # Panics
     /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.
     pub fn step(&mut self, rows: &Rows, numbers: &[u32], learning_rate: f64) -> f64 {
-        let Self { packed, steps, mean, square, gradients, team, .. } = self;
+        let Self { packed, updater, gradients, team, .. } = self;
         let loss = gradients.compute(team, packed, rows, numbers);
         if loss.is_finite() {
-            *steps += 1;
-            let (adam, sum) = (Adam::new(*steps, learning_rate), gradients.sum(numbers.len()));
-            let Packed { layout, parameters, turned, .. } = packed;
-            let (mean, square) = (Divided::new(mean), Divided::new(square));
-            let (parameters, turned) = (Divided::new(parameters), Divided::new(turned));
-            team.for_each(layout.pieces.len(), |_, index| {
-                let piece = &layout.pieces[index];
-                let range = || piece.range.clone();
-                // SAFETY: the pieces of a layout do not overlap, nor do the turned weights of different pieces
-                unsafe {
-                    let parameters = parameters.range(range());
-                    adam.update(parameters, sum.piece(range()), mean.range(range()), square.range(range()));
-                    piece.turn(&layout.shapes[piece.layer], parameters, |range, fill| fill(turned.range(range)));
-                }
-            });
+            updater.step(team, gradients, numbers.len(), packed, learning_rate);
         }
         loss
     }
@@ -75,8 +57,8 @@ impl Trainer {
 /// Trains a network. The outcome does not depend on the number of threads.
 ///
 /// # Errors
-/// A [`TrainingError`] if there are no training or no validation rows, they do not fit the network, or the learning
-/// rate, batch or number of epochs is not positive.
+/// A [`TrainingError`] if there are no training or no validation rows, they do not fit the network, or an option makes
+/// no sense.
 pub fn train(
     network: Network,
     training: &Rows,
@@ -85,7 +67,7 @@ pub fn train(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, TrainingError> {
-    check_options(options)?;
+    check_options(options, network.outputs())?;
     check_rows(&network, "training", training)?;
     check_rows(&network, "validation", validation)?;
     let rows = u32::try_from(training.len()).map_err(|_| TrainingError::TooManyRows { rows: training.len() })?;
@@ -95,7 +77,7 @@ pub fn train(
     let batch = options.batch.min(training.len());
     let best = network.clone();
     let run = Run {
-        trainer: Trainer::new(network, options.optimizer, batch, rayon::current_num_threads()),
+        trainer: Trainer::new(network, options, batch, rayon::current_num_threads()),
         best,
         training,
         validation,
@@ -174,7 +156,7 @@ impl Run<'_> {
             // batches that differ by one row at most, instead of a last one that is much smaller and noisier
             let (begin, end) = (step * rows / steps, (step + 1) * rows / steps);
             let number = ((epoch - 1) * steps + step) as u64;
-            let relative = relative_rate(self.options.schedule, number, (epochs * steps) as u64);
+            let relative = relative_rate(self.options, number, (epochs * steps) as u64);
             learning_rate = self.options.learning_rate * relative;
             let loss = self.trainer.step(self.training, &self.order[begin..end], learning_rate);
             if !loss.is_finite() {
@@ -195,18 +177,11 @@ impl Run<'_> {
     }
 }
 
-fn check_options(options: &TrainingOptions) -> Result<(), TrainingError> {
-    let rate = options.learning_rate;
-    for (name, found, good, expected) in [
-        ("learning_rate", rate, rate > 0.0 && rate.is_finite(), "a positive number"),
-        ("batch", options.batch as f64, options.batch > 0, "at least 1"),
-        ("epochs", options.epochs as f64, options.epochs > 0, "at least 1"),
-    ] {
-        if !good {
-            return Err(TrainingError::Option { name, found, expected });
-        }
+fn check_options(options: &TrainingOptions, outputs: usize) -> Result<(), TrainingError> {
+    match options.problems(outputs).into_iter().next() {
+        Some((name, problem)) => Err(TrainingError::Option { name, problem }),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 fn check_rows(network: &Network, set: &'static str, rows: &Rows) -> Result<(), TrainingError> {
@@ -311,12 +286,12 @@ mod tests {
             let network = from_parameters(&sizes, case.activation, &case.parameters);
             let rows = Rows::new(sizes[0], sizes[sizes.len() - 1], case.inputs, case.targets).unwrap();
             let numbers: Vec<u32> = (0..rows.len() as u32).collect();
-            let mut trainer = Trainer::new(network, Optimizer::Adam, rows.len(), 2);
+            let mut trainer = Trainer::new(network, &TrainingOptions::default(), rows.len(), 2);
             for (loss, gradient) in case.losses.iter().zip(&case.gradients) {
                 let found = trainer.step(&rows, &numbers, rate);
                 assert!((found - loss).abs() < 2e-7 * loss, "{:?}: loss {found}, expected {loss}", case.activation);
                 let mut found = vec![0.0; gradient.len()];
-                trainer.packed.layout.unpack(trainer.gradients.gradient(), &mut found);
+                trainer.packed.layout.unpack(trainer.gradients.total(), &mut found);
                 for (found, expected) in found.iter().zip(gradient) {
                     assert!((found - expected).abs() < 2e-7, "{:?}: gradient {found} {expected}", case.activation);
                 }
@@ -333,17 +308,17 @@ mod tests {
         let (rows, packed) = (smooth(0, 20_000), Packed::new(&network(&[8])));
         let numbers: Vec<u32> = (0..20_000).rev().collect();
         let mut team = Team::new(2);
-        let mut whole = Gradients::new(&packed, numbers.len(), 2);
+        let mut whole = Gradients::new(&packed, &TrainingOptions::default(), numbers.len(), 2);
         let loss = whole.compute(&mut team, &packed, &rows, &numbers);
-        let sum = whole.sum(numbers.len());
+        let sum = whole.sum(numbers.len(), false);
         // SAFETY: one piece
         let found = unsafe { sum.piece(0..packed.layout.len()) }.to_vec();
-        let mut block = Gradients::new(&packed, BLOCK_ROWS, 2);
+        let mut block = Gradients::new(&packed, &TrainingOptions::default(), BLOCK_ROWS, 2);
         let (mut sum, mut expected) = (0.0, vec![0.0; packed.layout.len()]);
         for numbers in numbers.chunks(BLOCK_ROWS) {
             let share = numbers.len() as f64 / 20_000.0;
             sum += share * block.compute(&mut team, &packed, &rows, numbers);
-            let parts = block.sum(numbers.len());
+            let parts = block.sum(numbers.len(), false);
             // SAFETY: one piece
             let part = unsafe { parts.piece(0..packed.layout.len()) };
             for (total, part) in expected.iter_mut().zip(part) {
@@ -407,7 +382,8 @@ mod tests {
         assert_eq!(outcome.history.iter().rposition(|record| record.best), Some(outcome.best_epoch - 1));
         assert_eq!(recorder.epochs, outcome.history);
         let packed = Packed::new(&outcome.network);
-        let found = Gradients::new(&packed, 1, 1).loss(&mut Team::new(1), &packed, &validation, &mut [0.0; 2]);
+        let gradients = Gradients::new(&packed, &options, 1, 1);
+        let found = gradients.loss(&mut Team::new(1), &packed, &validation, &mut [0.0; 2]);
         assert_eq!(found, smallest);
     }
 
@@ -500,11 +476,12 @@ mod tests {
         let columns = TrainingError::Columns { set: "validation", what: "input", found: 3, expected: 2 };
         assert_eq!(refuse(&rows, &wide, &options(1, 1)), columns);
         let message = |options: &TrainingOptions| refuse(&rows, &rows, options).to_string();
-        assert_eq!(message(&options(0, 1)), "training option `epochs` is 0, expected at least 1");
-        assert_eq!(message(&options(1, 0)), "training option `batch` is 0, expected at least 1");
+        assert_eq!(message(&options(0, 1)), "training option `epochs`: 0, expected at least 1");
+        assert_eq!(message(&options(1, 0)), "training option `batch`: 0, expected at least 1 row");
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let options = TrainingOptions { learning_rate: rate, ..options(1, 1) };
-            assert!(matches!(refuse(&rows, &rows, &options), TrainingError::Option { name: "learning_rate", .. }));
+            let error = refuse(&rows, &rows, &options);
+            assert!(matches!(error, TrainingError::Option { name, .. } if name == "learning_rate"));
         }
     }
 }

@@ -11,11 +11,13 @@
 //! - [`activation`]: activation functions and their derivatives
 //! - [`transpose`](mod@transpose): the transpose
 //! - [`layer`]: forward pass, backward pass and gradient of a layer
+//! - [`matrix`]: products of small matrices
 //! - [`buffer`]: memory that begins at a cache line
 
 pub(crate) mod activation;
 pub(crate) mod buffer;
 pub(crate) mod layer;
+pub(crate) mod matrix;
 mod product;
 mod register;
 mod simd;

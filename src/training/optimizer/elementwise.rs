@@ -1,0 +1,127 @@
+//! Optimizers that treat every parameter alike.
+
+use super::Coefficients;
+use crate::{
+    network::kernels::{Kernel, Lanes, Register, Simd, WIDTH},
+    study::Optimizer,
+};
+
+const EPSILON: f32 = 1e-8;
+
+/// One step's factors.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Elementwise {
+    rule: Optimizer,
+    simd: Simd,
+    rate: f32,
+    /// What is kept of the mean.
+    momentum: f32,
+    /// What is not kept of the mean square.
+    square_share: f32,
+    /// `1 / (1 - β1^t)`
+    mean_correction: f32,
+    /// `1 / sqrt(1 - β2^t)`
+    root_correction: f32,
+    /// `1 - rate * weight decay`
+    kept: f32,
+}
+
+/// With the gradient `g` and the parameters `p`:
+///
+/// ```text
+/// SGD            m = μ m + g                  p -= rate m
+/// RMSprop        v = α v + (1 - α) g²         m = μ m + g / (√v + ε)    p -= rate m
+/// Adam, AdamW    m = β1 m + (1 - β1) g        v = β2 v + (1 - β2) g²
+///                p = (1 - rate decay) p - rate (m / c1) / (√(v / c2) + ε)
+/// ```
+struct Update<'a> {
+    with: Elementwise,
+    parameters: &'a mut [f32],
+    gradient: &'a [f32],
+    mean: &'a mut [f32],
+    square: &'a mut [f32],
+}
+
+impl Elementwise {
+    /// For step number `step`, counted from 1.
+    pub(super) fn new(rule: Optimizer, coefficients: &Coefficients, step: u64, learning_rate: f64) -> Self {
+        let Coefficients { momentum, square_memory, weight_decay, .. } = *coefficients;
+        let correction = |beta: f64| (1.0 - beta.powf(step as f64)).recip();
+        Self {
+            rule,
+            simd: Simd::detect(),
+            rate: learning_rate as f32,
+            momentum: momentum as f32,
+            square_share: (1.0 - square_memory) as f32,
+            mean_correction: correction(momentum) as f32,
+            root_correction: correction(square_memory).sqrt() as f32,
+            kept: (1.0 - learning_rate * weight_decay) as f32,
+        }
+    }
+
+    /// Updates a piece of the parameters; all slices are whole multiples of [`WIDTH`] of the same length.
+    pub(super) fn update(self, parameters: &mut [f32], gradient: &[f32], mean: &mut [f32], square: &mut [f32]) {
+        self.simd.run(Update { with: self, parameters, gradient, mean, square });
+    }
+
+    /// Adam's step without the learning rate: `(m / c1) / (√(v / c2) + ε)`, after the means have taken up `gradient`.
+    #[inline(always)]
+    pub(super) fn direction<R: Register, const N: usize>(
+        &self,
+        gradient: Lanes<R, N>,
+        mean: &mut [f32; WIDTH],
+        square: &mut [f32; WIDTH],
+    ) -> Lanes<R, N> {
+        let (old_mean, old_square) = (Lanes::load(mean), Lanes::load(square));
+        let new_mean = gradient.sub(old_mean).mul_add(Lanes::splat(1.0 - self.momentum), old_mean);
+        let new_square = gradient.mul(gradient).sub(old_square).mul_add(Lanes::splat(self.square_share), old_square);
+        new_mean.store(mean);
+        new_square.store(square);
+        let root = new_square.sqrt().mul_add(Lanes::splat(self.root_correction), Lanes::splat(EPSILON));
+        new_mean.mul(Lanes::splat(self.mean_correction)).div(root)
+    }
+
+    /// `kept p - rate direction`
+    pub(super) fn applied(&self, direction: f32, parameter: f32) -> f32 {
+        self.kept * parameter - self.rate * direction
+    }
+
+    /// As [`applied`](Self::applied).
+    #[inline(always)]
+    fn apply<R: Register, const N: usize>(&self, direction: Lanes<R, N>, parameters: &mut [f32; WIDTH]) {
+        let kept = Lanes::load(parameters).mul(Lanes::splat(self.kept));
+        direction.mul_add(Lanes::splat(-self.rate), kept).store(parameters);
+    }
+}
+
+impl Kernel for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<R: Register, const N: usize>(self) {
+        let Self { with, parameters, gradient, mean, square } = self;
+        let momentum = Lanes::<R, N>::splat(with.momentum);
+        let parameters = parameters.as_chunks_mut::<WIDTH>().0.iter_mut().zip(gradient.as_chunks::<WIDTH>().0);
+        let moments = mean.as_chunks_mut::<WIDTH>().0.iter_mut().zip(square.as_chunks_mut::<WIDTH>().0);
+        for ((parameters, gradient), (mean, square)) in parameters.zip(moments) {
+            let g = Lanes::<R, N>::load(gradient);
+            let direction = match with.rule {
+                Optimizer::Adam | Optimizer::AdamW | Optimizer::Soap => with.direction(g, mean, square),
+                Optimizer::Sgd => {
+                    let m = momentum.mul_add(Lanes::load(mean), g);
+                    m.store(mean);
+                    m
+                }
+                Optimizer::RmsProp => {
+                    let v = Lanes::load(square);
+                    let v = g.mul(g).sub(v).mul_add(Lanes::splat(with.square_share), v);
+                    v.store(square);
+                    let m = momentum.mul_add(Lanes::load(mean), g.div(v.sqrt().add(Lanes::splat(EPSILON))));
+                    m.store(mean);
+                    m
+                }
+            };
+            with.apply(direction, parameters);
+        }
+    }
+}
