@@ -121,6 +121,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
                 Activation::Tanh => next.pass(layer.lanes(), activation::tanh_series::<T, FMA>),
                 Activation::Sigmoid => next.pass(layer.lanes(), activation::sigmoid_series::<T, FMA>),
                 Activation::Relu => next.pass(layer.lanes(), activation::relu_series),
+                Activation::Gelu => next.pass(layer.lanes(), activation::gelu_series::<T, FMA>),
+                Activation::Silu => next.pass(layer.lanes(), activation::silu_series::<T, FMA>),
+                Activation::Sine => next.pass(layer.lanes(), activation::sine_series::<T, FMA>),
+                Activation::Identity => next.pass(layer.lanes(), activation::identity_series),
             }
             std::mem::swap(current, next);
         }
@@ -141,6 +145,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
                 Activation::Tanh => record(next, slopes, activation::tanh_series::<T, FMA>),
                 Activation::Sigmoid => record(next, slopes, activation::sigmoid_series::<T, FMA>),
                 Activation::Relu => record(next, slopes, activation::relu_series),
+                Activation::Gelu => record(next, slopes, activation::gelu_series::<T, FMA>),
+                Activation::Silu => record(next, slopes, activation::silu_series::<T, FMA>),
+                Activation::Sine => record(next, slopes, activation::sine_series::<T, FMA>),
+                Activation::Identity => record(next, slopes, activation::identity_series),
             }
             std::mem::swap(current, next);
         }
@@ -159,6 +167,10 @@ fn activate<T: Real, const FMA: bool, const WIDTH: usize>(activation: Activation
         Activation::Tanh => map(values, activation::tanh::<T, FMA>),
         Activation::Sigmoid => map(values, activation::sigmoid::<T, FMA>),
         Activation::Relu => map(values, activation::relu),
+        Activation::Gelu => map(values, activation::gelu::<T, FMA>),
+        Activation::Silu => map(values, activation::silu::<T, FMA>),
+        Activation::Sine => map(values, activation::sine::<T, FMA>),
+        Activation::Identity => {}
     }
 }
 

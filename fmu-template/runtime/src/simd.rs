@@ -42,12 +42,26 @@ pub(crate) trait Real:
     /// `exp` of twice this is still finite.
     const EXP_HALF_MAX: Self;
 
+    const INVERSE_PI: Self;
+    /// π in parts: products of the first ones with small integers are (nearly) exact.
+    const PI: [Self; 3];
+    /// `-1/3!, 1/5!, ...`, falling, the first one apart; as many as count for arguments up to π / 2.
+    const SINE: (Self, &'static [Self]);
+    /// `-1/2!, 1/4!, ...`, falling, the first one apart; as many as count for arguments up to π / 2.
+    const COSINE: (Self, &'static [Self]);
+    /// `√(2/π)`
+    const GELU_LINEAR: Self;
+    /// `0.044715 √(2/π)`
+    const GELU_CUBIC: Self;
+
     fn narrow(value: f64) -> Self;
     fn mul_add(self, factor: Self, summand: Self) -> Self;
     fn abs(self) -> Self;
     fn copysign(self, sign: Self) -> Self;
     /// `2^k` of the integer in the low bits of `ROUND + k`.
     fn two_to_the(shifted: Self) -> Self;
+    /// `self`, or `-self` if the integer `k` in the low bits of `ROUND + k` is odd.
+    fn alternate(self, shifted: Self) -> Self;
 }
 
 impl Real for f64 {
@@ -78,6 +92,39 @@ impl Real for f64 {
     );
     const TANH_ONE: Self = 22.0;
     const EXP_HALF_MAX: Self = 350.0;
+    const INVERSE_PI: Self = std::f64::consts::FRAC_1_PI;
+    const PI: [Self; 3] = [3.141_592_621_803_283_7, 3.178_650_942_459_171_3e-8, 1.224_646_786_410_718_9e-16];
+    // the first omitted terms are below 2e-18 and 2e-17
+    const SINE: (Self, &'static [Self]) = (
+        1.0 / 51_090_942_171_709_440_000.0,
+        &[
+            -1.0 / 121_645_100_408_832_000.0,
+            1.0 / 355_687_428_096_000.0,
+            -1.0 / 1_307_674_368_000.0,
+            1.0 / 6_227_020_800.0,
+            -1.0 / 39_916_800.0,
+            1.0 / 362_880.0,
+            -1.0 / 5_040.0,
+            1.0 / 120.0,
+            -1.0 / 6.0,
+        ],
+    );
+    const COSINE: (Self, &'static [Self]) = (
+        1.0 / 2_432_902_008_176_640_000.0,
+        &[
+            -1.0 / 6_402_373_705_728_000.0,
+            1.0 / 20_922_789_888_000.0,
+            -1.0 / 87_178_291_200.0,
+            1.0 / 479_001_600.0,
+            -1.0 / 3_628_800.0,
+            1.0 / 40_320.0,
+            -1.0 / 720.0,
+            1.0 / 24.0,
+            -1.0 / 2.0,
+        ],
+    );
+    const GELU_LINEAR: Self = 0.797_884_560_802_865_4;
+    const GELU_CUBIC: Self = 0.035_677_408_136_300_13;
 
     #[inline(always)]
     fn narrow(value: f64) -> Self {
@@ -103,6 +150,11 @@ impl Real for f64 {
     fn two_to_the(shifted: Self) -> Self {
         Self::from_bits((shifted.to_bits() << 52).wrapping_add(1023 << 52))
     }
+
+    #[inline(always)]
+    fn alternate(self, shifted: Self) -> Self {
+        Self::from_bits(self.to_bits() ^ (shifted.to_bits() << 63))
+    }
 }
 
 impl Real for f32 {
@@ -118,6 +170,15 @@ impl Real for f32 {
         (1.0 / 5_040.0, &[1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0]);
     const TANH_ONE: Self = 10.0;
     const EXP_HALF_MAX: Self = 43.0;
+    const INVERSE_PI: Self = std::f32::consts::FRAC_1_PI;
+    const PI: [Self; 3] = [3.140_625, 9.675_025_939_941_406e-4, 1.509_957_990_978_376_4e-7];
+    // the first omitted terms are below 7e-10 and 7e-9
+    const SINE: (Self, &'static [Self]) =
+        (1.0 / 6_227_020_800.0, &[-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0]);
+    const COSINE: (Self, &'static [Self]) =
+        (1.0 / 479_001_600.0, &[-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -1.0 / 2.0]);
+    const GELU_LINEAR: Self = 0.797_884_6;
+    const GELU_CUBIC: Self = 0.035_677_407;
 
     #[inline(always)]
     fn narrow(value: f64) -> Self {
@@ -142,6 +203,11 @@ impl Real for f32 {
     #[inline(always)]
     fn two_to_the(shifted: Self) -> Self {
         Self::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
+    }
+
+    #[inline(always)]
+    fn alternate(self, shifted: Self) -> Self {
+        Self::from_bits(self.to_bits() ^ (shifted.to_bits() << 31))
     }
 }
 

@@ -4,7 +4,15 @@ use extended::Extended;
 
 mod extended;
 
-const ACTIVATIONS: [Activation; 3] = [Activation::Tanh, Activation::Sigmoid, Activation::Relu];
+const ACTIVATIONS: [Activation; 7] = [
+    Activation::Tanh,
+    Activation::Sigmoid,
+    Activation::Relu,
+    Activation::Gelu,
+    Activation::Silu,
+    Activation::Sine,
+    Activation::Identity,
+];
 const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]];
 
 /// The textbook formulas, one scalar at a time.
@@ -14,6 +22,10 @@ fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
         Activation::Tanh => x.tanh(),
         Activation::Sigmoid => 1.0 / (1.0 + (-x).exp()),
         Activation::Relu => x.max(0.0),
+        Activation::Gelu => 0.5 * x * (1.0 + ((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x.powi(3))).tanh()),
+        Activation::Silu => x / (1.0 + (-x).exp()),
+        Activation::Sine => x.sin(),
+        Activation::Identity => x,
     };
     let mut h: Vec<f64> =
         (0..inputs.len()).map(|i| (inputs[i] - scaling.input_mean[i]) / scaling.input_scale[i]).collect();
@@ -86,11 +98,18 @@ fn outputs_are_smooth_enough_to_be_differenced() {
 /// The outputs at `inputs + h direction + h^2/2 curvature`, in twice double precision.
 fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -> Vec<Extended> {
     let exact = Extended::from;
+    let sigmoid = |x: Extended| (x * exact(0.5)).tanh() * exact(0.5) + exact(0.5);
     let act = |x: Extended| match surrogate.metadata().activation {
         Activation::Tanh => x.tanh(),
-        Activation::Sigmoid => (x * exact(0.5)).tanh() * exact(0.5) + exact(0.5),
+        Activation::Sigmoid => sigmoid(x),
         Activation::Relu if x.to_f64() < 0.0 => exact(0.0),
-        Activation::Relu => x,
+        Activation::Relu | Activation::Identity => x,
+        Activation::Gelu => {
+            let u = x * (exact(0.797_884_560_802_865_4) + x * x * exact(0.035_677_408_136_300_13));
+            x * exact(0.5) * (exact(1.0) + u.tanh())
+        }
+        Activation::Silu => x * sigmoid(x),
+        Activation::Sine => x.sin(),
     };
     let Scaling { input_mean, input_scale, output_mean, output_scale } = surrogate.scaling();
     let h = exact(h);

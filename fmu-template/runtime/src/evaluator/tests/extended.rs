@@ -33,6 +33,16 @@ impl Extended {
         sum
     }
 
+    /// By the Taylor series, for arguments of a few units.
+    pub fn sin(self) -> Self {
+        let mut sum = Self::from(0.0);
+        for n in (1..=35).rev() {
+            let factors = f64::from(2 * n * (2 * n + 1));
+            sum = (sum + 1.0.into()) * -(self * self) / factors.into();
+        }
+        self * (sum + 1.0.into())
+    }
+
     pub fn tanh(self) -> Self {
         if self.high < 0.0 {
             return -(-self).tanh();
