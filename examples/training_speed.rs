@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut order: Vec<u32> = (0..ROWS as u32).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
         let mut batches = order.chunks_exact(batch).cycle();
-        let mut trainer = Trainer::new(network, &TrainingOptions::default(), batch, threads);
+        let mut trainer = Trainer::new(network, &TrainingOptions::default(), batch, threads, 1)?;
         let mut sample = |steps: u32| {
             let started = Instant::now();
             for numbers in batches.by_ref().take(steps as usize) {

@@ -25,7 +25,8 @@ const FEW_OUTPUTS: usize = 8;
 /// turned      W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
 /// ```
 ///
-/// The padding is zero and stays so.
+/// Behind the biases of a hidden layer that is normalised over its rows stand the factors of the normalised values
+/// [padded(outputs)]. The padding is zero and stays so.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Shape {
     pub(crate) inputs: usize,
@@ -34,6 +35,7 @@ pub(crate) struct Shape {
     /// Of all weights and biases, padding included, within the block of parameters.
     range: Range<usize>,
     weights: usize,
+    pub(crate) normalized: bool,
     /// Within the block of turned weights; empty for the first layer, whose inputs need no derivative.
     turned: Range<usize>,
 }
@@ -56,7 +58,8 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    pub(crate) fn new(sizes: &[usize]) -> Self {
+    /// `batch_norm`: whether hidden layers are normalised over their rows.
+    pub(crate) fn new(sizes: &[usize], batch_norm: bool) -> Self {
         let (mut shapes, mut pieces) = (Vec::new(), Vec::new());
         let (mut begin, mut turned) = (0, 0);
         let last = sizes.len() - 2;
@@ -64,7 +67,8 @@ impl Layout {
             let (inputs, outputs) = (pair[0], pair[1]);
             let by_rows = layer == last && outputs <= FEW_OUTPUTS;
             let weights = if by_rows { outputs * padded(inputs) } else { inputs * padded(outputs) };
-            let range = begin..begin + weights + padded(outputs);
+            let normalized = batch_norm && layer < last;
+            let range = begin..begin + weights + padded(outputs) * if normalized { 2 } else { 1 };
             let turned_end = if by_rows || layer == 0 { turned } else { turned + outputs * padded(inputs) };
             if turned_end == turned {
                 pieces.push(Piece { layer, range: range.clone(), panel: None });
@@ -78,7 +82,7 @@ impl Layout {
                 }
             }
             begin = range.end;
-            shapes.push(Shape { inputs, outputs, by_rows, range, weights, turned: turned..turned_end });
+            shapes.push(Shape { inputs, outputs, by_rows, range, weights, normalized, turned: turned..turned_end });
             turned = turned_end;
         }
         Self { shapes, pieces }
@@ -98,6 +102,10 @@ impl Layout {
     pub(crate) fn pack(&self, plain: &[f32], packed: &mut [f32]) {
         packed.fill(0.0);
         self.for_each(|plain_index, packed_index| packed[packed_index] = plain[plain_index]);
+        for shape in self.shapes.iter().filter(|shape| shape.normalized) {
+            let outputs = shape.outputs;
+            shape.factors_mut(packed)[..outputs].fill(1.0);
+        }
     }
 
     /// From this layout to the parameters of a [`Network`](super::Network).
@@ -135,17 +143,45 @@ impl Shape {
 
     /// The layer's weights and biases out of a block laid out as the parameters are.
     pub(crate) fn split<'a>(&self, block: &'a [f32]) -> (&'a [f32], &'a [f32]) {
-        block[self.range.clone()].split_at(self.weights)
+        block[self.range.start..self.biases().end].split_at(self.weights)
     }
 
     pub(crate) fn split_mut<'a>(&self, block: &'a mut [f32]) -> (&'a mut [f32], &'a mut [f32]) {
-        block[self.range.clone()].split_at_mut(self.weights)
+        block[self.range.start..self.biases().end].split_at_mut(self.weights)
     }
 
-    /// Rows and columns of the layer's weights and biases as one matrix: `[W^T; b]` of a layer by panels, `[W b]` of a
-    /// layer by rows.
+    /// Multiplies the weights of each output; of a layer by panels.
+    pub(crate) fn scale_outputs(&self, parameters: &mut [f32], scale: &[f32]) {
+        let panels = self.split_mut(parameters).0.chunks_exact_mut(self.inputs * WIDTH);
+        for (panel, scale) in panels.zip(scale.as_chunks::<WIDTH>().0) {
+            for row in panel.as_chunks_mut::<WIDTH>().0 {
+                row.iter_mut().zip(scale).for_each(|(weight, scale)| *weight *= scale);
+            }
+        }
+    }
+
+    fn biases(&self) -> Range<usize> {
+        let begin = self.range.start + self.weights;
+        begin..begin + padded(self.outputs)
+    }
+
+    /// The factors of the normalised values; empty where there are none.
+    pub(crate) fn factors<'a>(&self, block: &'a [f32]) -> &'a [f32] {
+        &block[self.biases().end..self.range.end]
+    }
+
+    pub(crate) fn factors_mut<'a>(&self, block: &'a mut [f32]) -> &'a mut [f32] {
+        &mut block[self.biases().end..self.range.end]
+    }
+
+    /// Rows and columns of the layer's parameters as one matrix: `[W^T; b]` of a layer by panels, with the factors of the
+    /// normalised values as another row, `[W b]` of a layer by rows.
     pub(crate) fn matrix_size(&self) -> (usize, usize) {
-        if self.by_rows { (self.outputs, self.inputs + 1) } else { (self.inputs + 1, self.outputs) }
+        if self.by_rows {
+            (self.outputs, self.inputs + 1)
+        } else {
+            (self.inputs + 1 + usize::from(self.normalized), self.outputs)
+        }
     }
 
     /// Where a row of this matrix lies: pairs of a range within the block of parameters and its first column.
@@ -162,7 +198,8 @@ impl Shape {
             } else if row < self.inputs {
                 (begin + (index * self.inputs + row) * WIDTH, WIDTH, index * WIDTH)
             } else {
-                (biases + index * WIDTH, WIDTH, index * WIDTH)
+                // the biases, and behind them the factors
+                (biases + (row - self.inputs) * padded(self.outputs) + index * WIDTH, WIDTH, index * WIDTH)
             };
             (at..at + length, column)
         })

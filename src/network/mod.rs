@@ -21,7 +21,7 @@ use metafmu_runtime::{Activation, Layer};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 
-pub(crate) use pass::{BLOCK_ROWS, Packed, Workspace};
+pub(crate) use pass::{BLOCK_ROWS, Noise, Packed, Workspace};
 
 /// A feed-forward network: dense layers, the hidden ones with an activation, the last one linear.
 #[derive(Clone, Debug, PartialEq)]
@@ -209,7 +209,15 @@ mod tests {
         *,
     };
 
-    const ALL: [Activation; 3] = [Activation::Tanh, Activation::Sigmoid, Activation::Relu];
+    const ALL: [Activation; 7] = [
+        Activation::Tanh,
+        Activation::Sigmoid,
+        Activation::Relu,
+        Activation::Gelu,
+        Activation::Silu,
+        Activation::Sine,
+        Activation::Identity,
+    ];
 
     fn network(inputs: usize, hidden: &[usize], outputs: usize, activation: Activation) -> Network {
         let options = NetworkOptions { hidden: hidden.into(), activation };
@@ -238,6 +246,12 @@ mod tests {
                     Activation::Tanh => z.tanh(),
                     Activation::Sigmoid => 1.0 / (1.0 + (-z).exp()),
                     Activation::Relu => z.max(0.0),
+                    Activation::Gelu => {
+                        0.5 * z * (1.0 + ((2.0 / std::f64::consts::PI).sqrt() * (z + 0.044715 * z.powi(3))).tanh())
+                    }
+                    Activation::Silu => z / (1.0 + (-z).exp()),
+                    Activation::Sine => z.sin(),
+                    Activation::Identity => z,
                 })
                 .collect();
         }
@@ -320,7 +334,8 @@ mod tests {
             to[..inputs].copy_from_slice(row);
         }
         let rows = x.len() / inputs;
-        packed.forward(rows, workspace);
+        let numbers: Vec<u32> = (0..rows as u32).collect();
+        packed.forward_in_training(workspace, Noise { seed: 1, step: 1, rows: &numbers });
         let (_, deltas) = workspace.outputs_and_deltas();
         for (to, row) in deltas.chunks_mut(stride(outputs)).zip(weights.chunks(outputs)) {
             to[..outputs].copy_from_slice(row);

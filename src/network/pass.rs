@@ -4,10 +4,12 @@ use super::{
     Network,
     kernels::{
         Kernel, Register, Simd,
+        activation::{Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh},
+        batch_norm,
         buffer::Buffer,
-        layer::{self, Slope, Store},
+        layer::{self, Slope, Store, slope_follows_from_value},
     },
-    layout::{Layout, stride},
+    layout::{Layout, Shape, padded, stride},
 };
 use metafmu_runtime::Activation;
 
@@ -23,6 +25,8 @@ pub(crate) struct Packed {
     pub(crate) parameters: Buffer,
     /// The weights once more, as the backward pass reads them.
     pub(crate) turned: Buffer,
+    /// Share of the hidden nodes that is left out in training.
+    dropout: f64,
 }
 
 /// Inputs, activations and deltas of at most [`BLOCK_ROWS`] rows, at a distance of [`stride`].
@@ -32,20 +36,46 @@ pub(crate) struct Workspace {
     values: Vec<Buffer>,
     /// `d_1 ... d_L`
     deltas: Vec<Buffer>,
+    /// `f'` of each hidden layer, unless it follows from `y`.
+    slopes: Vec<Buffer>,
+    /// Of each hidden layer that is normalised.
+    normalized: Vec<Buffer>,
+    statistics: Vec<Buffer>,
+}
+
+/// What decides which nodes are left out for which rows: the same for any number of threads.
+#[derive(Clone, Copy)]
+pub(crate) struct Noise<'a> {
+    pub(crate) seed: u64,
+    /// Of the optimizer.
+    pub(crate) step: u64,
+    /// The numbers of the rows.
+    pub(crate) rows: &'a [u32],
 }
 
 impl Packed {
     pub(crate) fn new(network: &Network) -> Self {
-        let layout = Layout::new(network.sizes());
+        Self::with(network, false, 0.0)
+    }
+
+    /// For a training with normalisation or with a share of the hidden nodes left out.
+    pub(crate) fn with(network: &Network, batch_norm: bool, dropout: f64) -> Self {
+        let layout = Layout::new(network.sizes(), batch_norm);
         let (parameters, turned) = (Buffer::zeros(layout.len()), Buffer::zeros(layout.turned_len()));
-        let mut packed = Self { layout, activation: network.activation(), parameters, turned };
-        packed.set(network.parameters());
+        let mut packed = Self { layout, activation: network.activation(), parameters, turned, dropout };
+        packed.layout.pack(network.parameters(), &mut packed.parameters);
+        packed.turn();
         packed
     }
 
     /// Takes over the parameters of a network of the same sizes.
     pub(crate) fn set(&mut self, plain: &[f32]) {
         self.layout.pack(plain, &mut self.parameters);
+        self.turn();
+    }
+
+    /// Renews the turned weights.
+    pub(crate) fn turn(&mut self) {
         for piece in &self.layout.pieces {
             let (shape, turned) = (&self.layout.shapes[piece.layer], &mut self.turned);
             piece.turn(shape, &self.parameters[piece.range.clone()], |range, fill| fill(&mut turned[range]));
@@ -54,14 +84,24 @@ impl Packed {
 
     /// Outputs at the first `rows` rows of [`Workspace::inputs_mut`]; see [`Workspace::outputs`].
     pub(crate) fn forward(&self, rows: usize, workspace: &mut Workspace) {
-        workspace.simd.run(Forward { network: self, rows, workspace });
+        workspace.simd.run(Forward { network: self, rows, workspace, noise: None });
+    }
+
+    /// As [`forward`](Self::forward), with what [`backward`](Self::backward) needs, normalisation over the rows, and some
+    /// nodes left out.
+    pub(crate) fn forward_in_training(&self, workspace: &mut Workspace, noise: Noise) {
+        workspace.simd.run(Forward { network: self, rows: noise.rows.len(), workspace, noise: Some(noise) });
     }
 
     /// Puts into or onto `gradient`, laid out as the parameters are, the loss's derivatives by the parameters, given
-    /// its derivatives by the outputs ([`Workspace::outputs_and_deltas`]) and what [`forward`](Self::forward) left in
-    /// the workspace.
+    /// its derivatives by the outputs ([`Workspace::outputs_and_deltas`]) and what
+    /// [`forward_in_training`](Self::forward_in_training) left in the workspace.
     pub(crate) fn backward(&self, rows: usize, workspace: &mut Workspace, store: Store, gradient: &mut [f32]) {
         workspace.simd.run(Backward { network: self, rows, workspace, store, gradient });
+    }
+
+    fn stores_slopes(&self) -> bool {
+        !slope_follows_from_value(self.activation) || self.dropout > 0.0 || self.layout.shapes[0].normalized
     }
 }
 
@@ -69,6 +109,7 @@ struct Forward<'a> {
     network: &'a Packed,
     rows: usize,
     workspace: &'a mut Workspace,
+    noise: Option<Noise<'a>>,
 }
 
 impl Kernel for Forward<'_> {
@@ -76,14 +117,97 @@ impl Kernel for Forward<'_> {
 
     #[inline(always)]
     fn run<R: Register, const N: usize>(self) {
-        let Self { network, rows, workspace } = self;
-        let shapes = &network.layout.shapes;
-        for (index, shape) in shapes.iter().enumerate() {
-            let (before, after) = workspace.values.split_at_mut(index + 1);
-            let activation = (index + 1 < shapes.len()).then_some(network.activation);
-            layer::forward::<R, N>(shape, &network.parameters, activation, rows, &before[index], &mut after[0]);
+        let Self { network, rows, workspace, noise } = self;
+        let Packed { layout, activation, parameters, dropout, .. } = network;
+        let Workspace { values, slopes, normalized, statistics, .. } = workspace;
+        for (index, shape) in layout.shapes.iter().enumerate() {
+            let (before, after) = values.split_at_mut(index + 1);
+            let (x, y) = (&before[index], &mut *after[0]);
+            let hidden = index + 1 < layout.shapes.len();
+            let mut slopes = if noise.is_some() { slopes.get_mut(index).map(|slopes| &mut **slopes) } else { None };
+            if shape.normalized {
+                layer::forward::<R, N>(shape, parameters, Activation::Identity, rows, x, y, None);
+                if let Some(slopes) = &mut slopes {
+                    let normalize = Normalize {
+                        shape,
+                        parameters,
+                        rows,
+                        y,
+                        v: &mut normalized[index],
+                        slopes,
+                        statistics: &mut statistics[index],
+                    };
+                    normalize.with::<R, N>(*activation);
+                }
+            } else {
+                let activation = if hidden { *activation } else { Activation::Identity };
+                layer::forward::<R, N>(shape, parameters, activation, rows, x, y, slopes.as_deref_mut());
+            }
+            if let (Some(noise), Some(slopes), true) = (noise, slopes, hidden && *dropout > 0.0) {
+                leave_out(*dropout, noise, index, shape.outputs, y, slopes);
+            }
         }
     }
+}
+
+/// The arguments of [`batch_norm::forward`].
+struct Normalize<'a> {
+    shape: &'a Shape,
+    parameters: &'a [f32],
+    rows: usize,
+    y: &'a mut [f32],
+    v: &'a mut [f32],
+    slopes: &'a mut [f32],
+    statistics: &'a mut [f32],
+}
+
+impl Normalize<'_> {
+    #[inline(always)]
+    fn with<R: Register, const N: usize>(self, activation: Activation) {
+        match activation {
+            Activation::Tanh => self.run::<R, N, Tanh>(),
+            Activation::Sigmoid => self.run::<R, N, Sigmoid>(),
+            Activation::Relu => self.run::<R, N, Relu>(),
+            Activation::Gelu => self.run::<R, N, Gelu>(),
+            Activation::Silu => self.run::<R, N, Silu>(),
+            Activation::Sine => self.run::<R, N, Sine>(),
+            Activation::Identity => self.run::<R, N, Identity>(),
+        }
+    }
+
+    #[inline(always)]
+    fn run<R: Register, const N: usize, F: Function>(self) {
+        let Self { shape, parameters, rows, y, v, slopes, statistics } = self;
+        batch_norm::forward::<R, N, F>(shape, parameters, rows, y, v, slopes, statistics);
+    }
+}
+
+/// Sets a share of the values and slopes to zero, and makes the others larger by as much.
+fn leave_out(share: f64, noise: Noise, layer: usize, nodes: usize, values: &mut [f32], slopes: &mut [f32]) {
+    let (distance, factor) = (stride(nodes), (1.0 - share).recip() as f32);
+    let limit = (share * 65_536.0) as u64;
+    let rows = values.chunks_exact_mut(distance).zip(slopes.chunks_exact_mut(distance));
+    for ((values, slopes), &row) in rows.zip(noise.rows) {
+        let key = [noise.step, layer as u64, row.into()].iter().fold(noise.seed, |key, &part| mix(key ^ part));
+        // 16 random bits for each node, four nodes at a time
+        for (index, (values, slopes)) in values[..nodes].chunks_mut(4).zip(slopes.chunks_mut(4)).enumerate() {
+            let mut bits = mix(key.wrapping_add(index as u64));
+            for (value, slope) in values.iter_mut().zip(slopes) {
+                let factor = if bits & 0xffff < limit { 0.0 } else { factor };
+                *value *= factor;
+                *slope *= factor;
+                bits >>= 16;
+            }
+        }
+    }
+}
+
+/// Steele and others 2014, SplitMix64: numbers that follow each other become random ones.
+fn mix(number: u64) -> u64 {
+    let mut z = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 struct Backward<'a> {
@@ -100,14 +224,22 @@ impl Kernel for Backward<'_> {
     #[inline(always)]
     fn run<R: Register, const N: usize>(self) {
         let Self { network, rows, workspace, store, gradient } = self;
-        let Workspace { values, deltas, .. } = workspace;
+        let Workspace { values, deltas, slopes, normalized, statistics, .. } = workspace;
+        let Packed { parameters, turned, activation, .. } = network;
         for (index, shape) in network.layout.shapes.iter().enumerate().rev() {
             let (before, from) = deltas.split_at_mut(index);
-            layer::gradient::<R, N>(shape, rows, &values[index], &from[0], store, gradient);
+            let d = &mut *from[0];
+            if shape.normalized {
+                let (v, statistics) = (&normalized[index], &statistics[index]);
+                batch_norm::backward::<R, N>(shape, parameters, rows, v, statistics, d, store, gradient);
+            }
+            layer::gradient::<R, N>(shape, rows, &values[index], d, store, gradient);
             if let Some(to) = before.last_mut() {
-                let slope = Slope::OfValue(network.activation, &values[index]);
-                let Packed { parameters, turned, .. } = network;
-                layer::backward::<R, N>(shape, parameters, turned, slope, rows, &from[0], to);
+                let slope = match slopes.get(index - 1) {
+                    Some(slopes) => Slope::Stored(slopes),
+                    None => Slope::OfValue(*activation, &values[index]),
+                };
+                layer::backward::<R, N>(shape, parameters, turned, slope, rows, d, to);
             }
         }
     }
@@ -116,12 +248,19 @@ impl Kernel for Backward<'_> {
 impl Workspace {
     pub(crate) fn new(network: &Packed) -> Self {
         let shapes = &network.layout.shapes;
+        let hidden = &shapes[..shapes.len() - 1];
         let buffer = |columns| Buffer::zeros(BLOCK_ROWS * stride(columns));
-        let outputs = || shapes.iter().map(|shape| buffer(shape.outputs));
+        let of = |shapes: &[Shape]| shapes.iter().map(|shape| buffer(shape.outputs)).collect();
+        let slopes: &[Shape] = if network.stores_slopes() { hidden } else { &[] };
+        let normalized: &[Shape] = if shapes[0].normalized { hidden } else { &[] };
+        let statistics = |shape: &Shape| Buffer::zeros(batch_norm::STATISTICS * padded(shape.outputs));
         Self {
             simd: Simd::detect(),
-            values: std::iter::once(buffer(shapes[0].inputs)).chain(outputs()).collect(),
-            deltas: outputs().collect(),
+            values: std::iter::once(buffer(shapes[0].inputs)).chain(of(shapes) as Vec<Buffer>).collect(),
+            deltas: of(shapes),
+            slopes: of(slopes),
+            normalized: of(normalized),
+            statistics: normalized.iter().map(statistics).collect(),
         }
     }
 
@@ -139,5 +278,10 @@ impl Workspace {
     pub(crate) fn outputs_and_deltas(&mut self) -> (&[f32], &mut [f32]) {
         let last = self.deltas.len() - 1;
         (&self.values[last + 1], &mut self.deltas[last])
+    }
+
+    /// Of the layers that are normalised: mean, variance and more of each node over the last block.
+    pub(crate) fn statistics(&self) -> impl Iterator<Item = &[f32]> {
+        self.statistics.iter().map(|statistics| &**statistics)
     }
 }

@@ -9,9 +9,9 @@ use super::{
     team::{Divided, Team},
 };
 use crate::network::{
-    BLOCK_ROWS, Packed, Workspace,
+    BLOCK_ROWS, Noise, Packed, Workspace,
     kernels::{Kernel, Lanes, Register, Simd, WIDTH, buffer::Buffer, layer::Store},
-    layout::stride,
+    layout::{padded, stride},
 };
 use crate::study::TrainingOptions;
 use std::{
@@ -42,6 +42,8 @@ struct Part {
     gradient: Buffer,
     /// Sum over its rows.
     loss: f64,
+    /// Of each normalised layer: means and variances, `[2, padded(outputs)]`, summed over its rows.
+    statistics: Vec<Buffer>,
 }
 
 /// The gradients of the parts of a batch, while they are added piece by piece.
@@ -55,7 +57,12 @@ impl Gradients {
     /// For batches of at most `batch` rows and teams of at most `members`.
     pub(super) fn new(network: &Packed, options: &TrainingOptions, batch: usize, members: usize) -> Self {
         let outputs = network.layout.shapes[network.layout.shapes.len() - 1].outputs;
-        let part = || Part { gradient: Buffer::zeros(network.layout.len()), loss: 0.0 };
+        let normalized = || network.layout.shapes.iter().filter(|shape| shape.normalized);
+        let part = || Part {
+            gradient: Buffer::zeros(network.layout.len()),
+            loss: 0.0,
+            statistics: normalized().map(|shape| Buffer::zeros(2 * padded(shape.outputs))).collect(),
+        };
         Self {
             batch,
             simd: Simd::detect(),
@@ -65,9 +72,16 @@ impl Gradients {
         }
     }
 
-    /// Mean loss over the outputs of the rows with the given numbers; leaves the gradients of its
-    /// parts for [`sum`](Self::sum).
-    pub(super) fn compute(&mut self, team: &mut Team, network: &Packed, rows: &Rows, numbers: &[u32]) -> f64 {
+    /// Mean loss over the outputs of the rows with the given numbers; leaves the gradients of its parts for
+    /// [`sum`](Self::sum). `seed` and `step` decide which nodes are left out.
+    pub(super) fn compute(
+        &mut self,
+        team: &mut Team,
+        network: &Packed,
+        rows: &Rows,
+        numbers: &[u32],
+        (seed, step): (u64, u64),
+    ) -> f64 {
         let Self { batch, function, parts: all, workspaces, .. } = self;
         assert!((1..=*batch).contains(&numbers.len()), "{} rows, expected 1 to {batch}", numbers.len());
         let shapes = &network.layout.shapes;
@@ -82,10 +96,17 @@ impl Gradients {
             let mut workspace = lock(&workspaces[member]);
             let numbers = &numbers[index * numbers.len() / used..(index + 1) * numbers.len() / used];
             part.loss = 0.0;
+            part.statistics.iter_mut().for_each(|statistics| statistics.fill(0.0));
             let mut store = Store::Replace;
-            for numbers in numbers.chunks(BLOCK_ROWS) {
-                part.loss += sum_of_losses(network, function, &mut workspace, rows, numbers, 1.0 / count);
+            // blocks of nearly equal size: a small one would be normalised badly
+            let blocks = numbers.len().div_ceil(BLOCK_ROWS);
+            for block in 0..blocks {
+                let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
+                gather(rows, numbers, &mut workspace);
+                network.forward_in_training(&mut workspace, Noise { seed, step, rows: numbers });
+                part.loss += sum_of_losses(function, &mut workspace, rows, numbers, 1.0 / count);
                 network.backward(numbers.len(), &mut workspace, store, &mut part.gradient);
+                part.add_statistics(numbers.len(), &workspace);
                 store = Store::Add;
             }
         });
@@ -104,6 +125,15 @@ impl Gradients {
         &self.parts[0].gradient
     }
 
+    /// Takes the means and variances of the nodes of a normalised layer over the last batch, which had `rows` rows, into
+    /// running ones, with this share.
+    pub(super) fn blend_statistics(&self, rows: usize, layer: usize, share: f32, running: &mut [f32]) {
+        for (index, running) in running.iter_mut().enumerate() {
+            let sum: f32 = self.parts[..parts(rows)].iter().map(|part| part.statistics[layer][index]).sum();
+            *running += share * (sum / rows as f32 - *running);
+        }
+    }
+
     /// Mean loss over the outputs of all rows; `sums`: one place for every [`BLOCK_ROWS`] rows.
     pub(super) fn loss(&self, team: &mut Team, network: &Packed, rows: &Rows, sums: &mut [f64]) -> f64 {
         let blocks = rows.len().div_ceil(BLOCK_ROWS);
@@ -115,7 +145,10 @@ impl Gradients {
             block.iter_mut().zip(numbers.clone()).for_each(|(to, number)| *to = number as u32);
             // SAFETY: one place for each item
             let sum = unsafe { &mut divided.range(index..index + 1)[0] };
-            *sum = sum_of_losses(network, &self.function, &mut workspace, rows, &block[..numbers.len()], 0.0);
+            let numbers = &block[..numbers.len()];
+            gather(rows, numbers, &mut workspace);
+            network.forward(numbers.len(), &mut workspace);
+            *sum = sum_of_losses(&self.function, &mut workspace, rows, numbers, 0.0);
         });
         sums[..blocks].iter().sum::<f64>() / rows.outputs().len() as f64
     }
@@ -126,16 +159,22 @@ fn parts(rows: usize) -> usize {
     (rows / MIN_PART_ROWS).clamp(1, MAX_PARTS)
 }
 
-/// Sum of the losses of at most [`BLOCK_ROWS`] rows, and in the workspace `scale` times its derivatives by the outputs.
-fn sum_of_losses(
-    network: &Packed,
-    function: &LossFunction,
-    workspace: &mut Workspace,
-    rows: &Rows,
-    numbers: &[u32],
-    scale: f64,
-) -> f64 {
-    let (n_inputs, n_outputs) = (rows.n_inputs(), rows.n_outputs());
+impl Part {
+    fn add_statistics(&mut self, rows: usize, workspace: &Workspace) {
+        for (sums, of_block) in self.statistics.iter_mut().zip(workspace.statistics()) {
+            let (count, width) = (rows as f32, sums.len() / 2);
+            let (means, variances) = sums.split_at_mut(width);
+            means.iter_mut().zip(of_block).for_each(|(sum, mean)| *sum += count * mean);
+            // that of the population, as in PyTorch
+            let weight = if rows > 1 { count * count / (count - 1.0) } else { 1.0 };
+            variances.iter_mut().zip(&of_block[width..]).for_each(|(sum, variance)| *sum += weight * variance);
+        }
+    }
+}
+
+/// Puts the inputs of at most [`BLOCK_ROWS`] rows into the workspace.
+fn gather(rows: &Rows, numbers: &[u32], workspace: &mut Workspace) {
+    let n_inputs = rows.n_inputs();
     for &number in numbers {
         rows.prefetch(number as usize);
     }
@@ -144,7 +183,11 @@ fn sum_of_losses(
         // a row is too short for a call of `memcpy`
         to.iter_mut().zip(row).for_each(|(to, value)| *to = *value);
     }
-    network.forward(numbers.len(), workspace);
+}
+
+/// Sum of the losses of the rows whose outputs are in the workspace, and `scale` times its derivatives as deltas.
+fn sum_of_losses(function: &LossFunction, workspace: &mut Workspace, rows: &Rows, numbers: &[u32], scale: f64) -> f64 {
+    let n_outputs = rows.n_outputs();
     let (outputs, deltas) = workspace.outputs_and_deltas();
     let distance = stride(n_outputs);
     let outputs = outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance));

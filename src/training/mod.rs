@@ -1,21 +1,25 @@
 //! Training: turns rows into a network.
 //!
-//! The loss is the mean over rows and outputs of the squared error of the standardised outputs. Each epoch goes once
+//! The loss is a mean over rows and outputs of a function of the standardised outputs' errors, their square by default.
+//! Each epoch goes once
 //! through all training rows in a new random order, in batches of (nearly) equal size with one optimizer step each, and
 //! ends with the loss on the held-out validation rows; the network with the smallest validation loss is the result.
 //!
 //! The same rows, options, seed and processor give the same bits for any number of threads.
 
+mod checkpoint;
 mod gradient;
 mod loss;
 mod optimizer;
 mod rows;
+mod run;
 mod schedule;
 mod team;
 mod trainer;
 
 pub use rows::Rows;
-pub use trainer::{Trainer, train};
+pub use run::{resume, train};
+pub use trainer::Trainer;
 
 use crate::network::Network;
 use std::ops::ControlFlow;
@@ -28,6 +32,12 @@ pub trait Observer: Send {
 
     /// Called at the end of every epoch.
     fn epoch(&mut self, record: &EpochRecord);
+
+    /// Called after every epoch. What `make` returns, [`resume`] goes on from; it costs a copy of the network and of the
+    /// optimizer's memory.
+    fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> Result<Vec<u8>, TrainingError>) {
+        let _ = (epoch, make);
+    }
 }
 
 /// Follows nothing and never ends the training.
@@ -149,6 +159,12 @@ pub enum TrainingError {
         found: usize,
         /// In the network.
         expected: usize,
+    },
+    /// A checkpoint that cannot be written or gone on from.
+    #[error("the checkpoint cannot be used: {problem}")]
+    Checkpoint {
+        /// What is wrong with it.
+        problem: String,
     },
     /// An option that makes no sense.
     #[error("training option `{name}`: {problem}")]

@@ -5,12 +5,25 @@ use super::{Lanes, Register};
 /// An activation function.
 pub(crate) trait Function {
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N>;
+
+    /// `f(x)` and `f'(x)`.
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>);
 }
 
 /// The derivative of an activation function times something: `d f'(x)`.
 pub(crate) trait Derivative {
     /// `from`: what the derivative is computed from.
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, from: Lanes<R, N>) -> Lanes<R, N>;
+}
+
+/// A derivative that has been computed before.
+pub(crate) struct Stored;
+
+impl Derivative for Stored {
+    #[inline(always)]
+    fn times<R: Register, const N: usize>(d: Lanes<R, N>, slope: Lanes<R, N>) -> Lanes<R, N> {
+        d.mul(slope)
+    }
 }
 
 /// `x`
@@ -20,6 +33,11 @@ impl Function for Identity {
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         x
+    }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        (x, Lanes::splat(1.0))
     }
 }
 
@@ -43,6 +61,12 @@ impl Function for Tanh {
         let e = exp_minus_one(magnitude.add(magnitude));
         e.div(e.add(Lanes::splat(2.0))).copysign(x)
     }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        let y = Self::value(x);
+        (y, Self::times(Lanes::splat(1.0), y))
+    }
 }
 
 impl Derivative for Tanh {
@@ -61,6 +85,12 @@ impl Function for Sigmoid {
         let half = Lanes::splat(0.5);
         Tanh::value(x.mul(half)).mul_add(half, half)
     }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        let y = Self::value(x);
+        (y, Self::times(Lanes::splat(1.0), y))
+    }
 }
 
 impl Derivative for Sigmoid {
@@ -78,6 +108,12 @@ impl Function for Relu {
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         x.at_least_zero()
     }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        let y = Self::value(x);
+        (y, Self::times(Lanes::splat(1.0), y))
+    }
 }
 
 impl Derivative for Relu {
@@ -87,11 +123,94 @@ impl Derivative for Relu {
     }
 }
 
+/// `x (1 + tanh u) / 2` with `u = √(2/π) (x + 0.044715 x³)`: PyTorch's `gelu` with `approximate="tanh"`. Error below 2e-7
+/// of `max(1, |x|)`, NaN for NaN.
+pub(crate) struct Gelu;
+
+impl Gelu {
+    const LINEAR: f32 = 0.797_884_6; // √(2/π)
+    const CUBIC: f32 = 0.035_677_407; // 0.044715 √(2/π)
+}
+
+impl Function for Gelu {
+    #[inline(always)]
+    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+        Self::value_and_slope(x).0
+    }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        let splat = Lanes::splat;
+        let (half, square) = (x.mul(splat(0.5)), x.mul(x));
+        let t = Tanh::value(square.mul_add(splat(Self::CUBIC), splat(Self::LINEAR)).mul(x));
+        let u_slope = square.mul_add(splat(3.0 * Self::CUBIC), splat(Self::LINEAR));
+        let share = t.mul_add(splat(0.5), splat(0.5));
+        // where the cube overflows, tanh is flat
+        let t_slope = Tanh::times(half, t).mul(u_slope.at_most(splat(1e30)));
+        (half.mul_add(t, half), share.add(t_slope))
+    }
+}
+
+/// `x / (1 + exp(-x))`, error below 2e-7 of `max(1, |x|)`, NaN for NaN.
+pub(crate) struct Silu;
+
+impl Function for Silu {
+    #[inline(always)]
+    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+        x.mul(Sigmoid::value(x))
+    }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        let share = Sigmoid::value(x);
+        (x.mul(share), x.mul_add(Sigmoid::times(Lanes::splat(1.0), share), share))
+    }
+}
+
+/// `sin x`, absolute error below 2e-7 for `|x|` up to 8192, beyond which it grows with `x`; NaN for NaN.
+///
+/// With `x = k π + r`, `|r| <= π / 2`, the Taylor polynomials of `r`, with the sign of `(-1)^k`.
+pub(crate) struct Sine;
+
+impl Function for Sine {
+    #[inline(always)]
+    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+        Self::value_and_slope(x).0
+    }
+
+    #[inline(always)]
+    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+        // π in parts: products of the first ones with small integers are exact
+        const PI: [f32; 3] = [3.140_625, 9.675_025_939_941_406e-4, 1.509_957_990_978_376_4e-7];
+        // -1/3!, 1/5!, ..., 1/13! and -1/2!, 1/4!, ..., 1/12!: the first omitted terms are below 7e-10 and 7e-9
+        const SINE: [f32; 6] =
+            [-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0, 1.0 / 6_227_020_800.0];
+        const COSINE: [f32; 6] =
+            [-1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0];
+        let shifted = x.mul_add(Lanes::splat(std::f32::consts::FRAC_1_PI), Lanes::splat(ROUND));
+        let k = shifted.sub(Lanes::splat(ROUND));
+        let mut r = x;
+        for part in PI {
+            r = k.mul_add(Lanes::splat(-part), r);
+        }
+        let square = r.mul(r);
+        let (mut sine, mut cosine) = (Lanes::splat(SINE[5]), Lanes::splat(COSINE[5]));
+        for i in (0..5).rev() {
+            sine = sine.mul_add(square, Lanes::splat(SINE[i]));
+            cosine = cosine.mul_add(square, Lanes::splat(COSINE[i]));
+        }
+        let sine = r.mul(square).mul_add(sine, r);
+        let cosine = cosine.mul_add(square, Lanes::splat(1.0));
+        (sine.alternate(shifted), cosine.alternate(shifted))
+    }
+}
+
+/// Adding 1.5 * 2^23 rounds to an integer, which then stands in the low bits of the mantissa.
+const ROUND: f32 = 12_582_912.0;
+
 /// `exp(x) - 1` for `0 <= x <= 18.2`: `x = k ln 2 + r` with `|r| <= ln(2) / 2`, a Taylor polynomial in `r`, scaled by `2^k`.
 #[inline(always)]
 fn exp_minus_one<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
-    // adding 1.5 * 2^23 rounds to an integer, which then stands in the low bits of the mantissa
-    const ROUND: f32 = 12_582_912.0;
     const LN2_HIGH: f32 = 0.693_359_4; // 9 bits, so that k * LN2_HIGH is exact
     const LN2_LOW: f32 = -2.121_944_4e-4;
     // 1/2!, 1/3!, ..., 1/7!: the first omitted term is below 2e-8 of the sum
@@ -114,11 +233,21 @@ mod tests {
     use crate::network::kernels::{Kernel, Simd, WIDTH};
     use metafmu_runtime::Activation;
 
-    const ALL: [Activation; 3] = [Activation::Tanh, Activation::Sigmoid, Activation::Relu];
+    const ALL: [Activation; 7] = [
+        Activation::Tanh,
+        Activation::Sigmoid,
+        Activation::Relu,
+        Activation::Gelu,
+        Activation::Silu,
+        Activation::Sine,
+        Activation::Identity,
+    ];
 
+    /// Replaces points by values, and puts the derivatives into `slopes`.
     struct Values<'a> {
         activation: Activation,
         points: &'a mut [f32],
+        slopes: &'a mut [f32],
     }
 
     impl Kernel for Values<'_> {
@@ -126,46 +255,86 @@ mod tests {
 
         #[inline(always)]
         fn run<R: Register, const N: usize>(self) {
-            for points in self.points.as_chunks_mut::<WIDTH>().0 {
-                let x = Lanes::<R, N>::load(points);
-                let y = match self.activation {
-                    Activation::Tanh => Tanh::value(x),
-                    Activation::Sigmoid => Sigmoid::value(x),
-                    Activation::Relu => Relu::value(x),
-                };
-                y.store(points);
+            match self.activation {
+                Activation::Tanh => self.apply::<R, N, Tanh>(),
+                Activation::Sigmoid => self.apply::<R, N, Sigmoid>(),
+                Activation::Relu => self.apply::<R, N, Relu>(),
+                Activation::Gelu => self.apply::<R, N, Gelu>(),
+                Activation::Silu => self.apply::<R, N, Silu>(),
+                Activation::Sine => self.apply::<R, N, Sine>(),
+                Activation::Identity => self.apply::<R, N, Identity>(),
             }
         }
     }
 
-    fn activate(simd: Simd, activation: Activation, points: &[f32]) -> Vec<f32> {
-        let mut values = points.to_vec();
-        values.resize(points.len().next_multiple_of(WIDTH), 0.0);
-        simd.run(Values { activation, points: &mut values });
-        values.truncate(points.len());
-        values
+    impl Values<'_> {
+        #[inline(always)]
+        fn apply<R: Register, const N: usize, F: Function>(self) {
+            for (points, slopes) in
+                self.points.as_chunks_mut::<WIDTH>().0.iter_mut().zip(self.slopes.as_chunks_mut::<WIDTH>().0)
+            {
+                let x = Lanes::<R, N>::load(points);
+                let (y, slope) = F::value_and_slope(x);
+                F::value(x).store(points);
+                slope.store(slopes);
+                let mut again = [0.0; WIDTH];
+                y.store(&mut again);
+                assert!(again.iter().zip(&*points).all(|(a, b)| a == b || a.is_nan() && b.is_nan()), "{again:?}");
+            }
+        }
     }
 
-    fn reference(activation: Activation, x: f64) -> f64 {
+    fn activate(simd: Simd, activation: Activation, points: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        let mut values = points.to_vec();
+        values.resize(points.len().next_multiple_of(WIDTH), 0.0);
+        let mut slopes = values.clone();
+        simd.run(Values { activation, points: &mut values, slopes: &mut slopes });
+        values.truncate(points.len());
+        slopes.truncate(points.len());
+        (values, slopes)
+    }
+
+    fn reference(activation: Activation, x: f64) -> (f64, f64) {
+        let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+        let s = sigmoid(x);
         match activation {
-            Activation::Tanh => x.tanh(),
-            Activation::Sigmoid => 1.0 / (1.0 + (-x).exp()),
-            Activation::Relu => x.max(0.0),
+            Activation::Tanh => (x.tanh(), 1.0 - x.tanh().powi(2)),
+            Activation::Sigmoid => (s, s * sigmoid(-x)),
+            Activation::Relu => (x.max(0.0), if x > 0.0 { 1.0 } else { 0.0 }),
+            Activation::Gelu => {
+                let c = (2.0 / std::f64::consts::PI).sqrt();
+                let (t, u) = ((c * (x + 0.044715 * x * x * x)).tanh(), c * (1.0 + 3.0 * 0.044715 * x * x));
+                (0.5 * x * (1.0 + t), 0.5 * (1.0 + t) + 0.5 * x * (1.0 - t * t) * u)
+            }
+            Activation::Silu => (x * s, s + x * s * sigmoid(-x)),
+            Activation::Sine => (x.sin(), x.cos()),
+            Activation::Identity => (x, 1.0),
         }
     }
 
     #[test]
-    fn activations_keep_their_stated_error_on_every_instruction_set() {
+    fn activations_and_their_derivatives_keep_their_stated_error_on_every_instruction_set() {
         let dense = (-200_000..=200_000).map(|i| i as f32 * 1e-4);
+        let wide = (-8_000..8_000).map(|i| i as f32 + 0.37);
         let small = (1..120).flat_map(|k| [2f32.powi(-k), -(2f32.powi(-k))]);
-        let points: Vec<f32> = dense.chain(small).chain([0.0, 88.0, -300.0, 1e30, -1e30]).collect();
+        let points: Vec<f32> = dense.chain(wide).chain(small).chain([0.0, 88.0, -300.0, 1e30, -1e30]).collect();
         for simd in Simd::available() {
             for activation in ALL {
-                for (&x, found) in points.iter().zip(activate(simd, activation, &points)) {
-                    let expected = reference(activation, x.into());
-                    let bound = if activation == Activation::Relu { 0.0 } else { 1.2e-7 };
+                let points: Vec<f32> =
+                    points.iter().copied().filter(|x| activation != Activation::Sine || x.abs() < 8192.0).collect();
+                let (values, slopes) = activate(simd, activation, &points);
+                for ((&x, found), slope) in points.iter().zip(values).zip(slopes) {
+                    let (expected, expected_slope) = reference(activation, x.into());
+                    let (bound, slope_bound) = match activation {
+                        Activation::Relu | Activation::Identity => (0.0, 0.0),
+                        Activation::Tanh | Activation::Sigmoid => (1.2e-7, 2.4e-7),
+                        Activation::Sine => (2e-7, 2e-7),
+                        Activation::Gelu | Activation::Silu => (2e-7 * f64::from(x.abs()).max(1.0), 3e-6),
+                    };
                     let error = (f64::from(found) - expected).abs();
                     assert!(error <= bound, "{simd:?} {activation:?} {x}: {found}, error {error:e}");
+                    let error = (f64::from(slope) - expected_slope).abs();
+                    assert!(error <= slope_bound, "{simd:?} {activation:?}' {x}: {slope}, error {error:e}");
                 }
             }
         }
@@ -175,7 +344,7 @@ mod tests {
     fn tanh_is_accurate_relative_to_small_arguments_too() {
         let points: Vec<f32> = (1..400_000).map(|i| i as f32 * 1e-6).collect();
         for simd in Simd::available() {
-            for (x, found) in points.iter().zip(activate(simd, Activation::Tanh, &points)) {
+            for (x, found) in points.iter().zip(activate(simd, Activation::Tanh, &points).0) {
                 let expected = f64::from(*x).tanh();
                 let error = (f64::from(found) - expected).abs() / expected;
                 assert!(error < 3e-7, "{simd:?} {x}: {error:e}");
@@ -187,10 +356,10 @@ mod tests {
     fn nan_stays_nan_and_infinity_saturates() {
         for simd in Simd::available() {
             for activation in ALL {
-                assert!(activate(simd, activation, &[f32::NAN])[0].is_nan(), "{simd:?} {activation:?}");
+                assert!(activate(simd, activation, &[f32::NAN]).0[0].is_nan(), "{simd:?} {activation:?}");
             }
-            assert_eq!(activate(simd, Activation::Tanh, &[f32::INFINITY, f32::NEG_INFINITY]), [1.0, -1.0]);
-            assert_eq!(activate(simd, Activation::Sigmoid, &[f32::INFINITY, f32::NEG_INFINITY]), [1.0, 0.0]);
+            assert_eq!(activate(simd, Activation::Tanh, &[f32::INFINITY, f32::NEG_INFINITY]).0, [1.0, -1.0]);
+            assert_eq!(activate(simd, Activation::Sigmoid, &[f32::INFINITY, f32::NEG_INFINITY]).0, [1.0, 0.0]);
         }
     }
 }

@@ -11,7 +11,7 @@
 
 use super::{
     Finish, Lanes, Left, Panel, Register, WIDTH,
-    activation::{Derivative, Function, Identity, Relu, Sigmoid, Tanh},
+    activation::{Derivative, Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Stored, Tanh},
     product,
 };
 use crate::network::layout::{Shape, padded, stride};
@@ -30,17 +30,28 @@ pub(crate) enum Store {
 pub(crate) enum Slope<'a> {
     /// It follows from the activation's value.
     OfValue(Activation, &'a [f32]),
+    /// It stands there.
+    Stored(&'a [f32]),
 }
 
-/// `y = f(x W^T + b)`; no activation is the identity.
+/// Whether the derivative of an activation follows from its value.
+pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
+    match activation {
+        Activation::Tanh | Activation::Sigmoid | Activation::Relu | Activation::Identity => true,
+        Activation::Gelu | Activation::Silu | Activation::Sine => false,
+    }
+}
+
+/// `y = f(x W^T + b)`, and `f'` into `slopes` where they are wanted; the slopes of a layer by rows are not written.
 #[inline(always)]
 pub(crate) fn forward<R: Register, const N: usize>(
     shape: &Shape,
     parameters: &[f32],
-    activation: Option<Activation>,
+    activation: Activation,
     rows: usize,
     x: &[f32],
     y: &mut [f32],
+    slopes: Option<&mut [f32]>,
 ) {
     if shape.by_rows {
         return match shape.outputs {
@@ -55,10 +66,13 @@ pub(crate) fn forward<R: Register, const N: usize>(
         };
     }
     match activation {
-        None => forward_by_panels::<R, N, Identity>(shape, parameters, rows, x, y),
-        Some(Activation::Tanh) => forward_by_panels::<R, N, Tanh>(shape, parameters, rows, x, y),
-        Some(Activation::Sigmoid) => forward_by_panels::<R, N, Sigmoid>(shape, parameters, rows, x, y),
-        Some(Activation::Relu) => forward_by_panels::<R, N, Relu>(shape, parameters, rows, x, y),
+        Activation::Tanh => forward_by_panels::<R, N, Tanh>(shape, parameters, rows, x, y, slopes),
+        Activation::Sigmoid => forward_by_panels::<R, N, Sigmoid>(shape, parameters, rows, x, y, slopes),
+        Activation::Relu => forward_by_panels::<R, N, Relu>(shape, parameters, rows, x, y, slopes),
+        Activation::Gelu => forward_by_panels::<R, N, Gelu>(shape, parameters, rows, x, y, slopes),
+        Activation::Silu => forward_by_panels::<R, N, Silu>(shape, parameters, rows, x, y, slopes),
+        Activation::Sine => forward_by_panels::<R, N, Sine>(shape, parameters, rows, x, y, slopes),
+        Activation::Identity => forward_by_panels::<R, N, Identity>(shape, parameters, rows, x, y, slopes),
     }
 }
 
@@ -69,14 +83,24 @@ fn forward_by_panels<R: Register, const N: usize, F: Function>(
     rows: usize,
     x: &[f32],
     y: &mut [f32],
+    mut slopes: Option<&mut [f32]>,
 ) {
     let left = Left { values: x, rows, inner: shape.inputs, row_stride: stride(shape.inputs), inner_stride: 1 };
     let (weight, bias) = shape.split(parameters);
+    let distance = stride(shape.outputs);
     for (index, bias) in bias.as_chunks::<WIDTH>().0.iter().enumerate() {
         let panel = Panel { values: &weight[index * shape.inputs * WIDTH..], stride: WIDTH };
-        let mut activate =
-            Activate { y: &mut y[index * WIDTH..], stride: stride(shape.outputs), function: PhantomData::<F> };
-        product::<R, N>(left, panel, Lanes::load(bias), &mut activate);
+        // the biases of a normalised layer are added after the normalisation
+        let start = if shape.normalized { Lanes::splat(0.0) } else { Lanes::load(bias) };
+        let y = &mut y[index * WIDTH..];
+        if let Some(slopes) = &mut slopes {
+            let slopes = &mut slopes[index * WIDTH..];
+            let mut activate = ActivateWithSlope { y, slopes, stride: distance, function: PhantomData::<F> };
+            product::<R, N>(left, panel, start, &mut activate);
+        } else {
+            let mut activate = Activate { y, stride: distance, function: PhantomData::<F> };
+            product::<R, N>(left, panel, start, &mut activate);
+        }
     }
 }
 
@@ -90,6 +114,22 @@ impl<R: Register, const N: usize, F: Function> Finish<R, N> for Activate<'_, F> 
     #[inline(always)]
     fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
         F::value(sum).store(lanes_mut(self.y, row * self.stride));
+    }
+}
+
+struct ActivateWithSlope<'a, F> {
+    y: &'a mut [f32],
+    slopes: &'a mut [f32],
+    stride: usize,
+    function: PhantomData<F>,
+}
+
+impl<R: Register, const N: usize, F: Function> Finish<R, N> for ActivateWithSlope<'_, F> {
+    #[inline(always)]
+    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
+        let (value, slope) = F::value_and_slope(sum);
+        value.store(lanes_mut(self.y, row * self.stride));
+        slope.store(lanes_mut(self.slopes, row * self.stride));
     }
 }
 
@@ -136,6 +176,9 @@ pub(crate) fn backward<R: Register, const N: usize>(
         Slope::OfValue(Activation::Tanh, y) => backward_by_panels::<R, N, Tanh>(shape, weights, rows, d, y, d_x),
         Slope::OfValue(Activation::Sigmoid, y) => backward_by_panels::<R, N, Sigmoid>(shape, weights, rows, d, y, d_x),
         Slope::OfValue(Activation::Relu, y) => backward_by_panels::<R, N, Relu>(shape, weights, rows, d, y, d_x),
+        // the others store theirs
+        Slope::OfValue(_, y) => backward_by_panels::<R, N, Identity>(shape, weights, rows, d, y, d_x),
+        Slope::Stored(slopes) => backward_by_panels::<R, N, Stored>(shape, weights, rows, d, slopes, d_x),
     }
 }
 
@@ -208,6 +251,10 @@ pub(crate) fn gradient<R: Register, const N: usize>(
             row[shape.inputs..].fill(0.0);
         }
     }
+    if shape.normalized {
+        // the biases are added after the normalisation, which has dealt with them
+        return;
+    }
     let mut put = Put { store, to: bias, stride: WIDTH };
     for index in 0..padded(shape.outputs) / WIDTH {
         let mut sum = Lanes::<R, N>::splat(0.0);
@@ -218,10 +265,10 @@ pub(crate) fn gradient<R: Register, const N: usize>(
     }
 }
 
-struct Put<'a> {
-    store: Store,
-    to: &'a mut [f32],
-    stride: usize,
+pub(super) struct Put<'a> {
+    pub(super) store: Store,
+    pub(super) to: &'a mut [f32],
+    pub(super) stride: usize,
 }
 
 impl<R: Register, const N: usize> Finish<R, N> for Put<'_> {
@@ -237,11 +284,11 @@ impl<R: Register, const N: usize> Finish<R, N> for Put<'_> {
 
 /// The [`WIDTH`] values from `at` on.
 #[inline(always)]
-fn lanes(values: &[f32], at: usize) -> &[f32; WIDTH] {
+pub(super) fn lanes(values: &[f32], at: usize) -> &[f32; WIDTH] {
     &values[at..at + WIDTH].as_chunks::<WIDTH>().0[0]
 }
 
 #[inline(always)]
-fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; WIDTH] {
+pub(super) fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; WIDTH] {
     &mut values[at..at + WIDTH].as_chunks_mut::<WIDTH>().0[0]
 }

@@ -11,10 +11,12 @@
 //! - [`activation`]: activation functions and their derivatives
 //! - [`transpose`](mod@transpose): the transpose
 //! - [`layer`]: forward pass, backward pass and gradient of a layer
+//! - [`batch_norm`]: normalisation over the rows of a block
 //! - [`matrix`]: products of small matrices
 //! - [`buffer`]: memory that begins at a cache line
 
 pub(crate) mod activation;
+pub(crate) mod batch_norm;
 pub(crate) mod buffer;
 pub(crate) mod layer;
 pub(crate) mod matrix;

@@ -49,18 +49,37 @@ pub(crate) fn product<R: Register, const N: usize>(
     }
     let mut row = 0;
     while row < rows {
-        let count = (rows - row).min(R::ROWS);
-        // SAFETY: the assertions above hold for all rows, thus for `count` of them from `row` on
-        let done = unsafe {
-            match count {
-                8.. => tile::<R, N, 8>(left, row, panel, start, finish),
-                4.. => tile::<R, N, 4>(left, row, panel, start, finish),
-                3 => tile::<R, N, 3>(left, row, panel, start, finish),
-                2 => tile::<R, N, 2>(left, row, panel, start, finish),
-                _ => tile::<R, N, 1>(left, row, panel, start, finish),
-            }
-        };
+        // SAFETY: the assertions above hold for all rows, thus for as many as are left from `row` on
+        let done = unsafe { tiles::<R, N>(left, row, panel, start, finish) };
         row += done;
+    }
+}
+
+/// Some of the rows of [`product`] from `first` on, which is not the last; returns how many.
+///
+/// # Safety
+/// All elements of the left matrix's rows from `first` on and of the panel lie within their slices.
+#[inline(always)]
+unsafe fn tiles<R: Register, const N: usize>(
+    left: Left,
+    first: usize,
+    panel: Panel,
+    start: Lanes<R, N>,
+    finish: &mut impl Finish<R, N>,
+) -> usize {
+    let count = left.rows - first;
+    // constants as conditions, so that no tile is compiled for an instruction set that has not the registers for it
+    // SAFETY: as the caller promises, for `count` rows
+    unsafe {
+        if const { R::ROWS >= 8 } && count >= 8 {
+            tile::<R, N, 8>(left, first, panel, start, finish)
+        } else if const { R::ROWS >= 4 } && count >= 4 {
+            tile::<R, N, 4>(left, first, panel, start, finish)
+        } else if const { R::ROWS >= 3 } && count >= 3 {
+            tile::<R, N, 3>(left, first, panel, start, finish)
+        } else {
+            tile::<R, N, 1>(left, first, panel, start, finish)
+        }
     }
 }
 

@@ -41,6 +41,8 @@ pub(crate) trait Register: Copy {
     fn copysign(self, sign: Self) -> Self;
     /// `2^k` for the integer `k` in the low bits of the mantissa of `self`, `-126 <= k <= 127`.
     fn power_of_two(self) -> Self;
+    /// `self`, or `-self` if the integer in the low bits of the mantissa of `number` is odd.
+    fn alternate(self, number: Self) -> Self;
     /// The sum of all numbers, in a fixed order.
     fn sum(self) -> f32;
 }
@@ -157,6 +159,14 @@ impl<R: Register, const N: usize> Lanes<R, N> {
     pub(crate) fn copysign(mut self, sign: Self) -> Self {
         for (register, sign) in self.0.iter_mut().zip(sign.0) {
             *register = register.copysign(sign);
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(crate) fn alternate(mut self, number: Self) -> Self {
+        for (register, number) in self.0.iter_mut().zip(number.0) {
+            *register = register.alternate(number);
         }
         self
     }
@@ -285,6 +295,11 @@ impl Register for Portable {
     fn power_of_two(self) -> Self {
         self.map(|x| f32::from_bits((x.to_bits() << 23).wrapping_add(127 << 23)))
     }
+    #[inline(always)]
+    fn alternate(self, number: Self) -> Self {
+        self.zip(number, |x, number| f32::from_bits(x.to_bits() ^ (number.to_bits() << 31)))
+    }
+
     #[inline(always)]
     fn sum(self) -> f32 {
         (self.0[0] + self.0[2]) + (self.0[1] + self.0[3])

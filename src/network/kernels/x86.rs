@@ -137,6 +137,15 @@ impl Register for Avx512 {
     }
 
     #[inline(always)]
+    fn alternate(self, number: Self) -> Self {
+        // SAFETY: as said above
+        Self(unsafe {
+            let sign = _mm512_slli_epi32::<31>(_mm512_castps_si512(number.0));
+            _mm512_xor_ps(self.0, _mm512_castsi512_ps(sign))
+        })
+    }
+
+    #[inline(always)]
     fn sum(self) -> f32 {
         // SAFETY: as said above
         unsafe { _mm512_reduce_add_ps(self.0) }
@@ -247,6 +256,15 @@ impl Register for Avx2 {
         Self(unsafe {
             let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(self.0));
             _mm256_castsi256_ps(_mm256_add_epi32(exponent, _mm256_set1_epi32(127 << 23)))
+        })
+    }
+
+    #[inline(always)]
+    fn alternate(self, number: Self) -> Self {
+        // SAFETY: as said above
+        Self(unsafe {
+            let sign = _mm256_slli_epi32::<31>(_mm256_castps_si256(number.0));
+            _mm256_xor_ps(self.0, _mm256_castsi256_ps(sign))
         })
     }
 

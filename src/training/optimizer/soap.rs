@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn steps_are_the_same_bits_on_any_number_of_threads_and_leave_the_padding_alone() {
-        let layout = Layout::new(&[3, 40, 35, 2]);
+        let layout = Layout::new(&[3, 40, 35, 2], false);
         let run = |threads| {
             let (mut team, mut soap) = (Team::new(threads), Soap::new(&layout));
             let mut parameters = vec![0.0; layout.len()];

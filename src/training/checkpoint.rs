@@ -1,0 +1,101 @@
+//! The state of a training as bytes: a safetensors container.
+//!
+//! | tensor | type | |
+//! |---|---|---|
+//! | `parameters`, `mean`, `square`, ... | F32 | the trainer's state, in the layout it has in memory |
+//! | `best` | F32 | parameters of the best network so far |
+//! | `history` | F64 `[epochs, 6]` | the fields of [`EpochRecord`] |
+//!
+//! The container's metadata has one entry, `metafmu_training`: the JSON text of [`Header`].
+
+use super::{EpochRecord, TrainingError};
+use crate::study::TrainingOptions;
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde::{Deserialize, Serialize};
+
+pub(super) const FORMAT: u32 = 1;
+
+const HEADER_KEY: &str = "metafmu_training";
+
+/// What a checkpoint is of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Header {
+    pub(super) format: u32,
+    pub(super) options: TrainingOptions,
+    pub(super) seed: u64,
+    pub(super) sizes: Vec<usize>,
+    /// For training and for validation.
+    pub(super) rows: [usize; 2],
+    /// Of the optimizer.
+    pub(super) steps: u64,
+    pub(super) best_epoch: usize,
+}
+
+/// # Errors
+/// [`TrainingError::Checkpoint`]; not expected to happen.
+pub(super) fn write(
+    header: &Header,
+    state: &[(String, &mut [f32])],
+    best: &[f32],
+    history: &[EpochRecord],
+) -> Result<Vec<u8>, TrainingError> {
+    let text = serde_json::to_string(header).map_err(damaged)?;
+    let single = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let mut tensors: Vec<(&str, Dtype, Vec<usize>, Vec<u8>)> =
+        state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, vec![values.len()], single(values))).collect();
+    tensors.push(("best", Dtype::F32, vec![best.len()], single(best)));
+    let rows = history.iter().flat_map(|record| {
+        let EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best } = *record;
+        [epoch as f64, train_loss, validation_loss, learning_rate, seconds, f64::from(u8::from(best))]
+    });
+    let bytes = rows.flat_map(f64::to_le_bytes).collect();
+    tensors.push(("history", Dtype::F64, vec![history.len(), 6], bytes));
+    let views: Vec<(&str, TensorView)> = tensors
+        .iter()
+        .map(|(name, dtype, shape, bytes)| Ok((*name, TensorView::new(*dtype, shape.clone(), bytes)?)))
+        .collect::<Result<_, safetensors::SafeTensorError>>()
+        .map_err(damaged)?;
+    safetensors::serialize(views, Some([(HEADER_KEY.to_owned(), text)].into_iter().collect())).map_err(damaged)
+}
+
+/// Fills the state and the best parameters; returns the header, to be compared, and the history.
+///
+/// # Errors
+/// [`TrainingError::Checkpoint`] if the container is damaged or its tensors are not these.
+pub(super) fn read(
+    bytes: &[u8],
+    state: &mut [(String, &mut [f32])],
+    best: &mut [f32],
+) -> Result<(Header, Vec<EpochRecord>), TrainingError> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let text = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER_KEY));
+    let header = serde_json::from_str(text.ok_or_else(|| damaged("it has no header"))?).map_err(damaged)?;
+    let container = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    if container.len() != state.len() + 2 {
+        return Err(damaged(format!("{} tensors, expected {}", container.len(), state.len() + 2)));
+    }
+    let best = [("best", best)];
+    for (name, values) in state.iter_mut().map(|(name, values)| (name.as_str(), &mut **values)).chain(best) {
+        let tensor = container.tensor(name).map_err(damaged)?;
+        if tensor.dtype() != Dtype::F32 || tensor.shape() != [values.len()] {
+            return Err(damaged(format!("tensor `{name}` is not {} numbers", values.len())));
+        }
+        for (value, bytes) in values.iter_mut().zip(tensor.data().as_chunks().0) {
+            *value = f32::from_le_bytes(*bytes);
+        }
+    }
+    let history = container.tensor("history").map_err(damaged)?;
+    if history.dtype() != Dtype::F64 || history.shape().len() != 2 || history.shape()[1] != 6 {
+        return Err(damaged("tensor `history` has not six columns of numbers"));
+    }
+    let numbers: Vec<f64> = history.data().as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    let record = |row: &[f64; 6]| {
+        let [epoch, train_loss, validation_loss, learning_rate, seconds, best] = *row;
+        EpochRecord { epoch: epoch as usize, train_loss, validation_loss, learning_rate, seconds, best: best > 0.0 }
+    };
+    Ok((header, numbers.as_chunks().0.iter().map(record).collect()))
+}
+
+fn damaged(problem: impl ToString) -> TrainingError {
+    TrainingError::Checkpoint { problem: problem.to_string() }
+}
