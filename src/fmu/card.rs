@@ -110,6 +110,10 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
         Activation::Tanh => "tanh",
         Activation::Sigmoid => "sigmoid",
         Activation::Relu => "ReLU",
+        Activation::Gelu => "GELU",
+        Activation::Silu => "SiLU",
+        Activation::Sine => "sine",
+        Activation::Identity => "linear",
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",

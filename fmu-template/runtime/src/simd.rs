@@ -171,7 +171,7 @@ impl Real for f32 {
     const TANH_ONE: Self = 10.0;
     const EXP_HALF_MAX: Self = 43.0;
     const INVERSE_PI: Self = std::f32::consts::FRAC_1_PI;
-    const PI: [Self; 3] = [3.140_625, 9.675_025_939_941_406e-4, 1.509_957_990_978_376_4e-7];
+    const PI: [Self; 3] = [3.140_625, 9.675_026e-4, 1.509_958e-7];
     // the first omitted terms are below 7e-10 and 7e-9
     const SINE: (Self, &'static [Self]) =
         (1.0 / 6_227_020_800.0, &[-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0]);

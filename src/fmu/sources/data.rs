@@ -72,6 +72,10 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         Activation::Tanh => "ACTIVATION_TANH",
         Activation::Sigmoid => "ACTIVATION_SIGMOID",
         Activation::Relu => "ACTIVATION_RELU",
+        Activation::Gelu => "ACTIVATION_GELU",
+        Activation::Silu => "ACTIVATION_SILU",
+        Activation::Sine => "ACTIVATION_SINE",
+        Activation::Identity => "ACTIVATION_IDENTITY",
     };
     let mut text = format!(
         "{NOTICE}#ifndef MODEL_DATA_H\n#define MODEL_DATA_H\n\n\
@@ -83,7 +87,16 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
     push(
         &mut text,
         format_args!(
-            "\nenum {{ ACTIVATION_TANH, ACTIVATION_SIGMOID, ACTIVATION_RELU, ACTIVATION = {activation} }};\n\n\
+            "\nenum {{\n    \
+                 ACTIVATION_TANH,\n    \
+                 ACTIVATION_SIGMOID,\n    \
+                 ACTIVATION_RELU,\n    \
+                 ACTIVATION_GELU,\n    \
+                 ACTIVATION_SILU,\n    \
+                 ACTIVATION_SINE,\n    \
+                 ACTIVATION_IDENTITY,\n    \
+                 ACTIVATION = {activation}\n\
+             }};\n\n\
              enum {{\n    \
                  COLUMN_COUNT = {columns},\n    \
                  OUTPUT_COUNT = {outputs},\n    \

@@ -160,6 +160,10 @@ fn outputs_and_derivatives_are_those_of_the_evaluator() {
         (&[33, 7, 50], Activation::Tanh),
         (&[1, 130], Activation::Sigmoid),
         (&[24, 24], Activation::Relu),
+        (&[24, 9], Activation::Gelu),
+        (&[24, 9], Activation::Silu),
+        (&[24, 9], Activation::Sine),
+        (&[24, 9], Activation::Identity),
         (&[], Activation::Tanh),
     ] {
         compare_network(&example::with_network(hidden, activation), &[]);
