@@ -205,7 +205,7 @@ fn count_parameters(sizes: &[usize]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::{
-        kernels::{Simd, layer::Store},
+        kernels::{Simd, Store},
         *,
     };
 

@@ -3,11 +3,11 @@
 use super::{
     Network,
     kernels::{
-        Kernel, Register, Simd,
+        Kernel, Register, Simd, Store,
         activation::{Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh},
         batch_norm,
         buffer::Buffer,
-        layer::{self, Slope, Store, slope_follows_from_value},
+        layer::{self, Slope, slope_follows_from_value},
     },
     layout::{Layout, Shape, padded, stride},
 };
@@ -125,23 +125,12 @@ impl Kernel for Forward<'_> {
             let (x, y) = (&before[index], &mut *after[0]);
             let hidden = index + 1 < layout.shapes.len();
             let mut slopes = if noise.is_some() { slopes.get_mut(index).map(|slopes| &mut **slopes) } else { None };
-            if shape.normalized {
-                layer::forward::<R, N>(shape, parameters, Activation::Identity, rows, x, y, None);
-                if let Some(slopes) = &mut slopes {
-                    let normalize = Normalize {
-                        shape,
-                        parameters,
-                        rows,
-                        y,
-                        v: &mut normalized[index],
-                        slopes,
-                        statistics: &mut statistics[index],
-                    };
-                    normalize.with::<R, N>(*activation);
-                }
-            } else {
-                let activation = if hidden { *activation } else { Activation::Identity };
-                layer::forward::<R, N>(shape, parameters, activation, rows, x, y, slopes.as_deref_mut());
+            let function = if hidden && !shape.normalized { *activation } else { Activation::Identity };
+            let slopes_now = if shape.normalized { None } else { slopes.as_deref_mut() };
+            layer::forward::<R, N>(shape, parameters, function, rows, x, y, slopes_now);
+            if let (true, Some(slopes)) = (shape.normalized, &mut slopes) {
+                let (v, statistics) = (&mut normalized[index], &mut statistics[index]);
+                Normalize { shape, parameters, rows, y, v, slopes, statistics }.with::<R, N>(*activation);
             }
             if let (Some(noise), Some(slopes), true) = (noise, slopes, hidden && *dropout > 0.0) {
                 leave_out(*dropout, noise, index, shape.outputs, y, slopes);

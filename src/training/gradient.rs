@@ -10,7 +10,7 @@ use super::{
 };
 use crate::network::{
     BLOCK_ROWS, Noise, Packed, Workspace,
-    kernels::{Kernel, Lanes, Register, Simd, WIDTH, buffer::Buffer, layer::Store},
+    kernels::{Kernel, Lanes, Register, Simd, Store, WIDTH, buffer::Buffer},
     layout::{padded, stride},
 };
 use crate::study::TrainingOptions;
@@ -203,6 +203,7 @@ impl Sum<'_> {
     ///
     /// # Safety
     /// As long as the result lives, no other piece that overlaps with this one is asked for.
+    #[expect(clippy::mut_from_ref, reason = "the caller keeps the pieces apart")]
     pub(super) unsafe fn piece(&self, range: Range<usize>) -> &mut [f32] {
         // SAFETY: as the caller promises
         let total = unsafe { self.first.range(range.clone()) };

@@ -6,11 +6,7 @@
 //! backward   dγ = sum of d v,  db = sum of d,  d_z = γ s (d - db / rows - v dγ / rows)
 //! ```
 
-use super::{
-    Finish, Lanes, Register, WIDTH,
-    activation::Function,
-    layer::{Put, Store, lanes, lanes_mut},
-};
+use super::{Lanes, Register, Store, WIDTH, activation::Function, lanes, lanes_mut};
 use crate::network::layout::{Shape, padded, stride};
 
 /// PyTorch's ε.
@@ -22,7 +18,6 @@ pub(crate) const STATISTICS: usize = 3;
 /// From `z` in `y` to the normalised values `v`, `y` and the slopes `f'(u)`. `statistics`: mean, variance and `s` of each
 /// node, `[3, padded(outputs)]`.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "each is a matrix of the equations above")]
 pub(crate) fn forward<R: Register, const N: usize, F: Function>(
     shape: &Shape,
     parameters: &[f32],
@@ -88,9 +83,8 @@ pub(crate) fn backward<R: Register, const N: usize>(
             sum = sum.add(d);
             sum_of_products = d.mul_add(Lanes::load(lanes(v, at(row))), sum_of_products);
         }
-        let bias = shape.split_mut(gradient).1;
-        Put { store, to: &mut bias[column..], stride: WIDTH }.finish(0, sum);
-        Put { store, to: &mut shape.factors_mut(gradient)[column..], stride: WIDTH }.finish(0, sum_of_products);
+        store.put(sum, lanes_mut(shape.split_mut(gradient).1, column));
+        store.put(sum_of_products, lanes_mut(shape.factors_mut(gradient), column));
         let s = Lanes::load(lanes(statistics, 2 * width + column));
         let factor = Lanes::load(lanes(factors, column)).mul(s);
         let (mean, slope) = (sum.mul(share), sum_of_products.mul(share));

@@ -10,20 +10,12 @@
 //! in the others. The weights are laid out as [`Shape`] says.
 
 use super::{
-    Finish, Lanes, Left, Panel, Register, WIDTH,
+    Lanes, Left, Panel, Register, Store, WIDTH,
     activation::{Derivative, Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Stored, Tanh},
-    product,
+    lanes, lanes_mut, product,
 };
 use crate::network::layout::{Shape, padded, stride};
 use metafmu_runtime::Activation;
-use std::marker::PhantomData;
-
-/// What becomes of the values that stand in a gradient.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Store {
-    Replace,
-    Add,
-}
 
 /// What the backward pass multiplies by: the derivative of the activation `f` that made the layer's inputs.
 #[derive(Clone, Copy)]
@@ -51,7 +43,7 @@ pub(crate) fn forward<R: Register, const N: usize>(
     rows: usize,
     x: &[f32],
     y: &mut [f32],
-    slopes: Option<&mut [f32]>,
+    mut slopes: Option<&mut [f32]>,
 ) {
     if shape.by_rows {
         return match shape.outputs {
@@ -65,26 +57,6 @@ pub(crate) fn forward<R: Register, const N: usize>(
             _ => forward_by_rows::<R, N, 8>(shape, parameters, rows, x, y),
         };
     }
-    match activation {
-        Activation::Tanh => forward_by_panels::<R, N, Tanh>(shape, parameters, rows, x, y, slopes),
-        Activation::Sigmoid => forward_by_panels::<R, N, Sigmoid>(shape, parameters, rows, x, y, slopes),
-        Activation::Relu => forward_by_panels::<R, N, Relu>(shape, parameters, rows, x, y, slopes),
-        Activation::Gelu => forward_by_panels::<R, N, Gelu>(shape, parameters, rows, x, y, slopes),
-        Activation::Silu => forward_by_panels::<R, N, Silu>(shape, parameters, rows, x, y, slopes),
-        Activation::Sine => forward_by_panels::<R, N, Sine>(shape, parameters, rows, x, y, slopes),
-        Activation::Identity => forward_by_panels::<R, N, Identity>(shape, parameters, rows, x, y, slopes),
-    }
-}
-
-#[inline(always)]
-fn forward_by_panels<R: Register, const N: usize, F: Function>(
-    shape: &Shape,
-    parameters: &[f32],
-    rows: usize,
-    x: &[f32],
-    y: &mut [f32],
-    mut slopes: Option<&mut [f32]>,
-) {
     let left = Left { values: x, rows, inner: shape.inputs, row_stride: stride(shape.inputs), inner_stride: 1 };
     let (weight, bias) = shape.split(parameters);
     let distance = stride(shape.outputs);
@@ -93,43 +65,44 @@ fn forward_by_panels<R: Register, const N: usize, F: Function>(
         // the biases of a normalised layer are added after the normalisation
         let start = if shape.normalized { Lanes::splat(0.0) } else { Lanes::load(bias) };
         let y = &mut y[index * WIDTH..];
-        if let Some(slopes) = &mut slopes {
-            let slopes = &mut slopes[index * WIDTH..];
-            let mut activate = ActivateWithSlope { y, slopes, stride: distance, function: PhantomData::<F> };
-            product::<R, N>(left, panel, start, &mut activate);
-        } else {
-            let mut activate = Activate { y, stride: distance, function: PhantomData::<F> };
-            product::<R, N>(left, panel, start, &mut activate);
+        product::<R, N>(left, panel, start, Store::Replace, y, distance);
+        let slopes = slopes.as_deref_mut().map(|slopes| &mut slopes[index * WIDTH..]);
+        match activation {
+            Activation::Tanh => activate::<R, N, Tanh>(rows, y, slopes, distance),
+            Activation::Sigmoid => activate::<R, N, Sigmoid>(rows, y, slopes, distance),
+            Activation::Relu => activate::<R, N, Relu>(rows, y, slopes, distance),
+            Activation::Gelu => activate::<R, N, Gelu>(rows, y, slopes, distance),
+            Activation::Silu => activate::<R, N, Silu>(rows, y, slopes, distance),
+            Activation::Sine => activate::<R, N, Sine>(rows, y, slopes, distance),
+            Activation::Identity if slopes.is_none() => {}
+            Activation::Identity => activate::<R, N, Identity>(rows, y, slopes, distance),
         }
     }
 }
 
-struct Activate<'a, F> {
-    y: &'a mut [f32],
-    stride: usize,
-    function: PhantomData<F>,
-}
-
-impl<R: Register, const N: usize, F: Function> Finish<R, N> for Activate<'_, F> {
-    #[inline(always)]
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-        F::value(sum).store(lanes_mut(self.y, row * self.stride));
-    }
-}
-
-struct ActivateWithSlope<'a, F> {
-    y: &'a mut [f32],
-    slopes: &'a mut [f32],
-    stride: usize,
-    function: PhantomData<F>,
-}
-
-impl<R: Register, const N: usize, F: Function> Finish<R, N> for ActivateWithSlope<'_, F> {
-    #[inline(always)]
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-        let (value, slope) = F::value_and_slope(sum);
-        value.store(lanes_mut(self.y, row * self.stride));
-        slope.store(lanes_mut(self.slopes, row * self.stride));
+/// A panel's values replaced by the activation, and its derivative into `slopes`.
+#[inline(always)]
+fn activate<R: Register, const N: usize, F: Function>(
+    rows: usize,
+    y: &mut [f32],
+    slopes: Option<&mut [f32]>,
+    distance: usize,
+) {
+    match slopes {
+        None => {
+            for row in 0..rows {
+                let y = lanes_mut(y, row * distance);
+                F::value(Lanes::<R, N>::load(y)).store(y);
+            }
+        }
+        Some(slopes) => {
+            for row in 0..rows {
+                let y = lanes_mut(y, row * distance);
+                let (value, slope) = F::value_and_slope(Lanes::<R, N>::load(y));
+                value.store(y);
+                slope.store(lanes_mut(slopes, row * distance));
+            }
+        }
     }
 }
 
@@ -172,50 +145,34 @@ pub(crate) fn backward<R: Register, const N: usize>(
     d_x: &mut [f32],
 ) {
     let weights = if shape.by_rows { shape.split(parameters).0 } else { shape.turned(turned) };
-    match slope {
-        Slope::OfValue(Activation::Tanh, y) => backward_by_panels::<R, N, Tanh>(shape, weights, rows, d, y, d_x),
-        Slope::OfValue(Activation::Sigmoid, y) => backward_by_panels::<R, N, Sigmoid>(shape, weights, rows, d, y, d_x),
-        Slope::OfValue(Activation::Relu, y) => backward_by_panels::<R, N, Relu>(shape, weights, rows, d, y, d_x),
-        // the others store theirs
-        Slope::OfValue(_, y) => backward_by_panels::<R, N, Identity>(shape, weights, rows, d, y, d_x),
-        Slope::Stored(slopes) => backward_by_panels::<R, N, Stored>(shape, weights, rows, d, slopes, d_x),
-    }
-}
-
-#[inline(always)]
-fn backward_by_panels<R: Register, const N: usize, D: Derivative>(
-    shape: &Shape,
-    weights: &[f32],
-    rows: usize,
-    d: &[f32],
-    from: &[f32],
-    d_x: &mut [f32],
-) {
     let left = Left { values: d, rows, inner: shape.outputs, row_stride: stride(shape.outputs), inner_stride: 1 };
-    for index in 0..padded(shape.inputs) / WIDTH {
+    let distance = stride(shape.inputs);
+    for begin in (0..padded(shape.inputs)).step_by(WIDTH) {
         let panel = if shape.by_rows {
-            Panel { values: &weights[index * WIDTH..], stride: padded(shape.inputs) }
+            Panel { values: &weights[begin..], stride: padded(shape.inputs) }
         } else {
-            Panel { values: &weights[index * shape.outputs * WIDTH..], stride: WIDTH }
+            Panel { values: &weights[begin * shape.outputs..], stride: WIDTH }
         };
-        let (from, d_x) = (&from[index * WIDTH..], &mut d_x[index * WIDTH..]);
-        let mut derive = Derive { from, d_x, stride: stride(shape.inputs), derivative: PhantomData::<D> };
-        product::<R, N>(left, panel, Lanes::splat(0.0), &mut derive);
+        let d_x = &mut d_x[begin..];
+        product::<R, N>(left, panel, Lanes::splat(0.0), Store::Replace, d_x, distance);
+        match slope {
+            Slope::OfValue(Activation::Tanh, y) => derive::<R, N, Tanh>(rows, &y[begin..], d_x, distance),
+            Slope::OfValue(Activation::Sigmoid, y) => derive::<R, N, Sigmoid>(rows, &y[begin..], d_x, distance),
+            Slope::OfValue(Activation::Relu, y) => derive::<R, N, Relu>(rows, &y[begin..], d_x, distance),
+            // of the identity; the others store theirs
+            Slope::OfValue(..) => {}
+            Slope::Stored(slopes) => derive::<R, N, Stored>(rows, &slopes[begin..], d_x, distance),
+        }
     }
 }
 
-struct Derive<'a, D> {
-    from: &'a [f32],
-    d_x: &'a mut [f32],
-    stride: usize,
-    derivative: PhantomData<D>,
-}
-
-impl<R: Register, const N: usize, D: Derivative> Finish<R, N> for Derive<'_, D> {
-    #[inline(always)]
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-        let from = Lanes::load(lanes(self.from, row * self.stride));
-        D::times(sum, from).store(lanes_mut(self.d_x, row * self.stride));
+/// A panel's values multiplied by the derivative of the activation.
+#[inline(always)]
+fn derive<R: Register, const N: usize, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], distance: usize) {
+    for row in 0..rows {
+        let from = Lanes::<R, N>::load(lanes(from, row * distance));
+        let d = lanes_mut(d, row * distance);
+        D::times(Lanes::load(d), from).store(d);
     }
 }
 
@@ -242,8 +199,7 @@ pub(crate) fn gradient<R: Register, const N: usize>(
         let panel = Panel { values: &column_values[index * WIDTH..], stride: column_stride };
         let (begin, distance) =
             if shape.by_rows { (index * WIDTH, columns) } else { (index * row_count * WIDTH, WIDTH) };
-        let mut put = Put { store, to: &mut weight[begin..], stride: distance };
-        product::<R, N>(left, panel, Lanes::splat(0.0), &mut put);
+        product::<R, N>(left, panel, Lanes::splat(0.0), store, &mut weight[begin..], distance);
     }
     if shape.by_rows {
         // the inputs behind the last one are not zero after every activation
@@ -255,40 +211,11 @@ pub(crate) fn gradient<R: Register, const N: usize>(
         // the biases are added after the normalisation, which has dealt with them
         return;
     }
-    let mut put = Put { store, to: bias, stride: WIDTH };
-    for index in 0..padded(shape.outputs) / WIDTH {
+    for (index, bias) in bias.as_chunks_mut::<WIDTH>().0.iter_mut().enumerate() {
         let mut sum = Lanes::<R, N>::splat(0.0);
         for row in 0..rows {
             sum = sum.add(Lanes::load(lanes(d, row * d_stride + index * WIDTH)));
         }
-        put.finish(index, sum);
+        store.put(sum, bias);
     }
-}
-
-pub(super) struct Put<'a> {
-    pub(super) store: Store,
-    pub(super) to: &'a mut [f32],
-    pub(super) stride: usize,
-}
-
-impl<R: Register, const N: usize> Finish<R, N> for Put<'_> {
-    #[inline(always)]
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-        let to = lanes_mut(self.to, row * self.stride);
-        match self.store {
-            Store::Replace => sum.store(to),
-            Store::Add => Lanes::load(to).add(sum).store(to),
-        }
-    }
-}
-
-/// The [`WIDTH`] values from `at` on.
-#[inline(always)]
-pub(super) fn lanes(values: &[f32], at: usize) -> &[f32; WIDTH] {
-    &values[at..at + WIDTH].as_chunks::<WIDTH>().0[0]
-}
-
-#[inline(always)]
-pub(super) fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; WIDTH] {
-    &mut values[at..at + WIDTH].as_chunks_mut::<WIDTH>().0[0]
 }

@@ -1,6 +1,6 @@
 //! Square and other small matrices, row by row at a distance of [`stride`], for optimizers that need products.
 
-use super::{Finish, Kernel, Lanes, Left, Panel, Register, Simd, WIDTH, buffer::Buffer, product, transpose};
+use super::{Kernel, Lanes, Left, Panel, Register, Simd, Store, WIDTH, buffer::Buffer, product, transpose};
 use crate::network::layout::{padded, stride};
 
 /// A matrix; what is behind its last column is zero.
@@ -9,15 +9,6 @@ pub(crate) struct Matrix {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
     pub(crate) values: Buffer,
-}
-
-/// What becomes of the values that stand in a result.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Blend {
-    Replace,
-    /// `(1 - share) * old + share * new`
-    Share(f32),
-    Subtract,
 }
 
 impl Matrix {
@@ -73,8 +64,8 @@ impl Matrix {
 }
 
 /// `to = left right`, for the rows that `left` has; `to`: these rows at the distance of `right`'s.
-pub(crate) fn multiply(simd: Simd, left: Left, right: &Matrix, blend: Blend, to: &mut [f32]) {
-    simd.run(Multiply { left, right: &right.values, columns: right.columns, blend, to });
+pub(crate) fn multiply(simd: Simd, left: Left, right: &Matrix, store: Store, to: &mut [f32]) {
+    simd.run(Multiply { left, right: &right.values, columns: right.columns, store, to });
 }
 
 /// As [`multiply`], with `right` and `to` as slices of rows of `columns` at a distance of [`stride`].
@@ -82,7 +73,7 @@ pub(crate) struct Multiply<'a> {
     pub(crate) left: Left<'a>,
     pub(crate) right: &'a [f32],
     pub(crate) columns: usize,
-    pub(crate) blend: Blend,
+    pub(crate) store: Store,
     pub(crate) to: &'a mut [f32],
 }
 
@@ -91,33 +82,11 @@ impl Kernel for Multiply<'_> {
 
     #[inline(always)]
     fn run<R: Register, const N: usize>(self) {
-        let Self { left, right, columns, blend, to } = self;
+        let Self { left, right, columns, store, to } = self;
         for begin in (0..padded(columns)).step_by(WIDTH) {
             let panel = Panel { values: &right[begin.min(right.len())..], stride: stride(columns) };
-            let mut put = PutRows { blend, to: &mut to[begin..], stride: stride(columns) };
-            product::<R, N>(left, panel, Lanes::splat(0.0), &mut put);
+            product::<R, N>(left, panel, Lanes::splat(0.0), store, &mut to[begin..], stride(columns));
         }
-    }
-}
-
-struct PutRows<'a> {
-    blend: Blend,
-    to: &'a mut [f32],
-    stride: usize,
-}
-
-impl<R: Register, const N: usize> Finish<R, N> for PutRows<'_> {
-    #[inline(always)]
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-        let at = row * self.stride;
-        let to = &mut self.to[at..at + WIDTH].as_chunks_mut::<WIDTH>().0[0];
-        let old = Lanes::load(to);
-        match self.blend {
-            Blend::Replace => sum,
-            Blend::Share(share) => sum.sub(old).mul_add(Lanes::splat(share), old),
-            Blend::Subtract => old.sub(sum),
-        }
-        .store(to);
     }
 }
 
@@ -145,7 +114,7 @@ mod tests {
             for left in [plain, transposed] {
                 let mut c = fill(rows, columns, 3);
                 let old = c.clone();
-                multiply(Simd::detect(), left, &b, Blend::Share(0.5), &mut c.values);
+                multiply(Simd::detect(), left, &b, Store::Blend(0.5), &mut c.values);
                 for row in 0..rows {
                     for column in 0..padded(columns) {
                         let product: f32 = (0..inner).map(|k| a.row(row)[k] * b.row(k)[column]).sum();

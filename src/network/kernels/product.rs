@@ -19,15 +19,18 @@ pub(crate) struct Panel<'a> {
     pub(crate) stride: usize,
 }
 
-/// What becomes of a row of a product while it is in registers.
-///
-/// A trait and not a closure, because a closure cannot be marked `#[inline(always)]`, without which it would not be
-/// compiled with the caller's instruction set.
-pub(crate) trait Finish<R: Register, const N: usize> {
-    fn finish(&mut self, row: usize, sum: Lanes<R, N>);
+/// What becomes of the values that stand in the result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Store {
+    Replace,
+    Add,
+    Subtract,
+    /// `(1 - share) * old + share * new`
+    Blend(f32),
 }
 
-/// Finishes every row with `finish(row, start + sum over k of left[row][k] * panel[k])`. The sum is in the order of `k`.
+/// `to[row] = start + sum over k of left[row][k] * panel[k]`, or as `store` says; the rows of `to` begin at a distance of
+/// `to_stride`. The sum is in the order of `k`.
 ///
 /// # Panics
 /// If the slices are too short for their shapes.
@@ -36,7 +39,9 @@ pub(crate) fn product<R: Register, const N: usize>(
     left: Left,
     panel: Panel,
     start: Lanes<R, N>,
-    finish: &mut impl Finish<R, N>,
+    store: Store,
+    to: &mut [f32],
+    to_stride: usize,
 ) {
     let Left { values, rows, inner, row_stride, inner_stride } = left;
     if rows == 0 {
@@ -49,37 +54,20 @@ pub(crate) fn product<R: Register, const N: usize>(
     }
     let mut row = 0;
     while row < rows {
+        let (count, to) = (rows - row, &mut to[row * to_stride..]);
+        // constants as conditions, so that no tile is compiled for an instruction set that has not the registers for it
         // SAFETY: the assertions above hold for all rows, thus for as many as are left from `row` on
-        let done = unsafe { tiles::<R, N>(left, row, panel, start, finish) };
-        row += done;
-    }
-}
-
-/// Some of the rows of [`product`] from `first` on, which is not the last; returns how many.
-///
-/// # Safety
-/// All elements of the left matrix's rows from `first` on and of the panel lie within their slices.
-#[inline(always)]
-unsafe fn tiles<R: Register, const N: usize>(
-    left: Left,
-    first: usize,
-    panel: Panel,
-    start: Lanes<R, N>,
-    finish: &mut impl Finish<R, N>,
-) -> usize {
-    let count = left.rows - first;
-    // constants as conditions, so that no tile is compiled for an instruction set that has not the registers for it
-    // SAFETY: as the caller promises, for `count` rows
-    unsafe {
-        if const { R::ROWS >= 8 } && count >= 8 {
-            tile::<R, N, 8>(left, first, panel, start, finish)
-        } else if const { R::ROWS >= 4 } && count >= 4 {
-            tile::<R, N, 4>(left, first, panel, start, finish)
-        } else if const { R::ROWS >= 3 } && count >= 3 {
-            tile::<R, N, 3>(left, first, panel, start, finish)
-        } else {
-            tile::<R, N, 1>(left, first, panel, start, finish)
-        }
+        row += unsafe {
+            if const { R::ROWS >= 8 } && count >= 8 {
+                tile::<R, N, 8>(left, row, panel, start, store, to, to_stride)
+            } else if const { R::ROWS >= 4 } && count >= 4 {
+                tile::<R, N, 4>(left, row, panel, start, store, to, to_stride)
+            } else if const { R::ROWS >= 3 } && count >= 3 {
+                tile::<R, N, 3>(left, row, panel, start, store, to, to_stride)
+            } else {
+                tile::<R, N, 1>(left, row, panel, start, store, to, to_stride)
+            }
+        };
     }
 }
 
@@ -93,7 +81,9 @@ unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
     first: usize,
     panel: Panel,
     start: Lanes<R, N>,
-    finish: &mut impl Finish<R, N>,
+    store: Store,
+    to: &mut [f32],
+    to_stride: usize,
 ) -> usize {
     let mut sums = [start; ROWS];
     for k in 0..left.inner {
@@ -108,9 +98,35 @@ unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
         }
     }
     for (i, sum) in sums.into_iter().enumerate() {
-        finish.finish(first + i, sum);
+        store.put(sum, lanes_mut(to, i * to_stride));
     }
     ROWS
+}
+
+impl Store {
+    #[inline(always)]
+    pub(crate) fn put<R: Register, const N: usize>(self, new: Lanes<R, N>, to: &mut [f32; WIDTH]) {
+        match self {
+            Self::Replace => new.store(to),
+            Self::Add => Lanes::load(to).add(new).store(to),
+            Self::Subtract => Lanes::load(to).sub(new).store(to),
+            Self::Blend(share) => {
+                let old = Lanes::load(to);
+                new.sub(old).mul_add(Lanes::splat(share), old).store(to);
+            }
+        }
+    }
+}
+
+/// The [`WIDTH`] values from `at` on.
+#[inline(always)]
+pub(crate) fn lanes(values: &[f32], at: usize) -> &[f32; WIDTH] {
+    &values[at..at + WIDTH].as_chunks::<WIDTH>().0[0]
+}
+
+#[inline(always)]
+pub(crate) fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; WIDTH] {
+    &mut values[at..at + WIDTH].as_chunks_mut::<WIDTH>().0[0]
 }
 
 #[cfg(test)]
@@ -129,17 +145,7 @@ mod tests {
 
         #[inline(always)]
         fn run<R: Register, const N: usize>(self) {
-            let mut result = Rows(self.result.as_chunks_mut::<WIDTH>().0);
-            product::<R, N>(self.left, self.panel, Lanes::splat(1.0), &mut result);
-        }
-    }
-
-    struct Rows<'a>(&'a mut [[f32; WIDTH]]);
-
-    impl<R: Register, const N: usize> Finish<R, N> for Rows<'_> {
-        #[inline(always)]
-        fn finish(&mut self, row: usize, sum: Lanes<R, N>) {
-            sum.store(&mut self.0[row]);
+            product::<R, N>(self.left, self.panel, Lanes::splat(1.0), Store::Replace, self.result, WIDTH);
         }
     }
 

@@ -2,8 +2,8 @@
 
 use crate::network::{
     kernels::{
-        Kernel, Lanes, Left, Register, Simd, WIDTH,
-        matrix::{Blend, Matrix, Multiply, multiply},
+        Kernel, Lanes, Left, Register, Simd, Store, WIDTH,
+        matrix::{Matrix, Multiply, multiply},
     },
     layout::padded,
 };
@@ -48,7 +48,7 @@ impl Eigenbasis {
     pub(super) fn refresh(&mut self) {
         let Self { simd, covariance, rows, columns, turn, turn_back, next, next_columns, projections } = self;
         let (simd, size) = (*simd, covariance.rows);
-        multiply(simd, all(rows), covariance, Blend::Replace, &mut next.values);
+        multiply(simd, all(rows), covariance, Store::Replace, &mut next.values);
         // in blocks: what lies along the vectors of the blocks before is taken away by products, twice, because the
         // first time leaves rounding errors that are large beside what remains
         let stride = next.stride();
@@ -64,7 +64,7 @@ impl Eigenbasis {
             for _ in 0..2 {
                 if first > 0 {
                     let along = Left { values: block, rows: count, inner: size, row_stride: stride, inner_stride: 1 };
-                    multiply(simd, along, next_columns, Blend::Replace, &mut projections.values);
+                    multiply(simd, along, next_columns, Store::Replace, &mut projections.values);
                     let left = Left {
                         values: &projections.values,
                         rows: count,
@@ -72,14 +72,14 @@ impl Eigenbasis {
                         row_stride: stride,
                         inner_stride: 1,
                     };
-                    simd.run(Multiply { left, right: before, columns: size, blend: Blend::Subtract, to: block });
+                    simd.run(Multiply { left, right: before, columns: size, store: Store::Subtract, to: block });
                 }
             }
-            for row in 0..count {
+            for (row, norm) in norms[..count].iter().enumerate() {
                 let (done, rest) = next.values.split_at_mut((first + row) * stride);
                 let vector = &mut rest[..padded(size)];
                 simd.run(Orthogonalize { vector, to: &done[first * stride..], stride });
-                if !normalize(simd, vector, 1e-10 * norms[row]) {
+                if !normalize(simd, vector, 1e-10 * norm) {
                     complete(simd, vector, done, stride, rows.row(first + row), size);
                 }
             }
@@ -89,7 +89,7 @@ impl Eigenbasis {
                 }
             }
         }
-        multiply(simd, all(next), columns, Blend::Replace, &mut turn.values);
+        multiply(simd, all(next), columns, Store::Replace, &mut turn.values);
         turn_back.set_transpose(turn);
         std::mem::swap(rows, next);
         std::mem::swap(columns, next_columns);

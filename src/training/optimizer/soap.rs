@@ -17,8 +17,8 @@ use super::{
 use crate::{
     network::{
         kernels::{
-            Kernel, Lanes, Left, Register, Simd, WIDTH,
-            matrix::{Blend, Matrix, multiply},
+            Kernel, Lanes, Left, Register, Simd, Store, WIDTH,
+            matrix::{Matrix, multiply},
         },
         layout::{Layout, Shape},
     },
@@ -154,7 +154,7 @@ impl Layer {
                 let rows = right_covariance.chunk(index - left_chunks);
                 // SAFETY: one chunk for each item
                 let to = unsafe { right_covariance.get(rows.clone()) };
-                return multiply(simd, some(turned, rows), gradient, Blend::Share(share), to);
+                return multiply(simd, some(turned, rows), gradient, Store::Blend(share), to);
             }
             let rows = left_covariance.chunk(index);
             // SAFETY: one chunk for each item
@@ -167,10 +167,10 @@ impl Layer {
                     product.get(rows.clone()),
                 )
             };
-            multiply(simd, some(gradient, rows.clone()), turned, Blend::Share(share), covariance);
-            multiply(simd, some(&left.rows, rows.clone()), gradient, Blend::Replace, product);
+            multiply(simd, some(gradient, rows.clone()), turned, Store::Blend(share), covariance);
+            multiply(simd, some(&left.rows, rows.clone()), gradient, Store::Replace, product);
             let half = Left { values: product, inner: gradient.columns, ..some(gradient, rows) };
-            multiply(simd, half, &right.columns, Blend::Replace, direction);
+            multiply(simd, half, &right.columns, Store::Replace, direction);
             simd.run(Direction { adam, mean, square, direction });
         });
     }
@@ -193,9 +193,9 @@ impl Layer {
             let rows = result.chunk(index);
             // SAFETY: one chunk for each item
             let (result, product) = unsafe { (result.get(rows.clone()), product.get(rows.clone())) };
-            multiply(simd, some(&left.columns, rows.clone()), direction, Blend::Replace, product);
+            multiply(simd, some(&left.columns, rows.clone()), direction, Store::Replace, product);
             let half = Left { values: product, inner: direction.columns, ..some(direction, rows.clone()) };
-            multiply(simd, half, &right.rows, Blend::Replace, result);
+            multiply(simd, half, &right.rows, Store::Replace, result);
             for (row, direction) in rows.zip(result.chunks(direction.stride())) {
                 for (range, column) in shape.matrix_row(row) {
                     let direction = &direction[column..column + range.len()];
@@ -209,8 +209,8 @@ impl Layer {
 
     /// Adam's mean in the new eigenbasis.
     fn turn_mean(&mut self, simd: Simd, left: &Eigenbasis, right: &Eigenbasis) {
-        multiply(simd, all(&left.turn), &self.mean, Blend::Replace, &mut self.product.values);
-        multiply(simd, all(&self.product), &right.turn_back, Blend::Replace, &mut self.mean.values);
+        multiply(simd, all(&left.turn), &self.mean, Store::Replace, &mut self.product.values);
+        multiply(simd, all(&self.product), &right.turn_back, Store::Replace, &mut self.mean.values);
     }
 }
 
