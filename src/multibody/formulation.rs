@@ -16,10 +16,10 @@ use std::cell::Cell;
 /// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected.
 const DRIFT: f64 = 1e-11;
 
-/// Part of a partition's quality at which another one is chosen at the next row.
+/// Part of the determinant of `C_d` when it was chosen at which another partition is chosen.
 const DEGRADED: f64 = 0.5;
 
-/// Part of a partition's quality below which it is not used: behind the singularity lies another assembly.
+/// Part of that determinant below which a partition is not used: behind the singularity lies another assembly.
 const UNUSABLE: f64 = 0.05;
 
 /// Accelerations and multipliers in one state.
@@ -48,10 +48,10 @@ type Split = (LU<f64, Dyn, Dyn>, DMatrix<f64>);
 pub struct Partition {
     dependent: Vec<usize>,
     independent: Vec<usize>,
-    /// Smallest over largest pivot of `C_d` when it was chosen, with the sign of its determinant.
-    quality: f64,
-    /// The same in the state that was looked at last.
-    last_quality: Cell<f64>,
+    /// Determinant of `C_d` when it was chosen.
+    determinant: f64,
+    /// Part of it that is left in the state that was looked at last.
+    left: Cell<f64>,
 }
 
 impl Formulation {
@@ -116,7 +116,7 @@ impl Formulation {
                 let (q, v) = halves(state);
                 model.constraints.violation(t, &q, &v) > DRIFT * (1.0 + q.amax())
             }
-            Self::Embedding(partition) => partition.last_quality.get() < DEGRADED * partition.quality.abs(),
+            Self::Embedding(partition) => partition.left.get() < DEGRADED,
         }
     }
 }
@@ -170,17 +170,16 @@ impl Partition {
         let (mut dependent, mut independent) = (order.as_slice()[..m].to_vec(), order.as_slice()[m..].to_vec());
         dependent.sort_unstable();
         independent.sort_unstable();
-        let quality = quality(&transposed.select_rows(&dependent).transpose().lu());
-        Ok(Self { dependent, independent, quality, last_quality: Cell::new(quality.abs()) })
+        let determinant = transposed.select_rows(&dependent).transpose().determinant();
+        Ok(Self { dependent, independent, determinant, left: Cell::new(1.0) })
     }
 
     /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or behind a singularity.
     fn split(&self, transposed: &DMatrix<f64>) -> Option<Split> {
         let factors = transposed.select_rows(&self.dependent).transpose().lu();
-        let quality = quality(&factors) * self.quality.signum();
-        self.last_quality.set(quality);
-        let usable = quality > UNUSABLE * self.quality.abs();
-        usable.then(|| (factors, transposed.select_rows(&self.independent).transpose()))
+        let left = factors.determinant() / self.determinant;
+        self.left.set(left);
+        (left > UNUSABLE).then(|| (factors, transposed.select_rows(&self.independent).transpose()))
     }
 
     fn complete(
@@ -245,15 +244,6 @@ impl Partition {
         place(&mut qdd, &self.dependent, &qdd_d);
         Ok(Acceleration { qdd, multipliers })
     }
-}
-
-/// Smallest over largest pivot, with the sign of the determinant: how far from singular a matrix is, and on which side.
-fn quality(factors: &LU<f64, Dyn, Dyn>) -> f64 {
-    let pivots = factors.u().diagonal();
-    let (smallest, largest) = pivots.iter().fold((1.0, 0.0), |(smallest, largest): (f64, f64), pivot| {
-        (if largest == 0.0 { pivot.abs() } else { smallest.min(pivot.abs()) }, largest.max(pivot.abs()))
-    });
-    if pivots.is_empty() { 1.0 } else { factors.determinant().signum() * smallest / largest }
 }
 
 fn pick(vector: &DVector<f64>, positions: &[usize]) -> DVector<f64> {

@@ -112,7 +112,7 @@ impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
         let state = self.formulation.state(&from.q, &from.v).push(from.t);
-        let problem = Problem { stretch: self, checked: from.t };
+        let problem = Problem { stretch: self, start: from.t };
         let Integration { states, failure, .. } = integrate::advance(problem, state, times, TOLERANCE);
         // after a failure the next stretch may do better, if there is a row from which it goes on
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
@@ -140,8 +140,7 @@ impl Stretch<'_> {
 /// A stretch as `ode_solvers` wants it: the time is the last of the states.
 struct Problem<'a> {
     stretch: &'a Stretch<'a>,
-    /// Time of the last row that was looked at.
-    checked: f64,
+    start: f64,
 }
 
 impl System<f64, DVector<f64>> for Problem<'_> {
@@ -156,9 +155,7 @@ impl System<f64, DVector<f64>> for Problem<'_> {
     /// Stops behind a row where the formulation is worn.
     fn solout(&mut self, _: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
         let (t, state) = split_time(row);
-        let is_new = t > self.checked;
-        self.checked = t;
-        is_new && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
+        t > self.start && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
     }
 }
 
