@@ -38,8 +38,13 @@ test.csv, samples.json, history.csv.
 Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
     Build(ExportArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
-    #[command(after_help = "Example:\n  metafmu sample examples/single-pendulum.toml")]
-    Sample(StudyArgs),
+    #[command(after_help = "Examples:
+  metafmu sample examples/single-pendulum.toml
+  metafmu sample examples/single-pendulum.toml --dry-run > plan.csv
+
+The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are
+the shorter plan; the first column of a printed plan says what a run is for.")]
+    Sample(SampleArgs),
     /// Train the network on train.csv and write NAME.safetensors and history.csv
     #[command(after_help = "Example:\n  metafmu train examples/single-pendulum.toml")]
     Train(StudyArgs),
@@ -89,6 +94,15 @@ pub struct StudyArgs {
     /// Print results as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct SampleArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Print the parameters of every run as CSV instead, and write nothing
+    #[arg(long, conflicts_with = "json")]
+    pub dry_run: bool,
 }
 
 #[derive(Debug, Args)]

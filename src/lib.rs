@@ -15,6 +15,7 @@ pub mod scaling;
 pub mod source;
 pub mod study;
 pub mod surrogate;
+pub mod table;
 pub mod training;
 pub mod variable;
 

@@ -1,8 +1,14 @@
 //! Where in the parameters' ranges runs are placed.
 
-use crate::study::{Method, ParameterOptions, Study};
+use crate::{
+    Result,
+    study::{Method, ParameterOptions, Study},
+    table::Table,
+};
+use indexmap::IndexMap;
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
+use std::path::Path;
 
 /// Parameter values of every run, training and test.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +21,12 @@ pub struct Plan {
 
 /// Parameters a Sobol plan can have: as many as there are direction numbers for.
 pub const MAX_SOBOL_PARAMETERS: usize = 100;
+
+/// Bases of Halton's sequences. Larger ones fill the ranges only after very many points.
+const HALTON_BASES: [u8; 16] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
+
+/// Parameters a Halton plan can have.
+pub const MAX_HALTON_PARAMETERS: usize = HALTON_BASES.len();
 
 /// What a stream of random numbers is for; streams of one seed are independent of each other.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +54,10 @@ impl Plan {
         let train = match study.sampling.method {
             Method::Mesh => mesh(&parameters, study.sampling.levels),
             Method::Random => uniform(&parameters, generator).take(runs).collect(),
+            Method::LatinHypercube => latin_hypercube(&parameters, runs, generator),
             Method::Sobol => sobol(&parameters, generator).take(runs).collect(),
+            Method::Halton => halton(&parameters, generator).take(runs).collect(),
+            Method::List => study.points().unwrap_or_default().to_vec(),
         };
         let unseen = |point: &Vec<f64>| !train.contains(point);
         let test = uniform(&parameters, random(study.seed, Stream::Test)).filter(unseen).take(study.sampling.test_runs);
@@ -59,6 +74,64 @@ fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>
         let extend = |point: Vec<f64>| (0..=steps).map(move |i| [point.as_slice(), &[level(i)]].concat());
         points.into_iter().flat_map(extend).collect()
     })
+}
+
+/// Latin hypercube (McKay, Beckman, Conover 1979): each of `runs` equal slices of each range has one point, at random in it.
+/// It is made for its number of runs: a shorter plan is no beginning of a longer one.
+fn latin_hypercube(parameters: &[&ParameterOptions], runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
+    let mut points = vec![Vec::with_capacity(parameters.len()); runs];
+    for ParameterOptions { min, max, .. } in parameters {
+        let mut slices: Vec<usize> = (0..runs).collect();
+        slices.shuffle(&mut generator);
+        for (point, slice) in points.iter_mut().zip(slices) {
+            let place = (slice as f64 + unit_interval(&mut generator)) / runs as f64;
+            point.push(min + (max - min) * place);
+        }
+    }
+    points
+}
+
+/// Halton's sequences in the first primes, each moved by a random distance around the unit circle (Cranley, Patterson 1976):
+/// any first `n` points of a longer plan are the plan of `n`.
+fn halton(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+    let columns: Vec<(u8, f64, f64, f64)> = parameters
+        .iter()
+        .zip(HALTON_BASES)
+        .map(|(parameter, base)| (base, unit_interval(&mut generator), parameter.min, parameter.max))
+        .collect();
+    (1..).map(move |index| {
+        let place = |(base, shift): (u8, f64)| (halton::number(base, index) + shift).fract();
+        columns.iter().map(|&(base, shift, min, max)| min + (max - min) * place((base, shift))).collect()
+    })
+}
+
+/// Reads the points of the method "list": a CSV file with a column for each parameter; others are not looked at.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io), or [`Error::Table`](crate::Error::Table) with the line that is wrong.
+pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>) -> Result<Vec<Vec<f64>>> {
+    let mut table = Table::open(path)?;
+    let mut columns = Vec::new();
+    for (name, options) in parameters {
+        let column = table.column(name)?;
+        table.check_unit(column, options.unit.as_deref())?;
+        columns.push((column, options));
+    }
+    let mut points: IndexMap<Vec<u64>, u64> = IndexMap::new();
+    while table.next_row()? {
+        let mut point = Vec::with_capacity(columns.len());
+        for &(column, ParameterOptions { min, max, .. }) in &columns {
+            // zeros of both signs are one point
+            point.push((table.number_in(column, *min, *max)? + 0.0).to_bits());
+        }
+        if let Some(before) = points.insert(point, table.line()) {
+            return Err(table.mistake(&format!("the point of line {before} again")));
+        }
+    }
+    if points.len() < 2 {
+        return Err(table.mistake(&format!("{} points, expected at least 2", points.len())));
+    }
+    Ok(points.into_keys().map(|point| point.into_iter().map(f64::from_bits).collect()).collect())
 }
 
 /// Independent points, uniform over the ranges.
@@ -142,15 +215,8 @@ mod tests {
 
     #[test]
     fn sobol_points_fill_every_cell_once_and_a_shorter_plan_begins_a_longer_one() {
-        let sobol = |runs: usize| {
-            let text = move |text: String| {
-                text.replace("method = \"mesh\"", "method = \"sobol\"")
-                    .replace("levels = 11", &format!("runs = {runs}"))
-            };
-            Plan::new(&study(text)).train
-        };
-        let points = sobol(1024);
-        assert_eq!(points[..100], sobol(100));
+        let points = runs("sobol", 1024);
+        assert_eq!(points[..100], runs("sobol", 100));
         let ranges = [(0.1, 0.2), (0.0, 0.15), (0.0, 5.0)];
         let cell = |point: &[f64], column: usize, cells: f64| {
             ((point[column] - ranges[column].0) / (ranges[column].1 - ranges[column].0) * cells) as usize
@@ -164,6 +230,76 @@ mod tests {
         let mut seen = vec![0; 1024];
         points.iter().for_each(|point| seen[32 * cell(point, 0, 32.0) + cell(point, 1, 32.0)] += 1);
         assert_eq!(seen, vec![1; 1024]);
+    }
+
+    fn runs(method: &str, runs: usize) -> Vec<Vec<f64>> {
+        let text = |text: String| {
+            text.replace("method = \"mesh\"", &format!("method = \"{method}\""))
+                .replace("levels = 11", &format!("runs = {runs}"))
+        };
+        Plan::new(&study(text)).train
+    }
+
+    /// The points on the unit cube.
+    fn unit(points: &[Vec<f64>]) -> Vec<[f64; 3]> {
+        points.iter().map(|p| [(p[0] - 0.1) / 0.1, p[1] / 0.15, p[2] / 5.0]).collect()
+    }
+
+    #[test]
+    fn a_latin_hypercube_has_one_point_in_each_slice_of_each_range() {
+        let points = runs("latin-hypercube", 500);
+        for column in 0..3 {
+            let mut slices: Vec<usize> = unit(&points).iter().map(|point| (point[column] * 500.0) as usize).collect();
+            assert_ne!(slices, (0..500).collect::<Vec<_>>());
+            slices.sort_unstable();
+            assert_eq!(slices, (0..500).collect::<Vec<_>>());
+        }
+        assert_eq!(points, runs("latin-hypercube", 500));
+        // the columns are in orders of their own: 500 points of uncorrelated columns, 4 standard deviations
+        let correlation = unit(&points).iter().map(|p| (p[0] - 0.5) * (p[1] - 0.5)).sum::<f64>() / 500.0 * 12.0;
+        assert!(correlation.abs() < 4.0 / 500f64.sqrt(), "{correlation}");
+    }
+
+    #[test]
+    fn halton_points_leave_no_gap_and_a_shorter_plan_begins_a_longer_one() {
+        for (column, count) in [(0, 1 << 10), (1, 3usize.pow(6)), (2, 5usize.pow(4))] {
+            let points = runs("halton", count - 1);
+            assert_eq!(points[..100], runs("halton", 100));
+            let mut places: Vec<f64> = unit(&points).iter().map(|point| point[column]).collect();
+            places.sort_by(f64::total_cmp);
+            let around = 1.0 + places[0] - places[places.len() - 1];
+            let gap = places.windows(2).map(|pair| pair[1] - pair[0]).fold(around, f64::max);
+            // all multiples of 1 / count but zero, moved around the circle
+            assert!((gap * count as f64 - 2.0).abs() < 1e-9, "column {column}: {gap}");
+        }
+    }
+
+    #[test]
+    fn the_points_of_a_list_are_taken_as_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = include_str!("../examples/single-pendulum.toml").replace("method = \"mesh\"", "method = \"list\"");
+        let text = text.replace("levels = 11", "file = \"points.csv\"");
+        let path = folder.path().join("study.toml");
+        let read = |list: &str| {
+            std::fs::write(folder.path().join("points.csv"), list).unwrap();
+            Study::parse(&text, &path)
+        };
+        let study = read("note;c;L [m];thetad0\nfirst;0,1;0,15;2\nsecond;0;0,2;5\n").unwrap();
+        let plan = Plan::new(&study);
+        assert_eq!(plan.train, [[0.15, 0.1, 2.0], [0.2, 0.0, 5.0]]);
+        assert_eq!((plan.test.len(), study.train_runs()), (200, 2));
+        let other = read("c,L,thetad0\n0.1,0.15,2\n0,0.2,4.9\n").unwrap();
+        assert_ne!(other.sampling_digest(), study.sampling_digest());
+        for (list, says) in [
+            ("L,c\n0.1,0\n", "points.csv:1: no column `thetad0`, expected it among L, c"),
+            ("L [mm],c,thetad0\n100,0,0\n", "points.csv:1: column `L`: unit `mm`, expected `m`"),
+            ("L,c,thetad0\n0.1,0,0\n0.3,0,0\n", "points.csv:3: column `L`: 0.3, expected 0.1 to 0.2"),
+            ("L,c,thetad0\n0.1,0,0\n0.1,0,1\n0.10,0.0,-0\n", "points.csv:4: the point of line 2 again"),
+            ("L,c,thetad0\n0.1,0,0\n", "points.csv:2: 1 points, expected at least 2"),
+        ] {
+            let message = read(list).unwrap_err().to_string();
+            assert!(message.contains(says), "{message} should contain {says}");
+        }
     }
 
     #[test]

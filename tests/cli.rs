@@ -53,6 +53,24 @@ impl Bench {
     }
 }
 
+#[test]
+fn a_dry_run_prints_the_plan_and_writes_nothing() {
+    let bench = Bench::new();
+    let before = snapshot(bench.folder.path());
+    let output = bench.run(&["sample", "study.toml", "--dry-run"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(snapshot(bench.folder.path()), before);
+    let plan = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<&str> = plan.lines().collect();
+    assert_eq!(lines[..3], ["set,run,L,c,thetad0", "train,0,0.1,0.0,0.0", "train,1,0.1,0.0,2.5"]);
+    assert_eq!((lines.len(), lines[27].starts_with("train,26,"), lines[28].starts_with("test,0,")), (33, true, true));
+    // what is sampled is what was printed
+    assert!(bench.run(&["sample", "study.toml"]).status.success());
+    let table = fs::read_to_string(bench.path("out/single-pendulum/test.csv")).unwrap();
+    let first = table.lines().nth(1).unwrap().split(',').skip(2).take(3).collect::<Vec<_>>().join(",");
+    assert_eq!(lines[28], format!("test,0,{first}"));
+}
+
 /// The single pendulum with a coarse mesh and a tiny network.
 fn small_study() -> String {
     include_str!("../examples/single-pendulum.toml")

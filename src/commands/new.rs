@@ -73,16 +73,16 @@ step = 0.01                 # s
     for output in mechanism.outputs() {
         let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
     }
+    text += "
+[sampling]
+method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
+runs = 1000
+test_runs = 200             # random runs that are never part of training
+
+";
     // from here on the built-in systems' studies say nothing of their own
     let template = SYSTEMS[0].study;
-    let rest = template.find("[sampling]").map_or("", |start| &template[start..]);
-    let mesh = "method = \"mesh\"             # \"mesh\": every combination of evenly spaced levels; \"random\" or \"sobol\": `runs` points
-levels = 11                 # of each parameter; a parameter may have `levels` of its own
-";
-    let sobol = "method = \"sobol\"            # `runs` points; \"random\"; or \"mesh\" with `levels` of each parameter
-runs = 1000
-";
-    Ok(text + "\n" + &rest.replacen(mesh, sobol, 1))
+    Ok(text + template.find("[network]").map_or("", |start| &template[start..]))
 }
 
 /// A TOML string.

@@ -1,9 +1,9 @@
 //! `metafmu sample`: simulates the training and test runs and writes their tables.
 
 use super::{Outcome, interrupt, job::Job, job::SamplesRecord, print, print_json, progress::Progress};
-use crate::cli::StudyArgs;
+use crate::cli::SampleArgs;
 use metafmu::{Result, dataset::Dataset, files, sampling::Plan};
-use std::time::Instant;
+use std::{fmt::Write, time::Instant};
 
 /// The sampled runs.
 pub struct Samples {
@@ -12,8 +12,12 @@ pub struct Samples {
     pub record: SamplesRecord,
 }
 
-pub fn run(args: &StudyArgs) -> Result<Outcome> {
-    let job = Job::new(args)?;
+pub fn run(args: &SampleArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
+    if args.dry_run {
+        print(&plan_table(&job))?;
+        return Ok(Outcome::Fine);
+    }
     job.prepare_folder()?;
     let samples = stage(&job)?;
     if job.json {
@@ -22,6 +26,21 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
         print(&format!("{}\n{}\n", job.train_table().display(), job.test_table().display()))?;
     }
     Ok(Outcome::Fine)
+}
+
+/// The plan as CSV: `set,run,<parameters>`.
+fn plan_table(job: &Job) -> String {
+    let plan = Plan::new(&job.study);
+    let names: String = job.source.parameters().iter().map(|parameter| format!(",{}", parameter.name)).collect();
+    let mut text = format!("set,run{names}\n");
+    for (set, points) in [("train", &plan.train), ("test", &plan.test)] {
+        for (run, point) in points.iter().enumerate() {
+            let values: String = point.iter().map(|value| format!(",{value:?}")).collect();
+            // writing to a string does not fail
+            let _ = writeln!(text, "{set},{run}{values}");
+        }
+    }
+    text
 }
 
 /// Simulates every run of the study's plan, then writes the tables and their record.

@@ -26,7 +26,7 @@
 //! angles = ["theta1", "theta2"]
 //!
 //! [sampling]
-//! method = "mesh"                       # or "random" or "sobol" with `runs`
+//! method = "mesh"                       # or "random", "latin-hypercube", "sobol", "halton" with `runs`, "list" with a `file`
 //! levels = 11                           # of each parameter; a parameter may have `levels` of its own
 //! test_runs = 200
 //! ```
@@ -35,7 +35,12 @@
 
 mod options;
 
-use crate::{Error, Result, multibody::Mechanism, origin::Origin, sampling::MAX_SOBOL_PARAMETERS};
+use crate::{
+    Error, Result,
+    multibody::Mechanism,
+    origin::Origin,
+    sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
+};
 use indexmap::IndexMap;
 pub use options::{
     ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
@@ -83,6 +88,9 @@ pub struct Study {
     origin: Origin,
     #[serde(skip)]
     mechanism: Option<Arc<Mechanism>>,
+    /// The points of the method "list".
+    #[serde(skip)]
+    points: Option<Arc<Vec<Vec<f64>>>>,
 }
 
 fn default_seed() -> u64 {
@@ -99,19 +107,23 @@ impl Study {
         Self::parse(&text, path)
     }
 
-    /// Validates a study file's text, and reads the mechanism it names; `path` is for messages and tells the folder.
+    /// Validates a study file's text, and reads the files it names; `path` is for messages and tells the folder.
     ///
     /// # Errors
-    /// [`Error::Study`] with every problem found in the study or in the mechanism.
+    /// [`Error::Study`] with every problem found in the study or in the mechanism, [`Error::Table`] if the list of points is
+    /// wrong.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
         let mut study: Self = origin.deserialize()?;
         let problems = study.problems();
         study.origin = origin;
         study.refuse(problems)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
         if let Some(file) = &study.source.mechanism {
-            let file = path.parent().unwrap_or(Path::new("")).join(file);
-            study.mechanism = Some(Arc::new(Mechanism::load(&file)?));
+            study.mechanism = Some(Arc::new(Mechanism::load(&folder.join(file))?));
+        }
+        if let Some(file) = &study.sampling.file {
+            study.points = Some(Arc::new(sampling::read_points(&folder.join(file), &study.parameters)?));
         }
         Ok(study)
     }
@@ -119,6 +131,11 @@ impl Study {
     /// The mechanism that the study's source names.
     pub fn mechanism(&self) -> Option<&Arc<Mechanism>> {
         self.mechanism.as_ref()
+    }
+
+    /// The points of the method "list".
+    pub fn points(&self) -> Option<&[Vec<f64>]> {
+        self.points.as_ref().map(|points| points.as_slice())
     }
 
     /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
@@ -131,9 +148,10 @@ impl Study {
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
     pub fn sampling_digest(&self) -> String {
         let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
-        match &self.mechanism {
-            None => digest(&study),
-            Some(mechanism) => digest(&(study, mechanism.description())),
+        let mechanism = self.mechanism.as_ref().map(|mechanism| mechanism.description());
+        match (mechanism, self.points()) {
+            (None, None) => digest(&study),
+            files => digest(&(study, files)),
         }
     }
 
@@ -222,21 +240,32 @@ impl Study {
     }
 
     fn sampling_problems(&self, problems: &mut Problems) {
-        let SamplingOptions { method, levels, runs, test_runs } = &self.sampling;
-        let mesh = *method == Method::Mesh;
-        if let (false, Some(_)) = (mesh, levels) {
+        let SamplingOptions { method, levels, runs, file, test_runs } = &self.sampling;
+        let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
+        if !mesh && levels.is_some() {
             problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
         }
-        if let (true, Some(_)) = (mesh, runs) {
-            problems
-                .add("sampling.runs", "belongs to the methods \"random\" and \"sobol\"; a mesh has `levels`".into());
+        if mesh && runs.is_some() {
+            problems.add("sampling.runs", "a mesh has `levels`; `runs` belong to the other methods".into());
         }
-        if !mesh && runs.is_none_or(|runs| runs < 2) {
+        if list && runs.is_some() {
+            problems.add("sampling.runs", "a list has a `file`; `runs` belong to the other methods".into());
+        }
+        if !list && file.is_some() {
+            problems.add("sampling.file", "belongs to the method \"list\"".into());
+        }
+        if list && file.is_none() {
+            problems.add("sampling", "the list has no `file`".into());
+        }
+        if !mesh && !list && runs.is_none_or(|runs| runs < 2) {
             problems.add("sampling.runs", "expected at least 2 runs".into());
         }
-        if *method == Method::Sobol && self.parameters.len() > MAX_SOBOL_PARAMETERS {
-            let message = format!("the method \"sobol\" takes at most {MAX_SOBOL_PARAMETERS} parameters");
-            problems.add("sampling.method", message);
+        let limits =
+            [(Method::Sobol, "sobol", MAX_SOBOL_PARAMETERS), (Method::Halton, "halton", MAX_HALTON_PARAMETERS)];
+        for (_, name, limit) in limits.into_iter().filter(|(limited, ..)| limited == method) {
+            if self.parameters.len() > limit {
+                problems.add("sampling.method", format!("the method \"{name}\" takes at most {limit} parameters"));
+            }
         }
         for (name, parameter) in &self.parameters {
             let key = format!("parameters.{name}.levels");
@@ -265,7 +294,8 @@ impl Study {
                 let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
                 self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
             }
-            Method::Random | Method::Sobol => self.sampling.runs.unwrap_or(0) as u64,
+            Method::List => self.points().map_or(0, <[_]>::len) as u64,
+            _ => self.sampling.runs.unwrap_or(0) as u64,
         }
     }
 
@@ -388,7 +418,15 @@ mod tests {
             ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
             ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
-            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "belongs to the methods"),
+            ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "a mesh has `levels`"),
+            (
+                "levels = 11",
+                "levels = 11\nfile = \"p.csv\"",
+                "levels",
+                "sampling.file",
+                "belongs to the method \"list\"",
+            ),
+            ("method = \"mesh\"", "method = \"halton\"", "levels", "sampling.levels", "belongs to the method \"mesh\""),
             ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "unknown variant `4`"),
             ("\"double\"", "\"half\"", "precision", "export.precision", "unknown variant `half`"),
             (

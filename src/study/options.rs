@@ -74,8 +74,12 @@ pub struct SamplingOptions {
     pub method: Method,
     /// Levels of each parameter in a mesh, both ends of its range included.
     pub levels: Option<usize>,
-    /// Number of training runs of the methods that have no levels.
+    /// Number of training runs of the methods that have neither levels nor a file.
     pub runs: Option<usize>,
+    /// CSV file of the method "list", relative to the study's folder: a column for each parameter. Its content counts for
+    /// digests, not where it lies.
+    #[serde(skip_serializing)]
+    pub file: Option<PathBuf>,
     /// Number of test runs: random, from the same ranges, never part of training.
     #[serde(default = "default_test_runs")]
     pub test_runs: usize,
@@ -87,14 +91,20 @@ fn default_test_runs() -> usize {
 
 /// How the training runs are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Full factorial: every combination of evenly spaced levels.
     Mesh,
     /// Independent and uniform over the ranges.
     Random,
+    /// Latin hypercube: each of `runs` slices of each range has one point.
+    LatinHypercube,
     /// Low-discrepancy: a randomly shifted Sobol sequence, which leaves no gaps and no clusters.
     Sobol,
+    /// Low-discrepancy: a randomly shifted Halton sequence.
+    Halton,
+    /// The points of a CSV file.
+    List,
 }
 
 /// `[export]`: what kind of FMU is made, and what it says about itself.
