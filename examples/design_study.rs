@@ -8,7 +8,7 @@
 
 use metafmu::{
     fmu::{Fmu, Instance, SimulationOptions, simulate},
-    source::Source,
+    source::Simulation,
     study::Study,
 };
 use std::{env, error::Error, hint::black_box, path::Path, time::Instant};
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [study, fmu, points, result, blocks] = arguments.as_slice() else {
         return Err("expected five arguments: STUDY.toml NAME.fmu POINTS.csv RESULT.csv BLOCKS".into());
     };
-    let source = Source::new(&Study::load(Path::new(study))?)?;
+    let source = Simulation::new(&Study::load(Path::new(study))?)?;
     let names: Vec<&str> = source.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
     let mut reader = csv::Reader::from_path(points)?;
     if reader.headers()? != names {

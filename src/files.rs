@@ -1,8 +1,9 @@
 //! Files written whole or not at all.
 
 use crate::{Error, Result};
+use sha2::{Digest, Sha256};
 use std::{
-    io::{BufWriter, Write},
+    io::{BufWriter, Read, Write},
     path::Path,
 };
 use tempfile::NamedTempFile;
@@ -44,6 +45,21 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
         serde_json::to_writer_pretty(&mut *file, value)?;
         file.write_all(b"\n")
     })
+}
+
+/// SHA-256 of a file's content, in hexadecimal digits.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn digest(path: &Path) -> Result<String> {
+    let mut file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 16]);
+    loop {
+        match file.read(&mut buffer).map_err(Error::io(path, "read"))? {
+            0 => return Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            count => hash.update(&buffer[..count]),
+        }
+    }
 }
 
 /// Removes a file if it is there.

@@ -41,6 +41,11 @@ impl Origin {
         Self { path: path.to_owned(), text: text.to_owned() }
     }
 
+    /// The folder of the file.
+    pub(crate) fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+
     /// Reads the text as a `T`; syntax errors, unknown keys and wrong types are located.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
         let deserializer = toml::Deserializer::parse(&self.text).map_err(|error| self.toml_error(&error, ""))?;

@@ -47,17 +47,18 @@ pub fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
 }
 
 impl Plan {
-    /// The study's plan; the same study always has the same one.
+    /// The plan of a study whose runs are simulated; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
         let parameters: Vec<&ParameterOptions> = study.parameters.values().collect();
         let (runs, generator) = (study.sampling.runs.unwrap_or(0), random(study.seed, Stream::Train));
         let train = match study.sampling.method {
-            Method::Mesh => mesh(&parameters, study.sampling.levels),
-            Method::Random => uniform(&parameters, generator).take(runs).collect(),
-            Method::LatinHypercube => latin_hypercube(&parameters, runs, generator),
-            Method::Sobol => sobol(&parameters, generator).take(runs).collect(),
-            Method::Halton => halton(&parameters, generator).take(runs).collect(),
-            Method::List => study.points().unwrap_or_default().to_vec(),
+            None => Vec::new(),
+            Some(Method::Mesh) => mesh(&parameters, study.sampling.levels),
+            Some(Method::Random) => uniform(&parameters, generator).take(runs).collect(),
+            Some(Method::LatinHypercube) => latin_hypercube(&parameters, runs, generator),
+            Some(Method::Sobol) => sobol(&parameters, generator).take(runs).collect(),
+            Some(Method::Halton) => halton(&parameters, generator).take(runs).collect(),
+            Some(Method::List) => study.points().unwrap_or_default().to_vec(),
         };
         let unseen = |point: &Vec<f64>| !train.contains(point);
         let test = uniform(&parameters, random(study.seed, Stream::Test)).filter(unseen).take(study.sampling.test_runs);

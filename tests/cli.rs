@@ -71,6 +71,34 @@ fn a_dry_run_prints_the_plan_and_writes_nothing() {
     assert_eq!(lines[28], format!("test,0,{first}"));
 }
 
+#[test]
+fn recorded_runs_become_a_fmu_like_simulated_ones() {
+    let bench = Bench::new();
+    assert!(bench.run(&["sample", "study.toml"]).status.success());
+    fs::copy(bench.path("out/single-pendulum/train.csv"), bench.path("runs.csv")).unwrap();
+    let study = small_study();
+    let start = study.find("[source]").unwrap();
+    let end = study.find("[time]").unwrap();
+    let study = format!("{}[source]\ntable = \"runs.csv\"\n{}", &study[..start], &study[end..]);
+    let plan = study.find("method = ").unwrap()..study.find("test_runs").unwrap();
+    let study = format!("{}{}", &study[..plan.start], &study[plan.end..]);
+    fs::write(bench.path("recorded.toml"), study).unwrap();
+
+    let output = bench.run(&["sample", "recorded.toml", "--dry-run"]);
+    let plan = stdout(&output);
+    assert_eq!((plan.lines().count(), plan.matches("test,").count()), (28, 5), "{}", stderr(&output));
+    let output = bench.run(&["build", "recorded.toml", "--out", "recorded"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(bench.path("recorded/single-pendulum.fmu").exists());
+
+    // the content of the table decides what is stale
+    let text = fs::read_to_string(bench.path("runs.csv")).unwrap();
+    fs::write(bench.path("runs.csv"), format!("# looked at\n{text}")).unwrap();
+    bench.fails(&["train", "recorded.toml", "--out", "recorded"], &["sampled from another study"]);
+    fs::write(bench.path("runs.csv"), text.replacen("0,0.05,", "0,0.00,", 1)).unwrap();
+    bench.fails(&["sample", "recorded.toml"], &["runs.csv:3: time 0 s stands twice in run `0`"]);
+}
+
 /// The single pendulum with a coarse mesh and a tiny network.
 fn small_study() -> String {
     include_str!("../examples/single-pendulum.toml")

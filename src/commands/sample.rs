@@ -2,7 +2,7 @@
 
 use super::{Outcome, interrupt, job::Job, job::SamplesRecord, print, print_json, progress::Progress};
 use crate::cli::SampleArgs;
-use metafmu::{Result, dataset::Dataset, files, sampling::Plan};
+use metafmu::{Result, dataset::Dataset, files, sampling::Plan, source::Source};
 use std::{fmt::Write, time::Instant};
 
 /// The sampled runs.
@@ -15,7 +15,7 @@ pub struct Samples {
 pub fn run(args: &SampleArgs) -> Result<Outcome> {
     let job = Job::new(&args.study)?;
     if args.dry_run {
-        print(&plan_table(&job))?;
+        print(&plan_table(&job)?)?;
         return Ok(Outcome::Fine);
     }
     job.prepare_folder()?;
@@ -29,8 +29,15 @@ pub fn run(args: &SampleArgs) -> Result<Outcome> {
 }
 
 /// The plan as CSV: `set,run,<parameters>`.
-fn plan_table(job: &Job) -> String {
-    let plan = Plan::new(&job.study);
+fn plan_table(job: &Job) -> Result<String> {
+    let plan = match &job.source {
+        Source::Simulation(_) => Plan::new(&job.study),
+        Source::Recorded(recorded) => {
+            let (train, test) = recorded.sample(interrupt::flag())?;
+            let points = |dataset: Dataset| dataset.runs.into_iter().map(|run| run.parameters).collect();
+            Plan { train: points(train), test: points(test) }
+        }
+    };
     let names: String = job.source.parameters().iter().map(|parameter| format!(",{}", parameter.name)).collect();
     let mut text = format!("set,run{names}\n");
     for (set, points) in [("train", &plan.train), ("test", &plan.test)] {
@@ -40,16 +47,25 @@ fn plan_table(job: &Job) -> String {
             let _ = writeln!(text, "{set},{run}{values}");
         }
     }
-    text
+    Ok(text)
 }
 
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
-    let plan = Plan::new(&job.study);
     let start = Instant::now();
-    let progress = Progress::runs(plan.train.len() + plan.test.len());
-    let train = job.source.run_all(&plan.train, interrupt::flag(), || progress.advance(1))?;
-    let test = job.source.run_all(&plan.test, interrupt::flag(), || progress.advance(1))?;
+    let (progress, train, test) = match &job.source {
+        Source::Simulation(simulation) => {
+            let plan = Plan::new(&job.study);
+            let progress = Progress::runs(plan.train.len() + plan.test.len());
+            let run_all = |points| simulation.run_all(points, interrupt::flag(), || progress.advance(1));
+            let (train, test) = (run_all(&plan.train)?, run_all(&plan.test)?);
+            (progress, train, test)
+        }
+        Source::Recorded(recorded) => {
+            let (train, test) = recorded.sample(interrupt::flag())?;
+            (Progress::runs(train.runs.len() + test.runs.len()), train, test)
+        }
+    };
     let record = SamplesRecord {
         sampling_digest: job.study.sampling_digest(),
         train_runs: train.runs.len(),

@@ -1,239 +1,60 @@
-//! Sources of training data: something that turns parameter values into a run.
+//! Sources of training data.
 
+pub mod recorded;
+pub mod simulation;
 pub mod systems;
 
-use crate::{
-    Error, Result,
-    dataset::{Dataset, Run},
-    multibody::Mechanism,
-    study::Study,
-    variable::Variable,
-};
-use rayon::prelude::*;
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
-};
-use systems::{SYSTEMS, System};
+use crate::{Result, study::Study, variable::Variable};
+pub use recorded::Recorded;
+pub use simulation::Simulation;
 
-/// What a study samples: a system or mechanism with its parameters and outputs resolved.
+/// Where a study's runs come from, its parameters and outputs resolved.
 #[derive(Clone, Debug)]
-pub struct Source {
-    /// Name for messages.
-    name: String,
-    model: Model,
-    /// Value of each of the model's quantities; those of parameters are overwritten for each run.
-    quantities: Vec<f64>,
-    /// Position of each parameter among the quantities.
-    parameter_positions: Vec<usize>,
-    /// Position of each output among the model's outputs.
-    output_positions: Vec<usize>,
-    parameters: Vec<Variable>,
-    outputs: Vec<Variable>,
-    times: Arc<[f64]>,
-}
-
-/// What is simulated.
-#[derive(Clone, Debug)]
-enum Model {
-    System(&'static System),
-    Mechanism(Arc<Mechanism>),
-}
-
-impl Model {
-    /// Every quantity that may be a parameter or a constant, with its default.
-    fn quantities(&self) -> Vec<(Variable, f64)> {
-        match self {
-            Self::System(system) => {
-                let quantities = system.quantities.iter();
-                quantities.map(|q| (variable(q.name, q.unit, q.description), q.default)).collect()
-            }
-            Self::Mechanism(mechanism) => {
-                let parameters = mechanism.parameters().iter();
-                parameters.map(|(name, p)| (variable(name, &p.unit, &p.description), p.default)).collect()
-            }
-        }
-    }
-
-    /// Every output, in the order of a simulation's rows.
-    fn outputs(&self) -> Vec<Variable> {
-        match self {
-            Self::System(system) => {
-                system.outputs.iter().map(|output| variable(output.name, output.unit, output.description)).collect()
-            }
-            Self::Mechanism(mechanism) => mechanism.outputs().to_vec(),
-        }
-    }
-
-    fn simulate(&self, quantities: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
-        match self {
-            Self::System(system) => (system.simulate)(quantities, times),
-            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times),
-        }
-    }
-
-    fn output_count(&self) -> usize {
-        match self {
-            Self::System(system) => system.outputs.len(),
-            Self::Mechanism(mechanism) => mechanism.outputs().len(),
-        }
-    }
+pub enum Source {
+    /// A system or mechanism that is simulated here.
+    Simulation(Simulation),
+    /// Tables of runs that were simulated elsewhere.
+    Recorded(Recorded),
 }
 
 impl Source {
-    /// Finds the study's system or mechanism and in it the study's parameters, constants and outputs.
+    /// Finds the study's system, mechanism or table and in it the study's parameters, constants and outputs.
     ///
     /// # Errors
-    /// [`Error::Study`] with every name the source does not know and every unit that is not the source's.
+    /// [`Error::Study`](crate::Error::Study) with every name the source does not know and every unit that is not the
+    /// source's, [`Error::Table`](crate::Error::Table) or [`Error::Io`](crate::Error::Io) if it is a table that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
-        let (name, model) = match (study.mechanism(), &study.source.system) {
-            (Some(mechanism), _) => ("the mechanism".to_owned(), Model::Mechanism(Arc::clone(mechanism))),
-            (None, name) => {
-                let name = name.as_deref().unwrap_or_default();
-                let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
-                    let known = list(SYSTEMS.iter().map(|system| system.name));
-                    let message = format!("no system `{name}`, expected one of {known}");
-                    return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
-                };
-                (name.to_owned(), Model::System(system))
-            }
+        let source = if study.source.is_recorded() {
+            Self::Recorded(Recorded::new(study)?)
+        } else {
+            Self::Simulation(Simulation::new(study)?)
         };
-        let mut source = Self {
-            name,
-            quantities: model.quantities().iter().map(|(_, default)| *default).collect(),
-            model,
-            parameter_positions: Vec::new(),
-            output_positions: Vec::new(),
-            parameters: Vec::new(),
-            outputs: Vec::new(),
-            times: study.time.grid().into(),
-        };
-        let mut problems = source.resolve_inputs(study);
-        problems.extend(source.resolve_outputs(study));
-        problems.extend(source.array_problems(study));
-        study.refuse(problems)?;
+        study.refuse(source.array_problems(study))?;
         Ok(source)
-    }
-
-    fn resolve_inputs(&mut self, study: &Study) -> Vec<(String, String)> {
-        let mut problems = Vec::new();
-        let quantities: Vec<Variable> = self.model.quantities().into_iter().map(|(quantity, _)| quantity).collect();
-        let unknown = |name: &str| {
-            let known = list(quantities.iter().map(|quantity| &quantity.name));
-            format!("{} has no quantity `{name}`, expected one of {known}", self.name)
-        };
-        for (name, &value) in &study.source.constants {
-            let key = format!("source.constants.{name}");
-            match quantities.iter().position(|quantity| quantity.name == *name) {
-                None => problems.push((key, unknown(name))),
-                Some(_) if study.parameters.contains_key(name) => {
-                    problems.push((key, "is a parameter: a quantity is either constant or varied".into()));
-                }
-                Some(_) if !value.is_finite() => problems.push((key, format!("{value} is not finite"))),
-                Some(position) => self.quantities[position] = value,
-            }
-        }
-        for (name, parameter) in &study.parameters {
-            let key = format!("parameters.{name}");
-            match quantities.iter().position(|quantity| quantity.name == *name) {
-                None => problems.push((key, unknown(name))),
-                Some(position) => {
-                    let quantity = &quantities[position];
-                    problems.extend(wrong_unit(&key, parameter.unit.as_deref(), &quantity.unit));
-                    self.parameter_positions.push(position);
-                    let description = parameter.description.as_deref().unwrap_or(&quantity.description);
-                    self.parameters.push(variable(name, &quantity.unit, description));
-                }
-            }
-        }
-        problems
-    }
-
-    fn resolve_outputs(&mut self, study: &Study) -> Vec<(String, String)> {
-        let mut problems = Vec::new();
-        let known = self.model.outputs();
-        for (name, output) in &study.outputs {
-            let key = format!("outputs.{name}");
-            match known.iter().position(|known| known.name == *name) {
-                None => {
-                    let known = list(known.iter().map(|output| &output.name));
-                    let message = format!("{} has no output `{name}`, expected one of {known}", self.name);
-                    problems.push((key, message));
-                }
-                Some(position) => {
-                    problems.extend(wrong_unit(&key, output.unit.as_deref(), &known[position].unit));
-                    self.output_positions.push(position);
-                    let description = output.description.as_deref().unwrap_or(&known[position].description);
-                    self.outputs.push(variable(name, &known[position].unit, description));
-                }
-            }
-        }
-        problems
-    }
-
-    /// The elements of an array share its unit.
-    fn array_problems(&self, study: &Study) -> Vec<(String, String)> {
-        let unit = |name: &String| self.outputs.iter().find(|output| output.name == *name).map(|output| &output.unit);
-        let mixed =
-            study.arrays.iter().filter(|(_, outputs)| outputs.iter().any(|name| unit(name) != unit(&outputs[0])));
-        mixed.map(|(name, _)| (format!("arrays.{name}"), "the outputs have different units".to_owned())).collect()
     }
 
     /// The parameters, in the study's order.
     pub fn parameters(&self) -> &[Variable] {
-        &self.parameters
+        match self {
+            Self::Simulation(simulation) => simulation.parameters(),
+            Self::Recorded(recorded) => recorded.parameters(),
+        }
     }
 
     /// The outputs, in the study's order.
     pub fn outputs(&self) -> &[Variable] {
-        &self.outputs
-    }
-
-    /// The times of a run's rows, in seconds.
-    pub fn times(&self) -> &[f64] {
-        &self.times
-    }
-
-    /// Simulates one run.
-    ///
-    /// # Errors
-    /// [`Error::Run`] with the parameter values if the simulation fails.
-    pub fn run(&self, parameters: &[f64]) -> Result<Run> {
-        let mut quantities = self.quantities.clone();
-        for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
-            quantities[position] = value;
+        match self {
+            Self::Simulation(simulation) => simulation.outputs(),
+            Self::Recorded(recorded) => recorded.outputs(),
         }
-        let rows = self.model.simulate(&quantities, &self.times).map_err(|message| Error::Run {
-            system: self.name.clone(),
-            values: list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name))),
-            message,
-        })?;
-        let outputs = rows
-            .chunks(self.model.output_count())
-            .flat_map(|row| self.output_positions.iter().map(|&position| row[position]))
-            .collect();
-        Ok(Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs })
     }
-}
 
-impl Source {
-    /// Simulates a run for each point, over all cores, in the order of the points. `done` is called after each run;
-    /// when `stop` turns true, the rest is left out.
-    ///
-    /// # Errors
-    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`].
-    pub fn run_all(&self, points: &[Vec<f64>], stop: &AtomicBool, done: impl Fn() + Sync) -> Result<Dataset> {
-        let run = |point: &Vec<f64>| {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
-            let run = self.run(point);
-            done();
-            run
-        };
-        let runs: Vec<Result<Run>> = points.par_iter().map(run).collect();
-        let runs = runs.into_iter().collect::<Result<_>>()?;
-        Ok(Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
+    /// The elements of an array share its unit.
+    fn array_problems(&self, study: &Study) -> Vec<(String, String)> {
+        let unit = |name: &String| self.outputs().iter().find(|output| output.name == *name).map(|output| &output.unit);
+        let mixed =
+            study.arrays.iter().filter(|(_, outputs)| outputs.iter().any(|name| unit(name) != unit(&outputs[0])));
+        mixed.map(|(name, _)| (format!("arrays.{name}"), "the outputs have different units".to_owned())).collect()
     }
 }
 
@@ -257,84 +78,12 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    fn study(from: &str, to: &str) -> Study {
-        let text = SYSTEMS[0].study;
-        assert!(text.contains(from));
-        Study::parse(&text.replacen(from, to, 1), Path::new("s.toml")).unwrap()
-    }
-
     #[test]
-    fn every_system_has_a_study_that_it_accepts() {
-        for system in SYSTEMS {
-            let study = Study::parse(system.study, Path::new("s.toml")).unwrap();
-            assert_eq!(study.name, system.name);
-            assert_eq!(study.source.system.as_deref(), Some(system.name));
-            let source = Source::new(&study).unwrap();
-            let middle: Vec<f64> = study.parameters.values().map(|p| 0.5 * (p.min + p.max)).collect();
-            let run = source.run(&middle).unwrap();
-            assert_eq!(run.outputs.len(), source.times().len() * source.outputs().len());
-        }
-    }
-
-    #[test]
-    fn every_mechanism_has_a_study_that_simulates() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/mechanisms");
-        let names = ["single-pendulum", "double-pendulum", "slider-crank", "four-bar", "quarter-car", "scotch-yoke"];
-        for name in names {
-            let study = Study::load(&folder.join(format!("{name}-study.toml"))).unwrap();
-            let source = Source::new(&study).unwrap();
-            for end in [0.0, 0.5, 1.0] {
-                let point: Vec<f64> = study.parameters.values().map(|p| p.min + end * (p.max - p.min)).collect();
-                let run = source.run(&point).unwrap();
-                assert_eq!(run.outputs.len(), source.times().len() * source.outputs().len(), "{name}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_mechanisms_content_counts_for_the_digest_and_its_layout_does_not() {
-        let folder = tempfile::tempdir().unwrap();
-        let digest = |mechanism: String| {
-            std::fs::write(folder.path().join("m.toml"), mechanism).unwrap();
-            let text = SYSTEMS[0].study.replacen("system = \"single-pendulum\"", "mechanism = \"m.toml\"", 1);
-            Study::parse(&text, &folder.path().join("s.toml")).unwrap().sampling_digest()
-        };
-        let text = include_str!("../../examples/mechanisms/single-pendulum.toml");
-        let first = digest(text.to_owned());
-        assert_eq!(digest(format!("# a comment\n{text}")), first);
-        assert_ne!(digest(text.replacen("inertia = 0 ", "inertia = 1 ", 1)), first);
-        assert_ne!(digest(text.replacen("augmented", "embedding", 1)), first);
-    }
-
-    #[test]
-    fn outputs_come_in_the_studys_order_and_constants_count() {
-        let all = Source::new(&study("seed", "seed")).unwrap().run(&[0.1, 0.05, 2.0]).unwrap();
-        let text = SYSTEMS[0].study.replace("m = 0.3", "m = 0.6");
-        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with("theta = ")).collect();
-        let study = Study::parse(&lines.join("\n"), Path::new("s.toml")).unwrap();
-        let two = Source::new(&study).unwrap().run(&[0.1, 0.1, 2.0]).unwrap();
-        // twice the mass and twice the damping: the same motion
-        for (two, all) in two.outputs.chunks(2).zip(all.outputs.chunks(3)) {
-            assert!((two[0] - all[1]).abs() < 1e-9 && (two[1] - all[2]).abs() < 1e-7);
-        }
-    }
-
-    #[test]
-    fn unknown_names_and_foreign_units_are_refused() {
-        for (from, to, says) in [
-            ("system = \"single", "system = \"triple", "no system `triple-pendulum`"),
-            ("\nc = {", "\nd = {", "no quantity `d`, expected one of L, c, thetad0"),
-            ("\nthetad = {", "\nomega = {", "no output `omega`"),
-            ("unit = \"m\"", "unit = \"mm\"", "`mm`, expected `m`"),
-            ("m = 0.3", "L = 0.3", "is a parameter"),
-            (
-                "[sampling]",
-                "[arrays]\nq = [\"theta\", \"thetad\"]\n[sampling]",
-                "arrays.q: the outputs have different units",
-            ),
-        ] {
-            let message = Source::new(&study(from, to)).unwrap_err().to_string();
-            assert!(message.contains(says), "{message}");
-        }
+    fn the_elements_of_an_array_have_one_unit() {
+        let text =
+            systems::SYSTEMS[0].study.replacen("[sampling]", "[arrays]\nq = [\"theta\", \"thetad\"]\n[sampling]", 1);
+        let study = Study::parse(&text, Path::new("s.toml")).unwrap();
+        let message = Source::new(&study).unwrap_err().to_string();
+        assert!(message.contains("arrays.q: the outputs have different units"), "{message}");
     }
 }

@@ -8,7 +8,8 @@
 //!
 //! [source]
 //! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them; or
-//! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file
+//! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file; or
+//! # table = "runs.csv"                  # recorded runs (see `source::recorded`), or an `index` of files
 //! constants = { m = 0.3 }               # quantities that are no parameters; there are defaults
 //!
 //! [time]                                # rows of a run: 0, step, 2 step, ..., stop, in seconds
@@ -36,10 +37,11 @@
 mod options;
 
 use crate::{
-    Error, Result,
+    Error, Result, files,
     multibody::Mechanism,
     origin::Origin,
     sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
+    table::Table,
 };
 use indexmap::IndexMap;
 pub use options::{
@@ -48,7 +50,10 @@ pub use options::{
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// A study file's content, validated.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -91,6 +96,9 @@ pub struct Study {
     /// The points of the method "list".
     #[serde(skip)]
     points: Option<Arc<Vec<Vec<f64>>>>,
+    /// Digest of the tables of recorded runs.
+    #[serde(skip)]
+    recorded: Option<String>,
 }
 
 fn default_seed() -> u64 {
@@ -118,14 +126,37 @@ impl Study {
         let problems = study.problems();
         study.origin = origin;
         study.refuse(problems)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
         if let Some(file) = &study.source.mechanism {
-            study.mechanism = Some(Arc::new(Mechanism::load(&folder.join(file))?));
+            study.mechanism = Some(Arc::new(Mechanism::load(&study.beside(file))?));
         }
+        study.recorded = study.digest_tables()?;
         if let Some(file) = &study.sampling.file {
-            study.points = Some(Arc::new(sampling::read_points(&folder.join(file), &study.parameters)?));
+            study.points = Some(Arc::new(sampling::read_points(&study.beside(file), &study.parameters)?));
         }
         Ok(study)
+    }
+
+    /// Where a file is that the study names.
+    pub fn beside(&self, file: &Path) -> PathBuf {
+        self.origin.folder().join(file)
+    }
+
+    /// SHA-256 of the tables of recorded runs, if there are any.
+    fn digest_tables(&self) -> Result<Option<String>> {
+        let SourceOptions { table, index, columns, .. } = &self.source;
+        if let Some(table) = table {
+            return Ok(Some(files::digest(&self.beside(table))?));
+        }
+        let Some(index) = index else { return Ok(None) };
+        let path = self.beside(index);
+        let mut digests = vec![files::digest(&path)?];
+        let mut rows = Table::open(&path)?;
+        let column = rows.column(columns.get("file").map_or("file", String::as_str))?;
+        while rows.next_row()? {
+            let file = path.with_file_name(&*rows.text(column));
+            digests.push(files::digest(&file).map_err(|error| rows.mistake(&error.to_string()))?);
+        }
+        Ok(Some(digest(&digests)))
     }
 
     /// The mechanism that the study's source names.
@@ -149,8 +180,8 @@ impl Study {
     pub fn sampling_digest(&self) -> String {
         let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
         let mechanism = self.mechanism.as_ref().map(|mechanism| mechanism.description());
-        match (mechanism, self.points()) {
-            (None, None) => digest(&study),
+        match (mechanism, self.points(), &self.recorded) {
+            (None, None, None) => digest(&study),
             files => digest(&(study, files)),
         }
     }
@@ -170,15 +201,25 @@ impl Study {
             let expected = "expected a letter, then letters, digits, `-` and `_`";
             problems.add("name", format!("`{}` is no name: {expected}", self.name));
         }
-        if self.source.system.is_some() == self.source.mechanism.is_some() {
-            problems.add("source", "expected either `system` or `mechanism`".into());
-        }
+        self.source_problems(&mut problems);
         self.time_problems(&mut problems);
         self.variable_problems(&mut problems);
         self.sampling_problems(&mut problems);
         self.network_problems(&mut problems);
         self.training_problems(&mut problems);
         problems.0
+    }
+
+    fn source_problems(&self, problems: &mut Problems) {
+        let SourceOptions { system, mechanism, table, index, columns, constants } = &self.source;
+        let given = [system.is_some(), mechanism.is_some(), table.is_some(), index.is_some()];
+        if given.iter().filter(|&&given| given).count() != 1 {
+            problems.add("source", "expected one of `system`, `mechanism`, `table` and `index`".into());
+        } else if !self.source.is_recorded() && !columns.is_empty() {
+            problems.add("source.columns", "belongs to `table` and `index`".into());
+        } else if self.source.is_recorded() && !constants.is_empty() {
+            problems.add("source.constants", "belongs to `system` and `mechanism`".into());
+        }
     }
 
     fn time_problems(&self, problems: &mut Problems) {
@@ -241,6 +282,20 @@ impl Study {
 
     fn sampling_problems(&self, problems: &mut Problems) {
         let SamplingOptions { method, levels, runs, file, test_runs } = &self.sampling;
+        if *test_runs == 0 {
+            problems.add("sampling.test_runs", "expected at least 1".into());
+        }
+        if self.source.is_recorded() {
+            let is_plan = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some()].contains(&true);
+            if is_plan || self.parameters.values().any(|parameter| parameter.levels.is_some()) {
+                problems.add("sampling", "recorded runs are where they are: expected `test_runs` only".into());
+            }
+            return;
+        }
+        let Some(method) = method else {
+            problems.add("sampling", "expected a `method`".into());
+            return;
+        };
         let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
         if !mesh && levels.is_some() {
             problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
@@ -278,23 +333,20 @@ impl Study {
                 _ => {}
             }
         }
-        if *test_runs == 0 {
-            problems.add("sampling.test_runs", "expected at least 1".into());
-        }
         let rows = self.train_runs() as f64 * (self.time.stop / self.time.step + 1.0);
         if rows > 1e9 {
             problems.add("sampling", format!("{rows:.3e} training rows, expected at most a billion"));
         }
     }
 
-    /// Number of training runs, those held out for validation included.
+    /// Number of training runs that are simulated, those held out for validation included.
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
-            Method::Mesh => {
+            Some(Method::Mesh) => {
                 let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
                 self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
             }
-            Method::List => self.points().map_or(0, <[_]>::len) as u64,
+            Some(Method::List) => self.points().map_or(0, <[_]>::len) as u64,
             _ => self.sampling.runs.unwrap_or(0) as u64,
         }
     }

@@ -14,9 +14,25 @@ pub struct SourceOptions {
     /// A mechanism file, relative to the study's folder. Its content counts for digests, not where it lies.
     #[serde(skip_serializing)]
     pub mechanism: Option<PathBuf>,
+    /// A table of recorded runs, relative to the study's folder. Its content counts for digests, not where it lies.
+    #[serde(skip_serializing)]
+    pub table: Option<PathBuf>,
+    /// An index of recorded runs, one file a run, likewise.
+    #[serde(skip_serializing)]
+    pub index: Option<PathBuf>,
+    /// Names of columns in the tables where they are not the study's.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub columns: IndexMap<String, String>,
     /// Values of the source's quantities that are no parameters; it has a default for each.
     #[serde(default)]
     pub constants: IndexMap<String, f64>,
+}
+
+impl SourceOptions {
+    /// Whether runs are read from tables instead of being simulated.
+    pub fn is_recorded(&self) -> bool {
+        self.table.is_some() || self.index.is_some()
+    }
 }
 
 /// `[time]`: the rows of a run, `0, step, ..., stop`.
@@ -70,8 +86,8 @@ pub struct OutputOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingOptions {
-    /// How the training runs are placed.
-    pub method: Method,
+    /// How the training runs are placed; recorded runs are where they are.
+    pub method: Option<Method>,
     /// Levels of each parameter in a mesh, both ends of its range included.
     pub levels: Option<usize>,
     /// Number of training runs of the methods that have neither levels nor a file.

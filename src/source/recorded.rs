@@ -1,0 +1,555 @@
+//! Runs that were simulated elsewhere and recorded in tables.
+//!
+//! Either one table of all runs (`source.table`), a row for each time of each run: `run,time,<parameters>,<outputs>`. A new
+//! label in the column `run` begins a new run; without that column other parameters do. Or an index (`source.index`) with a
+//! row for each run, `file,<parameters>`, and a file `time,<outputs>` for each run. `source.columns` gives the names that
+//! columns have there, where they are not the study's. How tables are written: see [`crate::table`].
+//!
+//! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
+
+use super::{list, variable};
+use crate::{
+    Error, Result,
+    dataset::{Dataset, Run},
+    sampling::{self, Stream},
+    study::Study,
+    table::Table,
+    variable::Variable,
+};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+/// Recorded runs, their columns resolved.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    path: PathBuf,
+    is_index: bool,
+    names: Names,
+    parameters: Vec<Variable>,
+    outputs: Vec<Variable>,
+    /// Each parameter's range in the study.
+    ranges: Vec<(f64, f64)>,
+    stop: f64,
+    test_runs: usize,
+    seed: u64,
+}
+
+/// What columns are called in the tables.
+#[derive(Clone, Debug)]
+struct Names {
+    run: String,
+    time: String,
+    file: String,
+    parameters: Vec<String>,
+    outputs: Vec<String>,
+}
+
+impl Recorded {
+    /// Finds the study's parameters and outputs in the header of its table, or of its index and the first file there.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with names in `source.columns` that the study has not, [`Error::Table`] or [`Error::Io`] if a table
+    /// has not what it must have.
+    pub fn new(study: &Study) -> Result<Self> {
+        let columns = &study.source.columns;
+        let is_known = |name: &String| {
+            let own = ["run", "time", "file"].contains(&name.as_str());
+            own || study.parameters.contains_key(name) || study.outputs.contains_key(name)
+        };
+        let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
+            let message = format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`");
+            (format!("source.columns.{name}"), message)
+        });
+        study.refuse(unknown.collect())?;
+        let there = |name: &str| columns.get(name).map_or(name, String::as_str).to_owned();
+        let (table, index) = (&study.source.table, &study.source.index);
+        let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
+        let mut recorded = Self {
+            path,
+            is_index: index.is_some(),
+            names: Names {
+                run: there("run"),
+                time: there("time"),
+                file: there("file"),
+                parameters: study.parameters.keys().map(|name| there(name)).collect(),
+                outputs: study.outputs.keys().map(|name| there(name)).collect(),
+            },
+            parameters: Vec::new(),
+            outputs: Vec::new(),
+            ranges: study.parameters.values().map(|parameter| (parameter.min, parameter.max)).collect(),
+            stop: study.time.stop,
+            test_runs: study.sampling.test_runs,
+            seed: study.seed,
+        };
+        let mut table = Table::open(&recorded.path)?;
+        for ((name, options), column) in study.parameters.iter().zip(&recorded.names.parameters) {
+            let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
+            recorded.parameters.push(resolve(&table, column, name, unit, text)?);
+        }
+        if recorded.is_index {
+            table.column(&recorded.names.file)?;
+            table = match table.next_row()? {
+                true => recorded.open_run(&table)?,
+                false => return Err(table.mistake("the index has no rows")),
+            };
+        }
+        for ((name, options), column) in study.outputs.iter().zip(&recorded.names.outputs) {
+            let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
+            recorded.outputs.push(resolve(&table, column, name, unit, text)?);
+        }
+        Ok(recorded)
+    }
+
+    /// The parameters, in the study's order.
+    pub fn parameters(&self) -> &[Variable] {
+        &self.parameters
+    }
+
+    /// The outputs, in the study's order.
+    pub fn outputs(&self) -> &[Variable] {
+        &self.outputs
+    }
+
+    /// Reads all runs and chooses those for the tests at random: training and test runs, each in the table's order.
+    ///
+    /// # Errors
+    /// [`Error::Table`] with file and line of what is wrong, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    pub fn sample(&self, stop: &AtomicBool) -> Result<(Dataset, Dataset)> {
+        let mut runs = Runs::new(self, stop);
+        let mut table = Table::open(&self.path)?;
+        if self.is_index {
+            self.read_index(&mut table, &mut runs)?
+        } else {
+            self.read_long(&mut table, &mut runs)?
+        }
+        let count = runs.finished.len();
+        if count < self.test_runs + 2 {
+            let expected =
+                format!("expected at least {}: {} for the tests, 2 to train", self.test_runs + 2, self.test_runs);
+            return Err(table.mistake(&format!("{count} runs, {expected}")));
+        }
+        let order = sampling::permutation(count, sampling::random(self.seed, Stream::Test));
+        let mut is_test = vec![false; count];
+        order.iter().take(self.test_runs).for_each(|&run| is_test[run] = true);
+        let dataset = |runs| Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs };
+        let (mut train, mut test) = (Vec::new(), Vec::new());
+        for (run, is_test) in runs.finished.into_iter().zip(is_test) {
+            if is_test { test.push(run) } else { train.push(run) }
+        }
+        Ok((dataset(train), dataset(test)))
+    }
+
+    fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {
+        let time = time_column(table, &self.names.time)?;
+        let has_label = table.columns().iter().any(|column| column.name == self.names.run);
+        let label = has_label.then(|| table.column(&self.names.run)).transpose()?;
+        let parameters = positions(table, &self.names.parameters)?;
+        let outputs = positions(table, &self.names.outputs)?;
+        while table.next_row()? {
+            let point = self.point(table, &parameters)?;
+            let name = label.map_or(String::new(), |label| table.text(label).into_owned());
+            if name.is_empty() && label.is_some() {
+                return Err(table.mistake(&format!("column `{}`: is empty, expected the run's label", self.names.run)));
+            }
+            let is_current = |current: &Current| match label {
+                Some(_) => current.label == name,
+                None => current.parameters == point,
+            };
+            match runs.current.as_ref().filter(|&current| is_current(current)) {
+                Some(current) => self.check_parameters(table, &point, &current.parameters)?,
+                None => {
+                    runs.finish(table)?;
+                    runs.begin(table, name, point)?;
+                }
+            }
+            runs.row(table, time, &outputs)?;
+        }
+        runs.finish(table)
+    }
+
+    fn check_parameters(&self, table: &Table, found: &[f64], expected: &[f64]) -> Result<()> {
+        let mut columns = self.names.parameters.iter().zip(found.iter().zip(expected));
+        let Some((name, (found, expected))) = columns.find(|(_, (found, expected))| found != expected) else {
+            return Ok(());
+        };
+        Err(table.mistake(&format!("column `{name}`: {found} after {expected}, expected one value in a run")))
+    }
+
+    fn read_index(&self, index: &mut Table, runs: &mut Runs) -> Result<()> {
+        let file = index.column(&self.names.file)?;
+        let parameters = positions(index, &self.names.parameters)?;
+        while index.next_row()? {
+            let point = self.point(index, &parameters)?;
+            let name = index.text(file).into_owned();
+            runs.begin(index, name, point)?;
+            let mut table = self.open_run(index)?;
+            let time = time_column(&table, &self.names.time)?;
+            let outputs = positions(&table, &self.names.outputs)?;
+            for (&column, output) in outputs.iter().zip(&self.outputs) {
+                table.check_unit(column, Some(&output.unit))?;
+            }
+            while table.next_row()? {
+                runs.row(&mut table, time, &outputs)?;
+            }
+            runs.finish(&table)?;
+        }
+        Ok(())
+    }
+
+    /// Opens the file that a row of the index names.
+    fn open_run(&self, index: &Table) -> Result<Table> {
+        let name = index.text(index.column(&self.names.file)?).into_owned();
+        Table::open(&self.path.with_file_name(&name)).map_err(|error| match error {
+            Error::Io { source, .. } => index.mistake(&format!("`{name}` cannot be read: {source}")),
+            error => error,
+        })
+    }
+
+    fn point(&self, table: &mut Table, columns: &[usize]) -> Result<Vec<f64>> {
+        let ranges = columns.iter().zip(&self.ranges);
+        ranges.map(|(&column, &(min, max))| table.number_in(column, min, max)).collect()
+    }
+}
+
+/// Rows on their way into runs.
+struct Runs<'a> {
+    recorded: &'a Recorded,
+    stop: &'a AtomicBool,
+    finished: Vec<Run>,
+    current: Option<Current>,
+    /// Line of each label and of each point.
+    labels: HashMap<String, u64>,
+    points: HashMap<Vec<u64>, u64>,
+    /// Runs mostly share their times: the previous run's are kept to share them.
+    shared_times: Arc<[f64]>,
+}
+
+/// The run that is being read.
+struct Current {
+    label: String,
+    parameters: Vec<f64>,
+    times: Vec<f64>,
+    outputs: Vec<f64>,
+    /// Time of the last row, those past the end included.
+    last: Option<f64>,
+}
+
+impl<'a> Runs<'a> {
+    fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
+        let (labels, points) = (HashMap::new(), HashMap::new());
+        Self { recorded, stop, finished: Vec::new(), current: None, labels, points, shared_times: Arc::new([]) }
+    }
+
+    /// Begins a run at the row of a table.
+    fn begin(&mut self, table: &Table, label: String, parameters: Vec<f64>) -> Result<()> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let line = table.line();
+        if !label.is_empty()
+            && let Some(before) = self.labels.insert(label.clone(), line)
+        {
+            let message = format!("run `{label}` again, it began in line {before}: a run's rows must stand together");
+            return Err(table.mistake(&message));
+        }
+        // zeros of both signs are one point
+        let point = parameters.iter().map(|value| (value + 0.0).to_bits()).collect();
+        if let Some(before) = self.points.insert(point, line) {
+            let names = &self.recorded.names.parameters;
+            let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {value}")));
+            let message = format!("a second run with {values}, the first is in line {before}: runs must differ");
+            return Err(table.mistake(&message));
+        }
+        let (times, outputs) = (Vec::with_capacity(self.shared_times.len()), Vec::new());
+        self.current = Some(Current { label, parameters, times, outputs, last: None });
+        Ok(())
+    }
+
+    fn row(&mut self, table: &mut Table, time: usize, outputs: &[usize]) -> Result<()> {
+        let t = table.number(time)?;
+        let Some(current) = &mut self.current else { return Ok(()) };
+        let (stop, run) = (self.recorded.stop, named(&current.label));
+        match current.last {
+            None if t.abs() > 1e-9 * stop => {
+                return Err(table.mistake(&format!("{run} begins at {t} s, expected 0 s")));
+            }
+            Some(last) if last == t => return Err(table.mistake(&format!("time {t} s stands twice in {run}"))),
+            Some(last) if last > t => {
+                let expected = "expected rows in the order of time";
+                return Err(table.mistake(&format!("time {t} s after {last} s in {run}, {expected}")));
+            }
+            _ => {}
+        }
+        current.last = Some(t);
+        for &column in outputs {
+            let value = table.number(column)?;
+            if t <= stop * (1.0 + 1e-9) {
+                current.outputs.push(value);
+            }
+        }
+        if t <= stop * (1.0 + 1e-9) {
+            current.times.push(t.clamp(0.0, stop));
+        }
+        Ok(())
+    }
+
+    /// Ends the run before the row of a table, or at its end.
+    fn finish(&mut self, table: &Table) -> Result<()> {
+        let Some(Current { label, parameters, times, outputs, last }) = self.current.take() else { return Ok(()) };
+        let stop = self.recorded.stop;
+        let run = named(&label);
+        match last {
+            None => return Err(table.mistake(&format!("{run} has no rows"))),
+            Some(last) if last < stop * (1.0 - 1e-9) => {
+                let message =
+                    format!("{run} ends before this line at {last} s, expected {stop} s, the study's `time.stop`");
+                return Err(table.mistake(&message));
+            }
+            _ => {}
+        }
+        if *self.shared_times != *times {
+            self.shared_times = times.into();
+        }
+        self.finished.push(Run { parameters, times: Arc::clone(&self.shared_times), outputs });
+        Ok(())
+    }
+}
+
+/// A variable of the study in a column of a table; the study's unit must be the table's.
+fn resolve(table: &Table, column: &str, name: &str, unit: Option<&str>, description: Option<&str>) -> Result<Variable> {
+    let position = table.column(column)?;
+    table.check_unit(position, unit)?;
+    let unit = unit.or(table.columns()[position].unit()).unwrap_or_default();
+    Ok(variable(name, unit, description.unwrap_or_default()))
+}
+
+fn time_column(table: &Table, name: &str) -> Result<usize> {
+    let position = table.column(name)?;
+    table.check_unit(position, Some("s"))?;
+    Ok(position)
+}
+
+fn positions(table: &Table, names: &[String]) -> Result<Vec<usize>> {
+    names.iter().map(|name| table.column(name)).collect()
+}
+
+fn named(label: &str) -> String {
+    if label.is_empty() { "the run".into() } else { format!("run `{label}`") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::Source;
+
+    /// A folder with a study of a table, and tables.
+    struct Folder(tempfile::TempDir);
+
+    const STUDY: &str = "name = \"s\"
+[source]
+SOURCE
+[time]
+stop = 1
+step = 0.5
+[parameters]
+a = { min = 0, max = 10 }
+b = { min = -1, max = 1, unit = \"m\" }
+[outputs]
+y = { unit = \"rad\" }
+[sampling]
+test_runs = 1
+";
+
+    impl Folder {
+        fn new(files: &[(&str, &str)]) -> Self {
+            let folder = Self(tempfile::tempdir().unwrap());
+            files.iter().for_each(|(name, text)| std::fs::write(folder.0.path().join(name), text).unwrap());
+            folder
+        }
+
+        fn study(&self, source: &str) -> Result<Study> {
+            Study::parse(&STUDY.replace("SOURCE", source), &self.0.path().join("s.toml"))
+        }
+
+        /// Both sets' runs in the order of the parameter `a`.
+        fn sample(&self, source: &str) -> Result<Vec<Run>> {
+            let Source::Recorded(recorded) = Source::new(&self.study(source)?)? else { panic!() };
+            assert_eq!(recorded.parameters()[1].unit, "m");
+            let (train, test) = recorded.sample(&AtomicBool::new(false))?;
+            assert_eq!(test.runs.len(), 1);
+            let mut runs = [train.runs, test.runs].concat();
+            runs.sort_by(|one, other| one.parameters[0].total_cmp(&other.parameters[0]));
+            Ok(runs)
+        }
+    }
+
+    fn run(a: f64, b: f64, times: &[f64], outputs: &[f64]) -> Run {
+        Run { parameters: vec![a, b], times: times.into(), outputs: outputs.to_vec() }
+    }
+
+    fn expected() -> Vec<Run> {
+        let times = [0.0, 0.5, 1.0];
+        vec![
+            run(1.0, 0.5, &times, &[1.0, 2.0, 3.0]),
+            run(2.0, 0.5, &times, &[4.0, 5.0, 6.0]),
+            run(3.0, -0.5, &[0.0, 1.0], &[7.0, 8.0]),
+        ]
+    }
+
+    const LONG: &str = "run,time,a,b,y
+first,0,1,0.5,1
+first,0.5,1,0.5,2
+first,1,1,0.5,3
+second,0,2,0.5,4
+second,0.5,2,0.5,5
+second,1,2,0.5,6
+third,0,3,-0.5,7
+third,1,3,-0.5,8
+";
+
+    #[test]
+    fn one_table_of_all_runs_with_labels_or_without_is_read() {
+        // other times, times past the end, other columns, other names
+        let foreign = "t;note;Length [-];b [m];Body.y [rad]
+0,0;x;1;0,5;1
+0,5;;1;0,5;2
+1;;1;0,5;3
+1,5;;1;0,5;99
+0;;2;0,5;4
+0,5;;2;0,5;5
+1;;2;0,5;6
+0;;3;-0,5;7
+1;;3;-0,5;8
+";
+        let folder = Folder::new(&[("r.csv", LONG), ("f.csv", foreign)]);
+        assert_eq!(folder.sample("table = \"r.csv\"").unwrap(), expected());
+        let source = "table = \"f.csv\"\ncolumns = { time = \"t\", a = \"Length\", y = \"Body.y\" }";
+        assert_eq!(folder.sample(source).unwrap(), expected());
+    }
+
+    #[test]
+    fn an_index_of_one_file_a_run_is_read() {
+        let folder = Folder::new(&[
+            ("i.csv", "file,a,b [m]\n1.csv,1,0.5\n2.csv,2,0.5\n3.csv,3,-0.5\n"),
+            ("1.csv", "time [s]\ty\n0\t1\n0.5\t2\n1\t3\n"),
+            ("2.csv", "time,y\ns,rad\n0,4\n0.5,5\n1,6\n"),
+            ("3.csv", "y,time\n7,0\n8,1\n"),
+        ]);
+        assert_eq!(folder.sample("index = \"i.csv\"").unwrap(), expected());
+        let digest = folder.study("index = \"i.csv\"").unwrap().sampling_digest();
+        std::fs::write(folder.0.path().join("3.csv"), "y,time\n7,0\n9,1\n").unwrap();
+        assert_ne!(folder.study("index = \"i.csv\"").unwrap().sampling_digest(), digest, "a file changed");
+    }
+
+    #[test]
+    fn the_choice_of_test_runs_repeats_for_a_seed_only() {
+        let rows: String =
+            (0..40).map(|i| format!("{i},0,{},0,1\n{i},1,{},0,2\n", i as f64 / 4.0, i as f64 / 4.0)).collect();
+        let folder = Folder::new(&[("r.csv", &format!("run,time,a,b,y\n{rows}"))]);
+        let test = |seed: u64| {
+            let text = STUDY.replace("SOURCE", "table = \"r.csv\"").replace("test_runs = 1", "test_runs = 10");
+            let text = format!("seed = {seed}\n{text}");
+            let study = Study::parse(&text, &folder.0.path().join("s.toml")).unwrap();
+            let (train, test) = Recorded::new(&study).unwrap().sample(&AtomicBool::new(false)).unwrap();
+            assert!(train.runs.len() == 30 && test.runs.iter().all(|run| !train.runs.contains(run)));
+            test
+        };
+        assert_eq!(test(1), test(1));
+        assert_ne!(test(1), test(2));
+    }
+
+    #[test]
+    fn mistakes_in_recorded_runs_are_located() {
+        for (from, to, says) in [
+            ("y\n", "z\n", "r.csv:1: no column `y`, expected it among run, time, a, b, z"),
+            (",time", ",t", "r.csv:1: no column `time`"),
+            ("time,a,b,y", "time [ms],a,b,y", "r.csv:1: column `time`: unit `ms`, expected `s`"),
+            ("time,a,b,y", "time,a,b [mm],y", "r.csv:1: column `b`: unit `mm`, expected `m`"),
+            ("time,a,b,y", "time,a,b,y [deg]", "r.csv:1: column `y`: unit `deg`, expected `rad`"),
+            ("first,0.5,1,0.5,2", "first,0.5,1,0.5,", "r.csv:3: column `y`: is empty, expected a finite number"),
+            ("first,0.5,1,0.5,2", "first,0.5,1,0.5,nan", "r.csv:3: column `y`: `nan`, expected a finite number"),
+            ("first,0.5,1,0.5,2", "first,0.5,1,0.5", "r.csv:3: 4 fields, expected 5"),
+            ("first,0.5,1,0.5,2", ",0.5,1,0.5,2", "r.csv:3: column `run`: is empty, expected the run's label"),
+            ("first,0.5,1,0.5,2", "first,0,1,0.5,2", "r.csv:3: time 0 s stands twice in run `first`"),
+            (
+                "first,0.5,1,",
+                "first,1.5,1,",
+                "r.csv:4: time 1 s after 1.5 s in run `first`, expected rows in the order",
+            ),
+            ("first,0.5,1,", "first,0.5,1.5,", "r.csv:3: column `a`: 1.5 after 1, expected one value in a run"),
+            ("first,0.5,1,", "first,0.5,11,", "r.csv:3: column `a`: 11, expected 0 to 10, the study's range"),
+            ("second,0,", "second,0.1,", "r.csv:5: run `second` begins at 0.1 s, expected 0 s"),
+            ("first,1,1,0.5,3\n", "", "r.csv:4: run `first` ends before this line at 0.5 s, expected 1 s"),
+            ("third,1,3,-0.5,8\n", "", "r.csv:8: run `third` ends before this line at 0 s, expected 1 s"),
+            ("third", "first", "r.csv:8: run `first` again, it began in line 2: a run's rows must stand together"),
+            ("third,0,3,-0.5", "third,0,2,0.5", "r.csv:8: a second run with a = 2, b = 0.5, the first is in line 5"),
+        ] {
+            assert!(LONG.contains(from), "{from}");
+            let folder = Folder::new(&[("r.csv", &LONG.replacen(from, to, 1))]);
+            let message = folder.sample("table = \"r.csv\"").unwrap_err().to_string();
+            assert!(message.contains(says), "{message} should contain {says}");
+        }
+        let two: String = LONG.lines().take(7).map(|line| format!("{line}\n")).collect();
+        let message = Folder::new(&[("r.csv", &two)]).sample("table = \"r.csv\"").unwrap_err().to_string();
+        assert!(message.contains("r.csv:7: 2 runs, expected at least 3: 1 for the tests, 2 to train"), "{message}");
+        let without: String = LONG
+            .replace("third,0,3,-0.5", "x,0,1,0.5")
+            .lines()
+            .map(|line| {
+                let (_, rest) = line.split_once(',').unwrap();
+                format!("{rest}\n")
+            })
+            .collect();
+        let message = Folder::new(&[("r.csv", &without)]).sample("table = \"r.csv\"").unwrap_err().to_string();
+        assert!(message.contains("r.csv:8: a second run with a = 1, b = 0.5, the first is in line 2"), "{message}");
+    }
+
+    #[test]
+    fn mistakes_in_an_index_and_in_the_study_are_located() {
+        let folder = Folder::new(&[
+            ("i.csv", "file,a,b\n1.csv,1,0.5\n2.csv,2,0.5\n"),
+            ("1.csv", "time,y\n0,1\n1,2\n"),
+            ("empty.csv", "file,a,b\n"),
+            ("none.csv", "file,a,b\n1.csv,1,0.5\nshort.csv,2,0.5\n1.csv,3,0\n"),
+            ("short.csv", "time,y\n0,1\n0.9,2\n"),
+            ("blank.csv", "file,a,b\nheader.csv,1,0.5\n"),
+            ("header.csv", "time,y\n"),
+            ("again.csv", "file,a,b\n1.csv,1,0.5\n1.csv,2,0.5\n"),
+        ]);
+        for (source, says) in [
+            ("index = \"i.csv\"", "i.csv:3: "),
+            ("index = \"i.csv\"", "2.csv: cannot read"),
+            ("index = \"empty.csv\"", "empty.csv:1: the index has no rows"),
+            ("index = \"none.csv\"", "short.csv:3: run `short.csv` ends before this line at 0.9 s"),
+            ("index = \"blank.csv\"", "header.csv:1: run `header.csv` has no rows"),
+            ("index = \"again.csv\"", "again.csv:3: run `1.csv` again"),
+            ("index = \"1.csv\"", "1.csv:1: no column `file`"),
+            ("table = \"missing.csv\"", "missing.csv: cannot read"),
+            (
+                "table = \"i.csv\"\nindex = \"i.csv\"",
+                "s.toml:2: source: expected one of `system`, `mechanism`, `table`",
+            ),
+            (
+                "table = \"i.csv\"\nconstants = { m = 1 }",
+                "s.toml:4: source.constants: belongs to `system` and `mechanism`",
+            ),
+            (
+                "table = \"1.csv\"\ncolumns = { z = \"y\" }",
+                "s.toml:4: source.columns.z: `z` is neither a parameter nor",
+            ),
+            ("system = \"single-pendulum\"", "s.toml:12: sampling: expected a `method`"),
+        ] {
+            let message = folder.sample(source).unwrap_err().to_string();
+            assert!(message.contains(says), "{source}: {message} should contain {says}");
+        }
+        let text = STUDY.replace("SOURCE", "table = \"i.csv\"").replace("[sampling]", "[sampling]\nruns = 5");
+        let message = Study::parse(&text, &folder.0.path().join("s.toml")).unwrap_err().to_string();
+        assert!(message.contains("sampling: recorded runs are where they are: expected `test_runs` only"), "{message}");
+    }
+}
