@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+"""Prints docs/bad-input.md: malformed descriptions, plans, tables and FMUs, each with what `metafmu` says to it.
+
+Needs target/release/metafmu. Every case must end with exit code 2, without a panic, and write no file.
+"""
+
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+STUDY = """name = "s"
+[source]
+system = "single-pendulum"
+[time]
+stop = 1
+step = 0.5
+[parameters]
+L = { min = 0.1, max = 0.2, unit = "m" }
+[outputs]
+theta = { unit = "rad" }
+[sampling]
+method = "sobol"
+runs = 8
+test_runs = 1
+"""
+RECORDED = STUDY.replace('system = "single-pendulum"', 'table = "runs.csv"').replace('method = "sobol"\nruns = 8\n', "")
+INDEX = RECORDED.replace('table = "runs.csv"', 'index = "index.csv"')
+LIST = STUDY.replace('"sobol"\nruns = 8', '"list"\nfile = "points.csv"')
+MECHANISM = STUDY.replace('system = "single-pendulum"', 'mechanism = "m.toml"')
+FOUR_BAR = MECHANISM.replace("L = {", "crank_length = {").replace("max = 0.2", "max = 0.25")
+RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\nc,0,0.15,6\nc,1,0.15,7\n"
+PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
+LINKAGE = (ROOT / "examples" / "mechanisms" / "four-bar.toml").read_text()
+
+
+def study(old, new, text=STUDY):
+    assert old in text, old
+    return {"study.toml": text.replace(old, new, 1)}
+
+
+def mechanism(old, new, text=PENDULUM, about=MECHANISM):
+    assert old in text, old
+    return {"study.toml": about, "m.toml": text.replace(old, new, 1)}
+
+
+def runs(old, new):
+    assert old in RUNS, old
+    return {"study.toml": RECORDED, "runs.csv": RUNS.replace(old, new, 1)}
+
+
+SECTIONS = {
+    "Studies and plans": {
+        "no TOML": study("[time]", "[time"),
+        "a key that is not known": study("step =", "stp ="),
+        "text for a number": study("stop = 1", 'stop = "1"'),
+        "a step that does not divide the time": study("step = 0.5", "step = 0.3"),
+        "an empty range": study("min = 0.1", "min = 0.3"),
+        "another unit than the system's": study('"m"', '"mm"'),
+        "a parameter the system has not": study("L = {", "length = {"),
+        "an output the system has not": study("theta = {", "omega = {"),
+        "a system that is not there": study("single", "triple"),
+        "a system and a table": study("[time]", 'table = "runs.csv"\n[time]'),
+        "a plan that is not there": study('"sobol"', '"grid"'),
+        "levels for a plan without levels": study("runs = 8", "runs = 8\nlevels = 3"),
+        "a mesh without levels": study('"sobol"\nruns = 8', '"mesh"'),
+        "a list without a parameter": {"study.toml": LIST, "points.csv": "c\n0\n1\n"},
+        "a point out of range": {"study.toml": LIST, "points.csv": "L\n0.1\n0.3\n"},
+        "a point that stands twice": {"study.toml": LIST, "points.csv": "L\n0.1\n0.2\n0.10\n"},
+    },
+    "Mechanisms": {
+        "an expression that ends early": mechanism('mass = "m"', 'mass = "m*"'),
+        "an expression of something unknown": mechanism('mass = "m"', 'mass = "n"'),
+        "a negative mass": mechanism('mass = "m"', 'mass = "-m"'),
+        "a division by zero": mechanism('mass = "m"', 'mass = "m/0"'),
+        "a function that is not there": mechanism('mass = "m"', 'mass = "sine(m)"'),
+        "a joint at a point that is not there": mechanism('"rod.top"', '"rod.tip"'),
+        "a joint of a body with itself": mechanism('"ground"', '"rod"'),
+        "a joint of an unknown kind": mechanism('"revolute"', '"hinge"'),
+        "a measure that is not there": mechanism('"rod.x"', '"rod.z"'),
+        "a name for two things": mechanism("[springs.damper]", "[springs.rod]"),
+        "a redundant joint": mechanism(
+            "[springs.return]",
+            '[joints.E]\ntype = "revolute"\nbetween = ["ground.right", "rocker.bottom"]\n[springs.return]',
+            LINKAGE,
+            FOUR_BAR,
+        ),
+        "bars that do not reach": mechanism("default = 0.5, unit", "default = 5.5, unit", LINKAGE, FOUR_BAR),
+    },
+    "Tables": {
+        "no file": {"study.toml": RECORDED},
+        "an empty file": {"study.toml": RECORDED, "runs.csv": ""},
+        "no header": runs("run,time,L,theta\n", ""),
+        "a column that is not there": runs("theta", "angle"),
+        "another unit": runs("theta", "theta [deg]"),
+        "a missing value": runs("a,0.5,0.1,2", "a,0.5,0.1,"),
+        "not a number": runs("a,0.5,0.1,2", "a,0.5,0.1,NaN"),
+        "a short row": runs("a,0.5,0.1,2", "a,0.5,0.1"),
+        "rows out of order": runs("a,0.5", "a,1.5"),
+        "a time that stands twice": runs("a,0.5", "a,0"),
+        "a parameter that changes in a run": runs("a,0.5,0.1", "a,0.5,0.2"),
+        "a run that broke off": runs("a,1,0.1,3\n", ""),
+        "a run whose rows are apart": runs("c,0,0.15,6\nc,1", "a,0,0.15,6\na,1"),
+        "two runs with one set of parameters": runs("b,0,0.2", "b,0,0.1"),
+        "a parameter out of range": runs("b,0,0.2", "b,0,0.3"),
+        "too few runs": runs("c,0,0.15,6\nc,1,0.15,7\n", ""),
+        "decimal points and commas": {
+            "study.toml": RECORDED,
+            "runs.csv": RUNS.replace(",", ";").replace("a;0.5;0.1", "a;0,5;0.1"),
+        },
+        "a quote that is not closed": runs("a,0.5", '"a,0.5'),
+        "a file of the index that is not there": {"study.toml": INDEX, "index.csv": "file,L\na.csv,0.1\n"},
+    },
+    "FMUs": {
+        "no FMU": {"model.fmu": "hello"},
+        "an archive without a model description": {"model.fmu": None},
+        "a file that is not there": {},
+    },
+}
+
+
+def message(folder, files, arguments):
+    """What the command says about the files, without `error: `."""
+    for name, text in files.items():
+        if text is None:
+            with zipfile.ZipFile(folder / name, "w") as archive:
+                archive.writestr("readme.txt", "hello")
+        else:
+            (folder / name).write_text(text)
+    command = [ROOT / "target" / "release" / "metafmu", *arguments]
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (2, ""), (files, result)
+    written = sum(path.is_file() for path in folder.rglob("*"))
+    assert "panicked" not in result.stderr and written == len(files), (files, result.stderr)
+    lines = [line.removeprefix("error: ") for line in result.stderr.splitlines()]
+    return lines
+
+
+def document():
+    """The text of docs/bad-input.md."""
+    parts = [
+        "# Bad input\n\nWhat `metafmu` says to malformed input: file, line, key or column, what was found, what was expected. All of them end\n"
+        "with exit code 2 and write nothing. `scripts/bad-input.py` makes this page, `tests/python/test_bad_input.py` keeps it true.\n"
+    ]
+    for section, cases in SECTIONS.items():
+        parts.append(f"\n## {section}\n\n| what | message |\n|---|---|\n")
+        for what, files in cases.items():
+            arguments = ["simulate", "model.fmu"] if section == "FMUs" else ["sample", "study.toml", "--out", "out"]
+            with tempfile.TemporaryDirectory() as folder:
+                lines = message(Path(folder), files, arguments)
+            text = "<br>".join(line.replace("|", "\\|") for line in lines)
+            parts.append(f"| {what} | {text} |\n")
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(document())
