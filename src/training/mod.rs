@@ -11,6 +11,7 @@ mod checkpoint;
 mod gradient;
 mod loss;
 mod optimizer;
+mod pace;
 mod rows;
 mod run;
 mod schedule;

@@ -24,6 +24,8 @@ pub(super) struct Team {
     threads: Vec<JoinHandle<()>>,
     sleepers: Vec<(Thread, Arc<AtomicBool>)>,
     round: u32,
+    /// Whether the caller does all items itself.
+    alone: bool,
 }
 
 type Work<'a> = dyn Fn(usize, usize) + Sync + 'a;
@@ -74,7 +76,13 @@ impl Team {
                 threads.push(thread);
             }
         }
-        Self { shared, threads, sleepers, round: 0 }
+        let alone = threads.is_empty();
+        Self { shared, threads, sleepers, round: 0, alone }
+    }
+
+    /// Whether from now on the caller is to do all items itself.
+    pub(super) fn set_alone(&mut self, alone: bool) {
+        self.alone = alone || self.threads.is_empty();
     }
 
     /// Most members that can be at work.
@@ -88,7 +96,7 @@ impl Team {
     /// # Panics
     /// If a call panicked.
     pub(super) fn for_each(&mut self, items: usize, work: impl Fn(usize, usize) + Sync) {
-        if self.threads.is_empty() || items <= 1 {
+        if self.alone || items <= 1 {
             return (0..items).for_each(|item| work(0, item));
         }
         let work: &Work = &work;
@@ -237,6 +245,20 @@ mod tests {
                     thread::yield_now();
                 }
             });
+        }
+    }
+
+    #[test]
+    fn a_caller_that_is_alone_does_everything() {
+        let mut team = Team::new(3);
+        for alone in [true, false, true] {
+            team.set_alone(alone);
+            let done = AtomicUsize::new(0);
+            team.for_each(50, |member, _| {
+                assert!(member == 0 || !alone);
+                done.fetch_add(1, Ordering::Relaxed);
+            });
+            assert_eq!(done.into_inner(), 50);
         }
     }
 

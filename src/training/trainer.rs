@@ -1,6 +1,6 @@
 //! A network under training.
 
-use super::{Rows, TrainingError, gradient::Gradients, optimizer::Updater, team::Team};
+use super::{Rows, TrainingError, gradient::Gradients, optimizer::Updater, pace::Pace, team::Team};
 use crate::{
     network::{
         BLOCK_ROWS, Network, Packed,
@@ -9,6 +9,7 @@ use crate::{
     },
     study::TrainingOptions,
 };
+use std::time::Instant;
 
 /// Share of a batch in the running statistics of a normalised layer: PyTorch's.
 const STATISTICS_SHARE: f32 = 0.1;
@@ -25,6 +26,7 @@ pub struct Trainer {
     updater: Updater,
     gradients: Gradients,
     team: Team,
+    pace: Pace,
     seed: u64,
 }
 
@@ -60,6 +62,7 @@ impl Trainer {
             network,
             packed,
             team,
+            pace: Pace::new(),
             seed,
         })
     }
@@ -93,7 +96,9 @@ impl Trainer {
     /// # Panics
     /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.
     pub fn step(&mut self, rows: &Rows, numbers: &[u32], learning_rate: f64) -> f64 {
-        let Self { packed, updater, gradients, team, seed, running, .. } = self;
+        let Self { packed, updater, gradients, team, pace, seed, running, .. } = self;
+        let started = Instant::now();
+        team.set_alone(pace.alone());
         let loss = gradients.compute(team, packed, rows, numbers, (*seed, updater.steps()));
         if loss.is_finite() {
             updater.step(team, gradients, numbers.len(), packed, learning_rate);
@@ -101,6 +106,7 @@ impl Trainer {
                 gradients.blend_statistics(numbers.len(), layer, STATISTICS_SHARE, running);
             }
         }
+        pace.took(started.elapsed().as_secs_f64());
         loss
     }
 
@@ -113,6 +119,7 @@ impl Trainer {
             }
         }
         let network = self.folded.as_ref().unwrap_or(&self.packed);
+        self.team.set_alone(false);
         self.gradients.loss(&mut self.team, network, rows, sums)
     }
 
