@@ -101,13 +101,18 @@ fn recorded_runs_become_a_fmu_like_simulated_ones() {
 
 /// The single pendulum with a coarse mesh and a tiny network.
 fn small_study() -> String {
-    include_str!("../examples/single-pendulum.toml")
-        .replace("levels = 11", "levels = 3")
-        .replace("test_runs = 200", "test_runs = 5")
-        .replace("step = 0.01", "step = 0.05")
-        .replace("hidden = [128, 128]", "hidden = [8]")
-        .replace("epochs = 40", "epochs = 3")
-        .replace("batch = 1024", "batch = 64")
+    let mut study = include_str!("../examples/paper/single-pendulum.toml").to_owned();
+    for (line, smaller) in [
+        ("levels = 11", "levels = 3"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("step = 0.01", "step = 0.05"),
+        ("hidden = [128, 128]", "hidden = [8]"),
+        ("epochs = 400", "epochs = 3"),
+    ] {
+        assert!(study.contains(line), "{line}");
+        study = study.replace(line, smaller);
+    }
+    study
 }
 
 fn stderr(output: &Output) -> String {

@@ -415,7 +415,7 @@ fn digest(content: &impl Serialize) -> String {
 mod tests {
     use super::*;
 
-    const GOOD: &str = include_str!("../../examples/single-pendulum.toml");
+    const GOOD: &str = include_str!("../../examples/paper/single-pendulum.toml");
 
     fn problems(text: &str) -> Vec<String> {
         match Study::parse(text, Path::new("study.toml")) {

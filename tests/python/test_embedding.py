@@ -41,11 +41,11 @@ def system(tmp_path_factory):
     folder = tmp_path_factory.mktemp("embedding")
     study = (ROOT / "examples" / "slider-crank.toml").read_text()
     for line, smaller in [
-        ("levels = 11", "levels = 7"),
+        ("runs = 1331", "runs = 343"),
         ("test_runs = 200", "test_runs = 50"),
         ("hidden = [128, 128]", "hidden = [64, 64]"),
         ("batch = 1024", "batch = 512"),
-        ("epochs = 40", "epochs = 60"),
+        ("epochs = 60", "epochs = 30"),
     ]:
         assert line in study
         study = study.replace(line, smaller)
