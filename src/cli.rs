@@ -36,7 +36,7 @@ With a mechanism, its parameters that have a `min` and a `max` become the study'
 Writes into DIR: NAME.fmu (with --fmi both: NAME-fmi2.fmu and NAME-fmi3.fmu), NAME.safetensors, metrics.json, train.csv,
 test.csv, samples.json, history.csv.
 Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
-    Build(ExportArgs),
+    Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
     #[command(after_help = "Examples:
   metafmu sample examples/single-pendulum.toml
@@ -46,8 +46,10 @@ The same study has the same plan. With the methods \"random\", \"sobol\" and \"h
 the shorter plan; the first column of a printed plan says what a run is for.")]
     Sample(SampleArgs),
     /// Train the network on train.csv and write NAME.safetensors and history.csv
-    #[command(after_help = "Example:\n  metafmu train examples/single-pendulum.toml")]
-    Train(StudyArgs),
+    #[command(after_help = "Examples:
+  metafmu train examples/single-pendulum.toml
+  metafmu train examples/single-pendulum.toml --resume    # after it was stopped, killed, or the power went")]
+    Train(TrainArgs),
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
     Evaluate(StudyArgs),
@@ -103,6 +105,24 @@ pub struct SampleArgs {
     /// Print the parameters of every run as CSV instead, and write nothing
     #[arg(long, conflicts_with = "json")]
     pub dry_run: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Go on from the checkpoint of a training that was stopped; the result is the same to the last bit
+    #[arg(long)]
+    pub resume: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct BuildArgs {
+    #[command(flatten)]
+    pub export: ExportArgs,
+    /// Keep what a stopped build of the same study has finished, and go on from its checkpoint
+    #[arg(long)]
+    pub resume: bool,
 }
 
 #[derive(Debug, Args)]

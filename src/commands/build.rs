@@ -6,16 +6,17 @@ use super::{
     job::Job,
     print, print_json, sample, train,
 };
-use crate::cli::ExportArgs;
+use crate::cli::BuildArgs;
 use metafmu::{Result, fmu::validate};
 use std::path::PathBuf;
 
-pub fn run(args: &ExportArgs) -> Result<Outcome> {
-    let job = Job::new(&args.study)?;
-    let plan = Plan::new(&job, args)?;
+pub fn run(args: &BuildArgs) -> Result<Outcome> {
+    let job = Job::new(&args.export.study)?;
+    let plan = Plan::new(&job, &args.export)?;
     job.prepare_folder()?;
-    let samples = sample::stage(&job)?;
-    let (surrogate, training) = train::stage(&job, &samples.train)?;
+    let kept = if args.resume { sample::kept(&job) } else { None };
+    let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;
+    let (surrogate, training) = train::stage(&job, &samples.train, args.resume)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.test, &samples.record, &training)?;
     let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy))?;
     let mut problems = 0;

@@ -62,6 +62,11 @@ impl Job {
         self.folder.join("history.csv")
     }
 
+    /// Where a training that is under way, or was stopped, goes on from.
+    pub fn checkpoint(&self) -> PathBuf {
+        self.folder.join("checkpoint.safetensors")
+    }
+
     pub fn training_record(&self) -> PathBuf {
         self.folder.join("training.json")
     }

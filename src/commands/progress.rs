@@ -21,7 +21,7 @@ impl Progress {
 
     /// Counts optimizer steps; the message is the loss.
     pub fn steps(count: usize) -> Self {
-        Self::new(count as u64, "training {bar:30} {percent}%, {msg}, {eta} left")
+        Self::new(count as u64, "training {bar:30} {percent}%, {msg}")
     }
 
     fn new(length: u64, template: &str) -> Self {
@@ -34,13 +34,21 @@ impl Progress {
         self.bar.inc(by);
     }
 
-    /// Moves the bar to a position; the message is made only as often as a person can read.
-    pub fn set(&mut self, position: u64, message: impl FnOnce() -> String) {
-        if self.on_terminal && self.shown.is_none_or(|shown| shown.elapsed() > Duration::from_millis(100)) {
-            self.shown = Some(Instant::now());
-            self.bar.set_message(message());
-            self.bar.set_position(position);
-        }
+    /// Whether a person could read a new message by now.
+    pub fn is_due(&self) -> bool {
+        self.on_terminal && self.shown.is_none_or(|shown| shown.elapsed() > Duration::from_millis(100))
+    }
+
+    /// Moves the bar to a position.
+    pub fn set(&mut self, position: u64, message: String) {
+        self.shown = Some(Instant::now());
+        self.bar.set_message(message);
+        self.bar.set_position(position);
+    }
+
+    /// A line that stays.
+    pub fn warn(&self, line: &str) {
+        self.bar.suspend(|| eprintln!("warning: {line}"));
     }
 
     /// A line that stays; only where there is no bar.

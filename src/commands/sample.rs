@@ -50,6 +50,12 @@ fn plan_table(job: &Job) -> Result<String> {
     Ok(text)
 }
 
+/// The runs that an earlier command has sampled from this study, if it came so far.
+pub fn kept(job: &Job) -> Option<Samples> {
+    let record = job.load_samples_record().ok()?;
+    Some(Samples { train: job.load_train_table().ok()?, test: job.load_test_table().ok()?, record })
+}
+
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
     let start = Instant::now();

@@ -1,19 +1,27 @@
 //! `metafmu train`: trains the network on the sampled runs and writes the surrogate.
 
 use super::{Outcome, interrupt, job::Job, print, print_json, progress::Progress};
-use crate::cli::StudyArgs;
+use crate::cli::TrainArgs;
 use metafmu::{
-    Result,
+    Error, Result,
     dataset::{Dataset, Run},
     files,
     network::Network,
     sampling::{self, Stream},
     scaling, surrogate,
-    training::{self, EpochRecord, Observer, Rows, StopReason},
+    training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
 };
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
-use std::{io::Write, ops::ControlFlow, sync::atomic::Ordering};
+use std::{
+    io::Write,
+    ops::ControlFlow,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+/// Share of the time that may go into writing checkpoints.
+const CHECKPOINT_SHARE: f64 = 0.05;
 
 /// How the training went.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -26,11 +34,11 @@ pub struct TrainingRecord {
     pub train_seconds: f64,
 }
 
-pub fn run(args: &StudyArgs) -> Result<Outcome> {
-    let job = Job::new(args)?;
+pub fn run(args: &TrainArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
     let dataset = job.load_train_table()?;
     job.prepare_folder()?;
-    let (_, record) = stage(&job, &dataset)?;
+    let (_, record) = stage(&job, &dataset, args.resume)?;
     if job.json {
         print_json(&record)?;
     } else {
@@ -39,8 +47,12 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// Trains, keeps the epoch that is best on held-out runs, writes the surrogate and the history.
-pub fn stage(job: &Job, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+/// Trains, keeps the epoch that is best on held-out runs, writes the surrogate and the history. To `resume` is to take what
+/// an earlier training has finished, or else to go on from its checkpoint, if there is one.
+pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, TrainingRecord)> {
+    if resume && let Some(finished) = finished(job)? {
+        return Ok(finished);
+    }
     let (study, options) = (&job.study, &job.study.training);
     let (training_runs, validation_runs) = split(&dataset.runs, options.validation, study.seed);
     let scaling = scaling::fit(dataset, training_runs.iter().copied());
@@ -52,9 +64,18 @@ pub fn stage(job: &Job, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)
     let (training_rows, validation_rows) = (rows(&training_runs)?, rows(&validation_runs)?);
 
     let network = Network::new(inputs, outputs, &study.network, study.seed)?;
-    let steps = training_rows.len().div_ceil(options.batch) * options.epochs;
-    let mut display = Display { progress: Progress::steps(steps), epochs: options.epochs };
-    let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut display)?;
+    let mut display = Display::new(job, training_rows.len());
+    let outcome = match load_checkpoint(job, resume)? {
+        None => {
+            // of whatever training it is: this one begins anew
+            files::remove(&job.checkpoint())?;
+            training::train(network, &training_rows, &validation_rows, options, study.seed, &mut display)?
+        }
+        Some(bytes) => {
+            training::resume(&bytes, network, &training_rows, &validation_rows, options, study.seed, &mut display)
+                .map_err(|error| unusable_checkpoint(job, error))?
+        }
+    };
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     interrupt::flag().store(false, Ordering::Relaxed);
 
@@ -79,7 +100,46 @@ pub fn stage(job: &Job, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)
     surrogate::save(&surrogate, &job.model())?;
     write_history(job, &outcome.history)?;
     files::write_json(&job.training_record(), &record)?;
+    if outcome.reason != StopReason::Interrupted {
+        files::remove(&job.checkpoint())?;
+    }
     Ok((surrogate, record))
+}
+
+/// The surrogate of a training of this study that came to its end.
+fn finished(job: &Job) -> Result<Option<(Surrogate, TrainingRecord)>> {
+    if job.checkpoint().exists() || !job.training_record().exists() {
+        return Ok(None);
+    }
+    let Ok(surrogate) = job.load_model() else { return Ok(None) };
+    let record = job.load_training_record()?;
+    let complete = record.stopped != describe(StopReason::Interrupted);
+    if complete {
+        eprintln!("{} is finished already", job.model().display());
+    }
+    Ok(complete.then_some((surrogate, record)))
+}
+
+fn load_checkpoint(job: &Job, resume: bool) -> Result<Option<Vec<u8>>> {
+    let path = job.checkpoint();
+    if !resume {
+        return Ok(None);
+    }
+    if !path.exists() {
+        eprintln!("no checkpoint in {}: the training begins", path.display());
+        return Ok(None);
+    }
+    std::fs::read(&path).map(Some).map_err(Error::io(&path, "read"))
+}
+
+fn unusable_checkpoint(job: &Job, error: TrainingError) -> Error {
+    match error {
+        TrainingError::Checkpoint { problem } => {
+            let message = format!("{problem}: train without --resume to begin anew");
+            Error::Stale { path: job.checkpoint(), message }
+        }
+        other => other.into(),
+    }
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.
@@ -114,29 +174,86 @@ fn describe(reason: StopReason) -> &'static str {
     }
 }
 
-/// Shows the training and passes Ctrl-C on to it.
-struct Display {
+/// Shows the training, passes Ctrl-C on to it and keeps its checkpoints.
+struct Display<'a> {
+    job: &'a Job,
     progress: Progress,
-    epochs: usize,
+    /// Rows of an epoch.
+    rows: usize,
+    history: Vec<EpochRecord>,
+    /// The epochs that were done when the first step of this process was, and when that was.
+    began: Option<(f64, Instant)>,
+    /// When the last checkpoint was complete, and how long it took.
+    written: Option<(Instant, Duration)>,
 }
 
-impl Observer for Display {
+impl<'a> Display<'a> {
+    fn new(job: &'a Job, rows: usize) -> Self {
+        let options = &job.study.training;
+        let steps = rows.div_ceil(options.batch) * options.epochs;
+        Self { job, progress: Progress::steps(steps), rows, history: Vec::new(), began: None, written: None }
+    }
+
+    /// Rows per second, in words, and the seconds left at this speed.
+    fn speed(&mut self, done: f64) -> String {
+        let (begin, at) = *self.began.get_or_insert((done, Instant::now()));
+        let epochs_per_second = (done - begin) / at.elapsed().as_secs_f64();
+        if !epochs_per_second.is_normal() {
+            return "no speed yet".into();
+        }
+        let left = (self.job.study.training.epochs as f64 - done) / epochs_per_second;
+        format!("{:.2e} rows/s, {left:.0} s left", epochs_per_second * self.rows as f64)
+    }
+
+    fn write_checkpoint(
+        &mut self,
+        make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>,
+    ) -> Result<()> {
+        let began = Instant::now();
+        let bytes = make()?;
+        files::write_whole(&self.job.checkpoint(), &bytes)?;
+        write_history(self.job, &self.history)?;
+        self.written = Some((Instant::now(), began.elapsed()));
+        Ok(())
+    }
+}
+
+impl Observer for Display<'_> {
     fn step(&mut self, progress: &training::Progress) -> ControlFlow<()> {
         let training::Progress { epoch, epochs, step, steps, loss } = *progress;
-        let position = (epoch - 1) * steps + step;
-        self.progress.set(position as u64, || format!("epoch {epoch}/{epochs}, loss {loss:.2e}"));
+        let done = (epoch - 1) as f64 + step as f64 / steps as f64;
+        if self.began.is_none() || self.progress.is_due() {
+            let message = format!("epoch {epoch}/{epochs}, loss {loss:.2e}, {}", self.speed(done));
+            self.progress.set(((epoch - 1) * steps + step) as u64, message);
+        }
         if interrupt::flag().load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
+    fn resumed(&mut self, history: &[EpochRecord]) {
+        self.history = history.to_vec();
+        eprintln!("going on after epoch {}", history.len());
+    }
+
     fn epoch(&mut self, record: &EpochRecord) {
-        let EpochRecord { epoch, train_loss, validation_loss, seconds, .. } = *record;
-        let every = self.epochs.div_ceil(10);
-        if epoch % every == 0 || epoch == self.epochs {
-            let remaining = seconds / epoch as f64 * (self.epochs - epoch) as f64;
+        self.history.push(*record);
+        let EpochRecord { epoch, train_loss, validation_loss, .. } = *record;
+        let epochs = self.job.study.training.epochs;
+        if epoch % epochs.div_ceil(10) == 0 || epoch == epochs {
+            let speed = self.speed(epoch as f64);
             self.progress.note(&format!(
-                "epoch {epoch}/{}: loss {train_loss:.2e}, on held-out runs {validation_loss:.2e}, {remaining:.0} s left",
-                self.epochs
+                "epoch {epoch}/{epochs}: loss {train_loss:.2e}, on held-out runs {validation_loss:.2e}, {speed}"
             ));
+        }
+    }
+
+    fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
+        let due = self.written.is_none_or(|(at, took)| at.elapsed().mul_f64(CHECKPOINT_SHARE) >= took);
+        if !due || epoch == self.job.study.training.epochs {
+            return;
+        }
+        // a full disk is no reason to lose the training
+        if let Err(error) = self.write_checkpoint(make) {
+            self.progress.warn(&format!("no checkpoint: {error}"));
         }
     }
 }

@@ -10,6 +10,7 @@
 
 use super::{EpochRecord, TrainingError};
 use crate::study::TrainingOptions;
+use metafmu_runtime::Activation;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 
@@ -24,8 +25,11 @@ pub(super) struct Header {
     pub(super) options: TrainingOptions,
     pub(super) seed: u64,
     pub(super) sizes: Vec<usize>,
+    pub(super) activation: Activation,
     /// For training and for validation.
     pub(super) rows: [usize; 2],
+    /// [`Rows::digest`](super::Rows::digest) of both, as text: JSON's numbers are not that long everywhere.
+    pub(super) digests: [String; 2],
     /// Of the optimizer.
     pub(super) steps: u64,
     pub(super) best_epoch: usize,

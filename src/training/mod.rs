@@ -31,6 +31,11 @@ pub trait Observer: Send {
     /// with [`StopReason::Interrupted`] if it breaks.
     fn step(&mut self, progress: &Progress) -> ControlFlow<()>;
 
+    /// Called before the first step of a training that goes on from a checkpoint, with the epochs before it.
+    fn resumed(&mut self, history: &[EpochRecord]) {
+        let _ = history;
+    }
+
     /// Called at the end of every epoch.
     fn epoch(&mut self, record: &EpochRecord);
 

@@ -5,10 +5,10 @@
 //! and again. The network is the same, since results do not depend on who does what.
 
 /// Seconds of a trial's steps of each kind: enough for threads that were asleep to be given a core.
-const TRIAL: f64 = 0.03;
+const TRIAL: f64 = 0.01;
 
 /// Seconds from the end of one trial to the next.
-const PERIOD: f64 = 1.0;
+const PERIOD: f64 = 0.4;
 
 /// Steps of each kind in a trial, at least and at most.
 const STEPS: [usize; 2] = [32, 4096];

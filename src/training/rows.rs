@@ -63,6 +63,17 @@ impl Rows {
         &self.outputs
     }
 
+    /// A number that differs, in all likelihood, if any value does: tells apart data, keeps no secrets.
+    pub(super) fn digest(&self) -> u64 {
+        let sizes = [self.n_inputs as u64, self.n_outputs as u64];
+        let values = self.inputs.iter().chain(&self.outputs).map(|value| u64::from(value.to_bits()));
+        // the multiplier is odd, thus every step is a permutation of the state
+        sizes.into_iter().chain(values).fold(0, |state: u64, value| {
+            let mixed = (state ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            mixed ^ (mixed >> 29)
+        })
+    }
+
     /// Tells the processor that a row is about to be read. Shuffled rows are not in its caches, and waiting for them one
     /// after the other takes a twentieth of a step.
     pub(super) fn prefetch(&self, row: usize) {

@@ -61,6 +61,8 @@ struct Run<'a> {
     /// Steps of an epoch.
     steps: usize,
     validation_sums: Vec<f64>,
+    /// Of the training and the validation rows.
+    digests: [String; 2],
     /// Seconds before this run.
     seconds: f64,
 }
@@ -96,6 +98,7 @@ impl<'a> Run<'a> {
             order: (0..rows).collect(),
             steps: training.len().div_ceil(batch.max(1)),
             validation_sums: sums(validation.len()),
+            digests: [training, validation].map(|rows| format!("{:016x}", rows.digest())),
             seconds: 0.0,
         })
     }
@@ -103,6 +106,9 @@ impl<'a> Run<'a> {
     fn run(mut self, observer: &mut dyn Observer) -> Outcome {
         let started = Instant::now();
         let mut reason = StopReason::Finished;
+        if !self.history.is_empty() {
+            observer.resumed(&self.history);
+        }
         for epoch in self.history.len() + 1..=self.options.epochs {
             if self.options.patience > 0 && epoch > self.best_epoch + self.options.patience {
                 reason = StopReason::Patience;
@@ -181,7 +187,9 @@ impl<'a> Run<'a> {
             options: self.options.clone(),
             seed: self.seed,
             sizes: self.best.sizes().to_vec(),
+            activation: self.best.activation(),
             rows: [self.training.len(), self.validation.len()],
+            digests: self.digests.clone(),
             steps: self.trainer.steps(),
             best_epoch: self.best_epoch,
         }
