@@ -278,7 +278,8 @@ mod tests {
     #[test]
     fn the_points_of_a_list_are_taken_as_they_are() {
         let folder = tempfile::tempdir().unwrap();
-        let text = include_str!("../examples/single-pendulum.toml").replace("method = \"mesh\"", "method = \"list\"");
+        let text =
+            include_str!("../examples/paper/single-pendulum.toml").replace("method = \"mesh\"", "method = \"list\"");
         let text = text.replace("levels = 11", "file = \"points.csv\"");
         let path = folder.path().join("study.toml");
         let read = |list: &str| {
