@@ -99,6 +99,42 @@ fn recorded_runs_become_a_fmu_like_simulated_ones() {
     bench.fails(&["sample", "recorded.toml"], &["runs.csv:3: time 0 s stands twice in run `0`"]);
 }
 
+#[test]
+fn a_sampling_that_is_killed_loses_no_finished_run() {
+    let bench = Bench::new();
+    let mechanism = include_str!("../examples/mechanisms/quarter-car.toml");
+    fs::write(bench.path("quarter-car.toml"), mechanism.replace("\"augmented\"", "\"embedding\"")).unwrap();
+    let study = include_str!("../examples/mechanisms/quarter-car-study.toml");
+    let study = study.replace("\nruns = 1000", "\nruns = 12").replace("test_runs = 100 ", "test_runs = 2 ");
+    fs::write(bench.path("study.toml"), study).unwrap();
+    let journal = bench.path("killed/unfinished-runs.bin");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_metafmu"));
+    let mut child = command
+        .args(["sample", "study.toml", "--out", "killed"])
+        .current_dir(bench.folder.path())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // a run is 3 outputs at 201 times: the third begins
+    while fs::metadata(&journal).map_or(0, |file| file.len()) < 2 * 3 * 201 * 8 {
+        assert!(child.try_wait().unwrap().is_none(), "it was not slow enough to be killed");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!bench.path("killed/train.csv").exists());
+
+    let output = bench.run(&["sample", "study.toml", "--out", "killed"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("runs are there from a sampling that was not finished"), "{}", stderr(&output));
+    assert!(!journal.exists());
+    assert!(bench.run(&["sample", "study.toml", "--out", "whole"]).status.success());
+    for name in ["train.csv", "test.csv"] {
+        let [killed, whole] = ["killed", "whole"].map(|folder| fs::read(bench.path(folder).join(name)).unwrap());
+        assert!(killed == whole, "{name} is another one");
+    }
+}
+
 /// The single pendulum with a coarse mesh and a tiny network.
 fn small_study() -> String {
     let mut study = include_str!("../examples/paper/single-pendulum.toml").to_owned();

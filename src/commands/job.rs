@@ -54,6 +54,11 @@ impl Job {
         self.folder.join("samples.json")
     }
 
+    /// Runs of a sampling that is not finished.
+    pub fn journal(&self) -> PathBuf {
+        self.folder.join("unfinished-runs.bin")
+    }
+
     pub fn model(&self) -> PathBuf {
         self.folder.join(format!("{}.safetensors", self.study.name))
     }

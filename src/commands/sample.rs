@@ -2,7 +2,13 @@
 
 use super::{Outcome, interrupt, job::Job, job::SamplesRecord, print, print_json, progress::Progress};
 use crate::cli::SampleArgs;
-use metafmu::{Result, dataset::Dataset, files, sampling::Plan, source::Source};
+use metafmu::{
+    Result,
+    dataset::Dataset,
+    files,
+    sampling::Plan,
+    source::{Journal, Source},
+};
 use std::{fmt::Write, time::Instant};
 
 /// The sampled runs.
@@ -59,12 +65,18 @@ pub fn kept(job: &Job) -> Option<Samples> {
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
     let start = Instant::now();
+    let mut journal = None;
     let (progress, train, test) = match &job.source {
         Source::Simulation(simulation) => {
             let plan = Plan::new(&job.study);
             let progress = Progress::runs(plan.train.len() + plan.test.len());
-            let run_all = |points| simulation.run_all(points, interrupt::flag(), || progress.advance(1));
+            let kept = simulation.journal(&job.journal(), &job.study)?;
+            if !kept.is_empty() {
+                progress.note(&format!("{} runs are there from a sampling that was not finished", kept.len()));
+            }
+            let run_all = |points| simulation.run_all(points, &kept, interrupt::flag(), || progress.advance(1));
             let (train, test) = (run_all(&plan.train)?, run_all(&plan.test)?);
+            journal = Some(kept);
             (progress, train, test)
         }
         Source::Recorded(recorded) => {
@@ -89,5 +101,6 @@ pub fn stage(job: &Job) -> Result<Samples> {
     train.write_csv(&job.train_table())?;
     test.write_csv(&job.test_table())?;
     files::write_json(&job.samples_record(), &record)?;
+    journal.map_or(Ok(()), Journal::remove)?;
     Ok(Samples { train, test, record })
 }

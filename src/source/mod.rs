@@ -1,10 +1,12 @@
 //! Sources of training data.
 
+mod journal;
 pub mod recorded;
 pub mod simulation;
 pub mod systems;
 
 use crate::{Result, study::Study, variable::Variable};
+pub use journal::Journal;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
 

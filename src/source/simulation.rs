@@ -1,6 +1,8 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
+    Journal,
+    journal::WORTH_KEEPING,
     list,
     systems::{SYSTEMS, System},
     variable, wrong_unit,
@@ -13,9 +15,13 @@ use crate::{
     variable::Variable,
 };
 use rayon::prelude::*;
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Instant,
 };
 
 /// A system or mechanism with the study's parameters and outputs resolved.
@@ -208,19 +214,47 @@ impl Simulation {
         Ok(Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs })
     }
 
-    /// Simulates a run for each point, over all cores, in the order of the points. `done` is called after each run;
-    /// when `stop` turns true, the rest is left out.
+    /// The journal of a sampling of the study, in a file.
     ///
     /// # Errors
-    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`].
-    pub fn run_all(&self, points: &[Vec<f64>], stop: &AtomicBool, done: impl Fn() + Sync) -> Result<Dataset> {
+    /// As [`Journal::open`].
+    pub fn journal(&self, path: &Path, study: &Study) -> Result<Journal> {
+        let outputs = self.times.len() * self.outputs.len();
+        Journal::open(path, &study.sampling_digest(), self.parameters.len(), outputs)
+    }
+
+    /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
+    /// from there. `done` is called after each run; when `stop` turns true, the rest is left out.
+    ///
+    /// # Errors
+    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`], [`Error::Io`] of the journal.
+    pub fn run_all(
+        &self,
+        points: &[Vec<f64>],
+        journal: &Journal,
+        stop: &AtomicBool,
+        done: impl Fn() + Sync,
+    ) -> Result<Dataset> {
         let run = |point: &Vec<f64>| {
             if stop.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted);
             }
-            let run = self.run(point);
+            let run = match journal.get(point) {
+                Some(outputs) => {
+                    let times = Arc::clone(&self.times);
+                    Run { parameters: point.clone(), times, outputs: outputs.to_vec() }
+                }
+                None => {
+                    let begin = Instant::now();
+                    let run = self.run(point)?;
+                    if begin.elapsed() > WORTH_KEEPING {
+                        journal.keep(point, &run.outputs)?;
+                    }
+                    run
+                }
+            };
             done();
-            run
+            Ok(run)
         };
         let runs: Vec<Result<Run>> = points.par_iter().map(run).collect();
         let runs = runs.into_iter().collect::<Result<_>>()?;
