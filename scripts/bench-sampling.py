@@ -99,7 +99,7 @@ for name, case in CASES.items():
     exact = numpy_runs(mesh[part], 4)
 
     with tempfile.TemporaryDirectory() as folder:
-        command = [ROOT / "target/release/metafmu", "sample", ROOT / f"examples/{name}.toml", "--out", folder, "--json"]
+        command = [ROOT / "target/release/metafmu", "sample", ROOT / f"examples/paper/{name}.toml", "--out", folder, "--json"]
         begin, records = time.perf_counter(), []
         while len(records) < 5 or time.perf_counter() - begin < 20:
             records.append(json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout))
