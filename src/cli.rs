@@ -50,6 +50,23 @@ the shorter plan; the first column of a printed plan says what a run is for.")]
   metafmu train examples/single-pendulum.toml
   metafmu train examples/single-pendulum.toml --resume    # after it was stopped, killed, or the power went")]
     Train(TrainArgs),
+    /// Train variants of the study side by side and write search.csv and NAME-best.toml
+    #[command(after_help = "Examples:
+  metafmu search study.toml
+  metafmu search study.toml --resume    # after it was stopped, killed, or the power went
+
+The study says what to try, for instance:
+
+  [search]
+  method = \"halving\"       # after each rung the better ones go on; or \"random\", \"grid\"
+  trials = 18
+  [search.space]
+  \"training.learning_rate\" = { min = 1e-3, max = 1e-2, scale = \"log\" }
+  \"training.optimizer\" = [\"adam\", \"soap\"]
+  \"network.hidden\" = [[64, 64], [128, 128]]
+
+Trials are compared by 1 - R² on held-out runs. One that fails is a row of the table.")]
+    Search(SearchArgs),
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
     Evaluate(StudyArgs),
@@ -105,6 +122,15 @@ pub struct SampleArgs {
     /// Print the parameters of every run as CSV instead, and write nothing
     #[arg(long, conflicts_with = "json")]
     pub dry_run: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct SearchArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Keep the trials that a stopped search has finished, and go on from the checkpoints of the others
+    #[arg(long)]
+    pub resume: bool,
 }
 
 #[derive(Debug, Args)]

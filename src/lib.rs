@@ -12,6 +12,7 @@ pub mod origin;
 pub mod report;
 pub mod sampling;
 pub mod scaling;
+pub mod search;
 pub mod source;
 pub mod study;
 pub mod surrogate;

@@ -13,6 +13,7 @@ fn main() -> ExitCode {
         Command::Build(args) => commands::build::run(&args),
         Command::Sample(args) => commands::sample::run(&args),
         Command::Train(args) => commands::train::run(&args),
+        Command::Search(args) => commands::search::run(&args),
         Command::Evaluate(args) => commands::evaluate::run(&args),
         Command::Export(args) => commands::export::run(&args),
         Command::Validate(args) => commands::validate::run(&args),

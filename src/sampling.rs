@@ -37,6 +37,8 @@ pub enum Stream {
     Test = 2,
     /// Choosing the runs held out for validation.
     Validation = 3,
+    /// Choosing the values of a search's trials.
+    Search = 4,
 }
 
 /// The random numbers of a seed for one purpose: the same on every platform.

@@ -63,6 +63,19 @@ impl Job {
         self.folder.join(format!("{}.safetensors", self.study.name))
     }
 
+    /// Where the trials of a search keep what they have.
+    pub fn search_folder(&self) -> PathBuf {
+        self.folder.join("search")
+    }
+
+    pub fn search_table(&self) -> PathBuf {
+        self.folder.join("search.csv")
+    }
+
+    pub fn best_study(&self) -> PathBuf {
+        self.folder.join(format!("{}-best.toml", self.study.name))
+    }
+
     pub fn history(&self) -> PathBuf {
         self.folder.join("history.csv")
     }

@@ -24,6 +24,11 @@ impl Progress {
         Self::new(count as u64, "training {bar:30} {percent}%, {msg}")
     }
 
+    /// Counts the trials of a rung of a search.
+    pub fn trials(count: usize, rung: usize, rungs: usize) -> Self {
+        Self::new(count as u64, &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{eta}} left"))
+    }
+
     fn new(length: u64, template: &str) -> Self {
         let bar = ProgressBar::new(length);
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -56,6 +61,17 @@ impl Progress {
         if !self.on_terminal {
             eprintln!("{line}");
         }
+    }
+
+    /// A line that stays, of one more trial.
+    pub fn trial(&self, line: &str) {
+        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.inc(1);
+    }
+
+    /// Ends the bar.
+    pub fn clear(&self) {
+        self.bar.finish_and_clear();
     }
 
     /// Ends the bar and leaves a line.

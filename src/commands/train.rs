@@ -1,15 +1,18 @@
 //! `metafmu train`: trains the network on the sampled runs and writes the surrogate.
 
-use super::{Outcome, interrupt, job::Job, print, print_json, progress::Progress};
+use super::{
+    Outcome, interrupt,
+    job::Job,
+    prepare::{Prepared, prepare},
+    print, print_json,
+    progress::Progress,
+};
 use crate::cli::TrainArgs;
 use metafmu::{
     Error, Result,
-    dataset::{Dataset, Run},
-    files,
-    network::Network,
-    sampling::{self, Stream},
-    scaling, surrogate,
-    training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
+    dataset::Dataset,
+    files, surrogate,
+    training::{self, EpochRecord, Observer, StopReason, TrainingError},
 };
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
@@ -54,16 +57,8 @@ pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, T
         return Ok(finished);
     }
     let (study, options) = (&job.study, &job.study.training);
-    let (training_runs, validation_runs) = split(&dataset.runs, options.validation, study.seed);
-    let scaling = scaling::fit(dataset, training_runs.iter().copied());
-    let (inputs, outputs) = (dataset.parameters.len() + 1, dataset.outputs.len());
-    let rows = |runs: &[&Run]| {
-        let (x, y) = scaling::standardise(runs.iter().copied(), &scaling);
-        Rows::new(inputs, outputs, x, y)
-    };
-    let (training_rows, validation_rows) = (rows(&training_runs)?, rows(&validation_runs)?);
-
-    let network = Network::new(inputs, outputs, &study.network, study.seed)?;
+    let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
+        prepare(study, dataset)?;
     let mut display = Display::new(job, training_rows.len());
     let outcome = match load_checkpoint(job, resume)? {
         None => {
@@ -81,7 +76,7 @@ pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, T
 
     let record = TrainingRecord {
         train_rows: training_rows.len(),
-        validation_runs: validation_runs.len(),
+        validation_runs,
         epochs: outcome.history.len(),
         best_epoch: outcome.best_epoch,
         stopped: describe(outcome.reason).into(),
@@ -140,19 +135,6 @@ fn unusable_checkpoint(job: &Job, error: TrainingError) -> Error {
         }
         other => other.into(),
     }
-}
-
-/// Training and validation runs: whole runs, chosen at random; at least one of each.
-fn split(runs: &[Run], share: f64, seed: u64) -> (Vec<&Run>, Vec<&Run>) {
-    let order = sampling::permutation(runs.len(), sampling::random(seed, Stream::Validation));
-    let count = ((share * runs.len() as f64).round() as usize).clamp(1, runs.len().saturating_sub(1).max(1));
-    let mut held_out = vec![false; runs.len()];
-    order.iter().take(count).for_each(|&run| held_out[run] = true);
-    let choose = |wanted: bool| {
-        let pairs = runs.iter().zip(&held_out);
-        pairs.filter(|&(_, &held)| held == wanted).map(|(run, _)| run).collect()
-    };
-    (choose(false), choose(true))
 }
 
 fn write_history(job: &Job, history: &[EpochRecord]) -> Result<()> {
@@ -255,22 +237,5 @@ impl Observer for Display<'_> {
         if let Err(error) = self.write_checkpoint(make) {
             self.progress.warn(&format!("no checkpoint: {error}"));
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_split_is_by_run_complete_and_repeats_for_a_seed_only() {
-        let run = |p: f64| Run { parameters: vec![p], times: [0.0].into(), outputs: vec![p] };
-        let runs: Vec<Run> = (0..100).map(|i| run(f64::from(i))).collect();
-        let (training, validation) = split(&runs, 0.1, 1);
-        assert_eq!((training.len(), validation.len()), (90, 10));
-        assert!(validation.iter().all(|held| training.iter().all(|run| run.parameters != held.parameters)));
-        assert_eq!(split(&runs, 0.1, 1), (training, validation.clone()));
-        assert_ne!(split(&runs, 0.1, 2).1, validation);
-        assert_eq!(split(&runs[..2], 0.001, 1).1.len(), 1);
     }
 }

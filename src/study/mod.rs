@@ -32,9 +32,11 @@
 //! test_runs = 200
 //! ```
 //!
-//! `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`].
+//! `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`], `[search]` is
+//! [`SearchOptions`].
 
 mod options;
+mod search;
 
 use crate::{
     Error, Result, files,
@@ -48,6 +50,7 @@ pub use options::{
     ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
     SamplingOptions, Schedule, SourceOptions, TimeOptions, TrainingOptions,
 };
+pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::{
@@ -89,6 +92,8 @@ pub struct Study {
     /// What the FMU says about itself.
     #[serde(default)]
     pub export: ExportOptions,
+    /// Studies like this one that are tried in search of the best.
+    pub search: Option<SearchOptions>,
     #[serde(skip)]
     origin: Origin,
     #[serde(skip)]
@@ -207,6 +212,8 @@ impl Study {
         self.sampling_problems(&mut problems);
         self.network_problems(&mut problems);
         self.training_problems(&mut problems);
+        let search = self.search.as_ref().map(SearchOptions::problems).unwrap_or_default();
+        problems.0.extend(search.into_iter().map(|(key, message)| (format!("search.{key}"), message)));
         problems.0
     }
 

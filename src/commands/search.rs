@@ -1,0 +1,417 @@
+//! `metafmu search`: trains the trials of a study's `[search]` side by side and writes a table and the best study.
+
+use super::{
+    Outcome, interrupt,
+    job::Job,
+    prepare::{Prepared, prepare},
+    print, print_json,
+    progress::Progress,
+};
+use crate::cli::SearchArgs;
+use metafmu::{
+    Error, Result,
+    dataset::Dataset,
+    files,
+    network::Network,
+    sampling::Plan,
+    search::{self, rungs, survivors},
+    source::Source,
+    study::Study,
+    training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    fmt::Write,
+    ops::ControlFlow,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+/// Time between two checkpoints of a trial; at a rung's end there is always one.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
+
+/// How far a trial came: `trial-NNNN.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Record {
+    trial: usize,
+    /// [`Study::digest`] of the trial's study.
+    study_digest: String,
+    /// In the order of `search.space`.
+    values: Vec<toml::Value>,
+    status: Status,
+    /// Epochs that were completed.
+    epochs: usize,
+    best_epoch: usize,
+    /// Mean over the outputs of 1 - R² on the held-out runs.
+    score: Option<f64>,
+    seconds: f64,
+    /// Why it failed.
+    message: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Status {
+    /// Nothing is known about it yet.
+    Waiting,
+    /// Trained up to a rung.
+    Paused,
+    /// Others were better.
+    Stopped,
+    Finished,
+    Failed,
+}
+
+/// One trial.
+struct Trial {
+    values: Vec<toml::Value>,
+    study: Result<Study>,
+    record: PathBuf,
+    checkpoint: PathBuf,
+}
+
+pub fn run(args: &SearchArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
+    let text = std::fs::read_to_string(&args.study.study).map_err(Error::io(&args.study.study, "read"))?;
+    let studies = search::studies(&job.study, &args.study.study, &text)?;
+    let folder = job.search_folder();
+    job.prepare_folder()?;
+    files::writable_folder(&folder)?;
+    let trial = |(number, (values, study))| Trial {
+        values,
+        study,
+        record: folder.join(format!("trial-{number:04}.json")),
+        checkpoint: folder.join(format!("trial-{number:04}.safetensors")),
+    };
+    let trials: Vec<Trial> = studies.into_iter().enumerate().map(trial).collect();
+    if !args.resume {
+        for trial in &trials {
+            files::remove(&trial.record)?;
+            files::remove(&trial.checkpoint)?;
+        }
+    }
+    let records = train_all(&job, &trials)?;
+    let (table, best_study) = (job.search_table(), job.best_study());
+    write_table(&job, &records)?;
+    let Some(best) = best(&records) else {
+        let message = records.first().map_or("there was none", |record| &record.message);
+        return Err(Error::Stale { path: table, message: format!("no trial came to its end; the first: {message}") });
+    };
+    let keys: Vec<&str> = keys(&job).collect();
+    let text = search::study_text(&text, &args.study.study, &keys, &best.values)?;
+    let comment = format!("# The best of {} trials of {}.\n\n", records.len(), args.study.study.display());
+    files::write_whole(&best_study, (comment + &text).as_bytes())?;
+    if job.json {
+        print_json(&serde_json::json!({ "table": table, "best_study": best_study, "best": best }))?;
+    } else {
+        print(&summary(&job, &records))?;
+        print(&format!("\n{}\n{}\n", table.display(), best_study.display()))?;
+    }
+    Ok(Outcome::Fine)
+}
+
+fn keys(job: &Job) -> impl Iterator<Item = &str> {
+    job.study.search.iter().flat_map(|search| search.space.keys()).map(String::as_str)
+}
+
+fn best(records: &[Record]) -> Option<&Record> {
+    let finished = records.iter().filter(|record| record.status == Status::Finished);
+    let scored = finished.filter_map(|record| Some((record.score?, record)));
+    scored.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, record)| record)
+}
+
+/// Trains every trial rung by rung; after each, some go on.
+fn train_all(job: &Job, trials: &[Trial]) -> Result<Vec<Record>> {
+    let Some(options) = &job.study.search else { return Ok(Vec::new()) };
+    let shared = if trials.iter().any(|trial| shares_samples(job, trial)) {
+        Some(samples(&job.study, &job.source)?)
+    } else {
+        None
+    };
+    let mut records: Vec<Record> = (0..).zip(trials).map(|(number, trial)| waiting(number, trial)).collect();
+    let mut going: Vec<usize> = (0..trials.len()).collect();
+    let rungs = rungs(options);
+    for (rung, &share) in rungs.iter().enumerate() {
+        let progress = Mutex::new(Progress::trials(going.len(), rung + 1, rungs.len()));
+        let done = side_by_side(&going, |number| {
+            let record = attempt(job, number, &trials[number], shared.as_ref(), share);
+            if let Ok(record) = &record {
+                progress.lock().unwrap_or_else(PoisonError::into_inner).trial(&sentence(record));
+            }
+            record
+        });
+        progress.into_inner().unwrap_or_else(PoisonError::into_inner).clear();
+        for (number, record) in done {
+            records[number] = record?;
+        }
+        let scores: Vec<(usize, Option<f64>)> = going.iter().map(|&number| (number, records[number].score)).collect();
+        if rung + 1 < rungs.len() {
+            going = survivors(&scores, options.reduction);
+            for (number, _) in scores {
+                let record = &mut records[number];
+                if !going.contains(&number) && record.status == Status::Paused {
+                    record.status = Status::Stopped;
+                }
+            }
+        }
+    }
+    Ok(records)
+}
+
+/// Calls a function for each number, on as many threads as there are cores; each call has one thread for itself.
+fn side_by_side<T: Send>(numbers: &[usize], function: impl Fn(usize) -> T + Sync) -> Vec<(usize, T)> {
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..rayon::current_num_threads().min(numbers.len()) {
+            scope.spawn(|| {
+                let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+                while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let result = match &alone {
+                        Ok(pool) => pool.install(|| function(number)),
+                        // no pool of one thread: the trial takes more than its share
+                        Err(_) => function(number),
+                    };
+                    results.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
+                }
+            });
+        }
+    });
+    results.into_inner().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn shares_samples(job: &Job, trial: &Trial) -> bool {
+    trial.study.as_ref().is_ok_and(|study| study.sampling_digest() == job.study.sampling_digest())
+}
+
+fn samples(study: &Study, source: &Source) -> Result<Dataset> {
+    source.run_all(&Plan::new(study).train, interrupt::flag(), || ())
+}
+
+fn waiting(trial: usize, of: &Trial) -> Record {
+    Record {
+        trial,
+        study_digest: of.study.as_ref().map_or_else(|_| String::new(), Study::digest),
+        values: of.values.clone(),
+        status: Status::Waiting,
+        epochs: 0,
+        best_epoch: 0,
+        score: None,
+        seconds: 0.0,
+        message: String::new(),
+    }
+}
+
+/// Trains a trial up to a share of its epochs, unless it has come so far already. Its failure is a record, too; an error
+/// ends the search.
+fn attempt(job: &Job, number: usize, trial: &Trial, shared: Option<&Dataset>, share: f64) -> Result<Record> {
+    let waiting = waiting(number, trial);
+    let kept = std::fs::read(&trial.record).ok().and_then(|bytes| serde_json::from_slice::<Record>(&bytes).ok());
+    let kept = kept.filter(|record| record.study_digest == waiting.study_digest && record.values == waiting.values);
+    let goal = trial.study.as_ref().map_or(0, |study| goal(study, share));
+    if let Some(record) = &kept
+        && (matches!(record.status, Status::Finished | Status::Failed) || record.epochs >= goal)
+    {
+        return Ok(record.clone());
+    }
+    let record = match catch_unwind(AssertUnwindSafe(|| train(job, trial, &waiting, shared, goal))) {
+        Ok(Ok(record)) => record,
+        Ok(Err(Error::Interrupted)) => return Err(Error::Interrupted),
+        Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), ..waiting },
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().cloned();
+            let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+            let message = format!("a mistake in this program: {}", text.unwrap_or_default());
+            Record { status: Status::Failed, message, ..waiting }
+        }
+    };
+    files::write_json(&trial.record, &record)?;
+    if matches!(record.status, Status::Finished | Status::Failed) {
+        files::remove(&trial.checkpoint)?;
+    }
+    Ok(record)
+}
+
+fn goal(study: &Study, share: f64) -> usize {
+    ((study.training.epochs as f64 * share).ceil() as usize).max(1)
+}
+
+fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, goal: usize) -> Result<Record> {
+    let study = match &trial.study {
+        Ok(study) => study,
+        Err(error) => return Ok(Record { status: Status::Failed, message: error.to_string(), ..waiting.clone() }),
+    };
+    let own;
+    let dataset = match shared.filter(|_| shares_samples(job, trial)) {
+        Some(dataset) => dataset,
+        None => {
+            own = samples(study, &Source::new(study)?)?;
+            &own
+        }
+    };
+    let Prepared { network, training: rows, validation, .. } = prepare(study, dataset)?;
+    let options = &study.training;
+    let mut follower = Follower { trial, goal, epochs: 0, written: None, failed: None };
+    let checkpoint = std::fs::read(&trial.checkpoint).ok();
+    let resumed = checkpoint
+        .map(|bytes| training::resume(&bytes, network.clone(), &rows, &validation, options, study.seed, &mut follower));
+    let outcome = match resumed {
+        // damaged, or of a study that was changed since
+        None | Some(Err(TrainingError::Checkpoint { .. })) => {
+            training::train(network, &rows, &validation, options, study.seed, &mut follower)?
+        }
+        Some(outcome) => outcome?,
+    };
+    if let Some(error) = follower.failed {
+        return Err(error);
+    }
+    let epochs = outcome.history.len();
+    if outcome.reason == StopReason::Interrupted && epochs < goal {
+        return Err(Error::Interrupted);
+    }
+    let (status, message) = match outcome.reason {
+        StopReason::Interrupted => (Status::Paused, ""),
+        StopReason::Diverged => (Status::Failed, "the loss became infinite"),
+        StopReason::Finished | StopReason::Patience => (Status::Finished, ""),
+    };
+    Ok(Record {
+        status,
+        epochs,
+        best_epoch: outcome.best_epoch,
+        score: (status != Status::Failed).then(|| score(&outcome.network, &validation)),
+        seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
+        message: message.into(),
+        ..waiting.clone()
+    })
+}
+
+/// Mean over the outputs of 1 - R², on standardised rows: comparable whatever the trial's loss is.
+fn score(network: &Network, rows: &Rows) -> f64 {
+    let outputs = rows.n_outputs();
+    let mut found = vec![0.0; rows.outputs().len()];
+    network.predict(rows.inputs(), &mut found);
+    let unexplained = |output: usize| {
+        let column =
+            |values: &[f32]| values.iter().skip(output).step_by(outputs).copied().map(f64::from).collect::<Vec<_>>();
+        let (found, expected) = (column(&found), column(rows.outputs()));
+        let mean = expected.iter().sum::<f64>() / expected.len() as f64;
+        let error: f64 = found.iter().zip(&expected).map(|(found, expected)| (found - expected).powi(2)).sum();
+        error / expected.iter().map(|expected| (expected - mean).powi(2)).sum::<f64>().max(f64::MIN_POSITIVE)
+    };
+    (0..outputs).map(unexplained).sum::<f64>() / outputs as f64
+}
+
+/// Ends a trial at its goal, keeps its checkpoints and passes Ctrl-C on.
+struct Follower<'a> {
+    trial: &'a Trial,
+    goal: usize,
+    /// Epochs that are done.
+    epochs: usize,
+    written: Option<Instant>,
+    failed: Option<Error>,
+}
+
+impl Observer for Follower<'_> {
+    fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
+        let stop = self.epochs >= self.goal || self.failed.is_some() || interrupt::flag().load(Ordering::Relaxed);
+        if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn resumed(&mut self, history: &[EpochRecord]) {
+        self.epochs = history.len();
+    }
+
+    fn epoch(&mut self, record: &EpochRecord) {
+        self.epochs = record.epoch;
+    }
+
+    fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
+        let due = epoch == self.goal || self.written.is_none_or(|at| at.elapsed() >= CHECKPOINT_EVERY);
+        if due {
+            let bytes = make().map_err(Error::from);
+            self.failed = bytes.and_then(|bytes| files::write_whole(&self.trial.checkpoint, &bytes)).err();
+            self.written = Some(Instant::now());
+        }
+    }
+}
+
+// ---- What people see ---------------------------------------------------------------------------------------------
+
+fn write_table(job: &Job, records: &[Record]) -> Result<()> {
+    let error = |source: csv::Error| Error::io(&job.search_table(), "write")(source.into());
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let columns = ["status", "epochs", "best_epoch", "one_minus_r2", "seconds", "message"];
+    table.write_record(["trial"].into_iter().chain(keys(job)).chain(columns)).map_err(error)?;
+    for record in records {
+        let Record { trial, values, status, epochs, best_epoch, score, seconds, message, .. } = record;
+        let score = score.map_or(String::new(), |score| format!("{score:e}"));
+        let values = values.iter().map(plain);
+        let (first, rest) = (
+            [trial.to_string()],
+            [
+                name(*status).into(),
+                epochs.to_string(),
+                best_epoch.to_string(),
+                score,
+                format!("{seconds:.2}"),
+                message.clone(),
+            ],
+        );
+        table.write_record(first.into_iter().chain(values).chain(rest)).map_err(error)?;
+    }
+    let bytes = table.into_inner().map_err(|problem| Error::io(&job.search_table(), "write")(problem.into_error()))?;
+    files::write_whole(&job.search_table(), &bytes)
+}
+
+fn name(status: Status) -> &'static str {
+    match status {
+        Status::Waiting => "waiting",
+        Status::Paused => "paused",
+        Status::Stopped => "stopped",
+        Status::Finished => "finished",
+        Status::Failed => "failed",
+    }
+}
+
+/// A value without quotation marks.
+fn plain(value: &toml::Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+fn sentence(record: &Record) -> String {
+    let Record { trial, status, epochs, score, message, .. } = record;
+    match score {
+        Some(score) => format!("trial {trial}: 1 - R² {score:.2e} on held-out runs after {epochs} epochs"),
+        None => format!("trial {trial} {}: {message}", name(*status)),
+    }
+}
+
+/// The five best trials.
+fn summary(job: &Job, records: &[Record]) -> String {
+    let mut order: Vec<&Record> = records.iter().filter(|record| record.score.is_some()).collect();
+    let rank = |record: &Record| (record.status != Status::Finished, record.score.unwrap_or(f64::INFINITY));
+    order.sort_by(|a, b| rank(a).0.cmp(&rank(b).0).then(rank(a).1.total_cmp(&rank(b).1)));
+    let mut text = format!("{:>5}  {:<8}  {:>6}  {:>9}  values\n", "trial", "status", "epochs", "1 - R²");
+    for record in order.iter().take(5) {
+        let values: Vec<String> =
+            keys(job).zip(&record.values).map(|(key, value)| format!("{key} = {value}")).collect();
+        let (status, score) = (name(record.status), record.score.unwrap_or(f64::NAN));
+        // writing to a string does not fail
+        let _ = writeln!(
+            text,
+            "{:>5}  {status:<8}  {:>6}  {score:>9.2e}  {}",
+            record.trial,
+            record.epochs,
+            values.join(", ")
+        );
+    }
+    let failed = records.iter().filter(|record| record.status == Status::Failed).count();
+    if failed > 0 {
+        let _ = writeln!(text, "{failed} of {} trials failed: see the table", records.len());
+    }
+    text
+}

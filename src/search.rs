@@ -1,0 +1,218 @@
+//! A search over the keys of a study file: which trials there are, how far each goes, which go on.
+//!
+//! Everything follows from the study: the same study has the same trials, and which of them go on depends on their
+//! scores alone, not on the order in which they end.
+
+use crate::{
+    Error, Result,
+    sampling::{self, Stream},
+    study::{SearchMethod, SearchOptions, Space, Study},
+};
+use rand::RngExt;
+use std::path::Path;
+use toml::Value;
+
+/// The values of every trial, in the order of the keys of `search.space`.
+pub fn trials(options: &SearchOptions, seed: u64) -> Vec<Vec<Value>> {
+    if options.method == SearchMethod::Grid {
+        return options.space.values().fold(vec![Vec::new()], |trials, space| {
+            let values = grid(space);
+            let with = |trial: &Vec<Value>| {
+                let trial = trial.clone();
+                values.iter().map(move |value| [&trial[..], std::slice::from_ref(value)].concat()).collect::<Vec<_>>()
+            };
+            trials.iter().flat_map(with).collect()
+        });
+    }
+    let mut random = sampling::random(seed, Stream::Search);
+    let mut draw = |space: &Space| {
+        let share: f64 = random.random();
+        match space {
+            Space::Values(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
+            Space::Range(range) => range.at(share),
+        }
+    };
+    (0..options.trials.unwrap_or(0)).map(|_| options.space.values().map(&mut draw).collect()).collect()
+}
+
+fn grid(space: &Space) -> Vec<Value> {
+    match space {
+        Space::Values(values) => values.clone(),
+        Space::Range(range) => {
+            let levels = range.levels.unwrap_or(2);
+            (0..levels).map(|level| range.at(level as f64 / (levels - 1) as f64)).collect()
+        }
+    }
+}
+
+/// The share of its epochs that a trial has done at the end of each rung; the last is 1.
+pub fn rungs(options: &SearchOptions) -> Vec<f64> {
+    let rungs = if options.method == SearchMethod::Halving { options.rungs } else { 1 };
+    (0..rungs).rev().map(|left| (options.reduction as f64).powi(-(left as i32))).collect()
+}
+
+/// Which trials go on after a rung: of the scores, the smaller the better, the best one in `reduction`, and at least one.
+/// Trials without a score do not. In ascending order.
+pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize> {
+    let mut scored: Vec<(usize, f64)> = scores.iter().filter_map(|&(trial, score)| Some((trial, score?))).collect();
+    scored.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    scored.truncate(scores.len().div_ceil(reduction).max(1));
+    let mut trials: Vec<usize> = scored.into_iter().map(|(trial, _)| trial).collect();
+    trials.sort_unstable();
+    trials
+}
+
+/// The text of a study with other values: `[search]` is left out, and what the study names by relative paths is named by
+/// absolute ones, so that the text may lie anywhere.
+///
+/// # Errors
+/// [`Error::Study`] if a key leads through something that is no table.
+pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> Result<String> {
+    // the study has been read already
+    let mut root: toml::Table = text.parse().unwrap_or_default();
+    root.remove("search");
+    for (section, key) in [("source", "mechanism"), ("sampling", "file")] {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        if let Some(Value::String(file)) = root.get_mut(section).and_then(|section| section.get_mut(key)) {
+            let absolute = std::path::absolute(folder.join(&*file)).map_err(Error::io(path, "resolve"))?;
+            *file = absolute.to_string_lossy().into_owned();
+        }
+    }
+    for (key, value) in keys.iter().zip(values) {
+        set(&mut root, key, value.clone()).ok_or_else(|| {
+            let message = "leads through something that is no table".to_owned();
+            let problem =
+                crate::origin::Problem { path: path.to_owned(), line: 1, key: format!("search.space.{key}"), message };
+            Error::Study { problems: vec![problem] }
+        })?;
+    }
+    Ok(root.to_string())
+}
+
+fn set(table: &mut toml::Table, key: &str, value: Value) -> Option<()> {
+    match key.split_once('.') {
+        None => {
+            table.insert(key.to_owned(), value);
+            Some(())
+        }
+        Some((first, rest)) => {
+            let inner = table.entry(first).or_insert_with(|| Value::Table(toml::Table::new()));
+            set(inner.as_table_mut()?, rest, value)
+        }
+    }
+}
+
+/// The studies of all trials, or for each why it is none.
+pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
+    let options = study.search.as_ref().ok_or_else(|| {
+        let message = "missing: `metafmu search` wants to know what to try".to_owned();
+        let problem = crate::origin::Problem { path: path.to_owned(), line: 1, key: "search".into(), message };
+        Error::Study { problems: vec![problem] }
+    })?;
+    let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
+    let parsed = |values: Vec<Value>| {
+        let study = study_text(text, path, &keys, &values).and_then(|text| Study::parse(&text, path));
+        (values, study)
+    };
+    Ok(trials(options, study.seed).into_iter().map(parsed).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STUDY: &str = include_str!("../examples/single-pendulum.toml");
+
+    fn options(text: &str) -> SearchOptions {
+        toml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn a_grid_is_every_combination_with_both_ends_of_its_ranges() {
+        let options = options(
+            "method = 'grid'\n[space]\n'training.batch' = [64, 256]\n\
+             'training.learning_rate' = { min = 1e-4, max = 1e-2, scale = 'log', levels = 3 }",
+        );
+        assert_eq!(options.problems(), []);
+        let found = trials(&options, 1);
+        assert_eq!(found.len(), 6);
+        let rates: Vec<f64> = found[..3].iter().map(|trial| trial[1].as_float().unwrap()).collect();
+        assert!(found[..3].iter().all(|trial| trial[0] == Value::Integer(64)));
+        for (found, expected) in rates.iter().zip([1e-4, 1e-3, 1e-2]) {
+            assert!((found / expected - 1.0).abs() < 1e-12, "{rates:?}");
+        }
+    }
+
+    #[test]
+    fn random_trials_are_those_of_the_seed_and_stay_in_their_ranges() {
+        let options = options(
+            "method = 'random'\ntrials = 200\n[space]\n'training.batch' = { min = 10, max = 12 }\n'a.b' = { min = 0.5, max = 2.0 }",
+        );
+        let found = trials(&options, 7);
+        assert_eq!(found, trials(&options, 7));
+        assert_ne!(found, trials(&options, 8));
+        for batch in 10..=12 {
+            assert!(found.iter().any(|trial| trial[0] == Value::Integer(batch)));
+        }
+        assert!(found.iter().all(|trial| (0.5..=2.0).contains(&trial[1].as_float().unwrap())));
+        let longer = trials(&SearchOptions { trials: Some(300), ..options }, 7);
+        assert_eq!(found[..], longer[..200], "more trials begin with the same");
+    }
+
+    #[test]
+    fn the_better_ones_go_on_whatever_the_order_and_failures_do_not() {
+        let scores =
+            [(0, Some(0.3)), (1, None), (2, Some(0.1)), (3, Some(0.2)), (4, Some(0.1)), (5, Some(f64::INFINITY))];
+        assert_eq!(survivors(&scores, 3), [2, 4]);
+        let mut reversed = scores;
+        reversed.reverse();
+        assert_eq!(survivors(&reversed, 3), [2, 4]);
+        assert_eq!(survivors(&[(7, Some(1.0))], 3), [7]);
+        assert_eq!(survivors(&[(7, None)], 3), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn rungs_end_with_all_epochs() {
+        let options = options("trials = 9\nrungs = 3\nreduction = 4\n[space]\n'training.batch' = [1]");
+        assert_eq!(rungs(&options), [1.0 / 16.0, 0.25, 1.0]);
+        assert_eq!(rungs(&SearchOptions { method: SearchMethod::Random, ..options }), [1.0]);
+    }
+
+    #[test]
+    fn a_trial_is_the_study_with_its_values() {
+        let text = format!(
+            "{STUDY}\n[search]\ntrials = 2\nmethod = 'random'\n[search.space]\n'network.hidden' = [[5, 6]]\n'training.batch' = [7]\n'training.optimiser' = ['adam']"
+        );
+        let path = Path::new("study.toml");
+        let study = Study::parse(&text, path).unwrap();
+        let found = studies(&study, path, &text).unwrap();
+        let message = found[0].1.as_ref().unwrap_err().to_string();
+        assert!(message.contains("training.optimiser"), "{message}");
+        let text = text.replace("'training.optimiser' = ['adam']", "'export.author' = ['A']");
+        let study = Study::parse(&text, path).unwrap();
+        let trial = studies(&study, path, &text).unwrap().swap_remove(0).1.unwrap();
+        assert_eq!((trial.network.hidden, trial.training.batch), (vec![5, 6], 7));
+        assert_eq!(trial.sampling, study.sampling);
+        assert!(trial.search.is_none());
+    }
+
+    #[test]
+    fn what_cannot_be_searched_is_said() {
+        for (text, key, message) in [
+            ("trials = 2\n[space]", "space", "no key"),
+            ("[space]\na = [1]", "trials", "missing"),
+            ("method = 'grid'\ntrials = 3\n[space]\na = [1]", "trials", "as many trials as points"),
+            ("method = 'grid'\n[space]\na = { min = 1, max = 2 }", "space.a", "needs `levels`"),
+            ("trials = 2\n[space]\na = { min = 2, max = 1 }", "space.a", "empty"),
+            ("trials = 2\n[space]\na = { min = 0, max = 1, scale = 'log' }", "space.a", "above 0"),
+            ("trials = 2\n[space]\na = []", "space.a", "no values"),
+            ("trials = 2\nreduction = 1\n[space]\na = [1]", "reduction", "at least 2"),
+        ] {
+            let problems = options(text).problems();
+            assert!(
+                problems.len() == 1 && problems[0].0 == key && problems[0].1.contains(message),
+                "{text}: {problems:?}"
+            );
+        }
+    }
+}

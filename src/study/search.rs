@@ -1,0 +1,154 @@
+//! `[search]`: which studies are tried.
+
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+/// `[search]`: studies that differ from this one in some keys, of which the best is wanted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SearchOptions {
+    /// Which trials there are, and how far each goes.
+    #[serde(default)]
+    pub method: SearchMethod,
+    /// Number of trials; a grid has as many as it has points.
+    pub trials: Option<usize>,
+    /// Of the method "halving": how often the trials are compared, the last time after all epochs.
+    #[serde(default = "default_rungs")]
+    pub rungs: u32,
+    /// Of the method "halving": one trial in so many goes on, and is trained for so many times the epochs.
+    #[serde(default = "default_reduction")]
+    pub reduction: usize,
+    /// Values by the dotted key of this file that they are for.
+    pub space: IndexMap<String, Space>,
+}
+
+fn default_rungs() -> u32 {
+    3
+}
+
+fn default_reduction() -> usize {
+    3
+}
+
+/// How trials are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SearchMethod {
+    /// Every combination of values.
+    Grid,
+    /// Values drawn at random, independently of each other.
+    Random,
+    /// As random; all begin, and after each rung the better ones go on (successive halving, arXiv:1502.07943).
+    #[default]
+    Halving,
+}
+
+/// Values of one key.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a list of values, or a table with `min` and `max`")]
+pub enum Space {
+    /// These.
+    Values(Vec<toml::Value>),
+    /// Numbers of a range.
+    Range(Range),
+}
+
+/// Numbers of a range; whole ones if both ends are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Range {
+    /// Smallest value.
+    pub min: toml::Value,
+    /// Largest value.
+    pub max: toml::Value,
+    /// How values are spread.
+    #[serde(default)]
+    pub scale: Scale,
+    /// Number of values in a grid.
+    pub levels: Option<usize>,
+}
+
+/// How the values of a range are spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scale {
+    /// Evenly.
+    #[default]
+    Linear,
+    /// Their logarithms evenly.
+    Log,
+}
+
+impl SearchOptions {
+    /// Every mistake: its key within `[search]` and what is wrong.
+    pub fn problems(&self) -> Vec<(String, String)> {
+        let mut problems = Vec::new();
+        let mut add = |key: &str, message: String| problems.push((key.to_owned(), message));
+        if self.space.is_empty() {
+            add("space", "no key, expected at least one".into());
+        }
+        let grid = self.method == SearchMethod::Grid;
+        match self.trials {
+            Some(_) if grid => add("trials", "a grid has as many trials as points".into()),
+            Some(trials) if trials < 2 => add("trials", format!("{trials}, expected at least 2")),
+            None if !grid => add("trials", "missing: expected at least 2".into()),
+            _ => {}
+        }
+        if self.rungs == 0 {
+            add("rungs", "0, expected at least 1".into());
+        }
+        if self.reduction < 2 {
+            add("reduction", format!("{}, expected at least 2", self.reduction));
+        }
+        for (name, space) in &self.space {
+            let key = format!("space.{name}");
+            match space {
+                Space::Values(values) if values.is_empty() => add(&key, "no values, expected at least one".into()),
+                Space::Values(_) => {}
+                Space::Range(range) => {
+                    if let Some(message) = range.problem(grid) {
+                        add(&key, message);
+                    }
+                }
+            }
+        }
+        problems
+    }
+}
+
+impl Range {
+    /// Both ends as numbers.
+    pub(crate) fn ends(&self) -> Option<(f64, f64)> {
+        let number = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
+        Some((number(&self.min)?, number(&self.max)?))
+    }
+
+    fn problem(&self, grid: bool) -> Option<String> {
+        let Some((min, max)) = self.ends() else { return Some("`min` and `max`: expected numbers".into()) };
+        if !(min.is_finite() && max.is_finite() && min < max) {
+            return Some(format!("range from {min} to {max} is empty or not finite"));
+        }
+        if self.scale == Scale::Log && min <= 0.0 {
+            return Some(format!("min {min}: a logarithmic range begins above 0"));
+        }
+        match self.levels {
+            None if grid => Some("a range in a grid needs `levels`".into()),
+            Some(levels) if levels < 2 => Some(format!("{levels} levels, expected at least 2")),
+            _ => None,
+        }
+    }
+
+    /// The value at a share of the way from `min` to `max`.
+    pub(crate) fn at(&self, share: f64) -> toml::Value {
+        let (min, max) = self.ends().unwrap_or_default();
+        let value = match self.scale {
+            Scale::Linear => min + share * (max - min),
+            Scale::Log => min * (max / min).powf(share),
+        };
+        if self.min.is_integer() && self.max.is_integer() {
+            toml::Value::Integer((value.round() as i64).clamp(min as i64, max as i64))
+        } else {
+            toml::Value::Float(value.clamp(min, max))
+        }
+    }
+}
