@@ -189,7 +189,10 @@ fn shares_samples(job: &Job, trial: &Trial) -> bool {
 }
 
 fn samples(study: &Study, source: &Source) -> Result<Dataset> {
-    source.run_all(&Plan::new(study).train, interrupt::flag(), || ())
+    match source {
+        Source::Simulation(simulation) => simulation.run_all(&Plan::new(study).train, interrupt::flag(), || ()),
+        Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.0),
+    }
 }
 
 fn waiting(trial: usize, of: &Trial) -> Record {

@@ -1,0 +1,115 @@
+"""A search over a study's keys: its table, its best study, and that it ends the same after it was killed."""
+
+import csv
+import random
+import signal
+import subprocess
+import time
+import tomllib
+
+import pytest
+from conftest import METAFMU, ROOT, metafmu
+
+KILLS = 20
+SEARCH = """
+[search]
+method = "halving"
+trials = 9
+rungs = 2
+[search.space]
+"training.learning_rate" = { min = 1e-4, max = 1e-1, scale = "log" }
+"training.optimizer" = ["adam", "soap", "adamm"]
+"network.hidden" = [[8], [16, 16]]
+"sampling.runs" = { min = 60, max = 90 }
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    text = (ROOT / "examples" / "single-pendulum.toml").read_text()
+    for line, smaller in [
+        ('name = "single-pendulum"', 'name = "study"'),
+        ("test_runs = 200", "test_runs = 2"),
+        ("step = 0.01", "step = 0.05"),
+        ("batch = 1024", "batch = 64"),
+        ("epochs = 150", "epochs = 30"),
+    ]:
+        assert line in text, line
+        text = text.replace(line, smaller)
+    path = tmp_path_factory.mktemp("search") / "study.toml"
+    path.write_text(text + SEARCH)
+    return path
+
+
+def results(folder):
+    """The table but for wall times, and the best study."""
+    with open(folder / "search.csv") as file:
+        rows = [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(file)]
+    return rows, (folder / "study-best.toml").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(study):
+    """Its folder, and how long it took."""
+    folder = study.parent / "undisturbed"
+    begin = time.monotonic()
+    metafmu("search", study, "--out", folder)
+    return folder, time.monotonic() - begin
+
+
+def test_the_best_trial_is_the_best_of_the_table_and_a_study(study, undisturbed):
+    rows, text = results(undisturbed[0])
+    assert len(rows) == 9
+    failed = [row for row in rows if row["status"] == "failed"]
+    assert failed and all("adamm" in row["message"] for row in failed), "a trial that cannot be is a row that says so"
+    stopped = [float(row["one_minus_r2"]) for row in rows if row["status"] == "stopped"]
+    finished = [row for row in rows if row["status"] == "finished"]
+    assert len(finished) == 3 and len(stopped) == 9 - len(failed) - 3
+    assert all(int(row["epochs"]) == (30 if row in finished else 10) for row in rows if row not in failed)
+    best = min(finished, key=lambda row: float(row["one_minus_r2"]))
+    found = tomllib.loads(text.decode())
+    assert "search" not in found
+    assert str(found["sampling"]["runs"]) == best["sampling.runs"]
+    assert found["training"]["learning_rate"] == float(best["training.learning_rate"])
+    assert found["training"]["optimizer"] == best["training.optimizer"]
+    metafmu("build", undisturbed[0] / "study-best.toml", "--out", study.parent / "best")
+
+
+def test_a_trial_is_the_training_of_its_study(study, undisturbed):
+    """The same epoch is the best one and the number of threads does not matter."""
+    rows, _ = results(undisturbed[0])
+    best = min((row for row in rows if row["status"] == "finished"), key=lambda row: float(row["one_minus_r2"]))
+    folder = study.parent / "alone"
+    metafmu("sample", undisturbed[0] / "study-best.toml", "--out", folder)
+    result = metafmu("train", undisturbed[0] / "study-best.toml", "--out", folder)
+    assert f"epoch {best['best_epoch']} is the best" in result.stderr
+
+
+def test_a_search_that_is_killed_goes_on_and_ends_the_same(study, undisturbed):
+    expected_folder, seconds = undisturbed
+    moments, killed = random.Random(1), 0
+    for number in range(KILLS):
+        folder = study.parent / f"killed-{number}"
+        for arguments in ([], ["--resume"]):
+            process = subprocess.Popen(
+                [METAFMU, "search", study, "--out", folder, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            try:
+                process.wait(moments.uniform(0, seconds))
+            except subprocess.TimeoutExpired:
+                process.kill()
+            killed += process.wait() == -signal.SIGKILL
+        metafmu("search", study, "--out", folder, "--resume")
+        assert results(folder) == results(expected_folder), number
+    assert killed >= KILLS / 2
+
+
+def test_what_cannot_be_searched_is_said_with_its_line(study):
+    text = study.read_text()
+    path = study.with_stem("wrong")
+    path.write_text(text.replace("trials = 9", "trials = 1"))
+    result = metafmu("search", path, check=False)
+    assert result.returncode == 2 and "search.trials: 1, expected at least 2" in result.stderr
+    path.write_text(text[: text.index("[search]")])
+    result = metafmu("search", path, check=False)
+    assert result.returncode == 2 and "search: missing" in result.stderr
