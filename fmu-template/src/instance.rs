@@ -11,7 +11,7 @@ use metafmu_runtime::{
     extra::{self, DomainPolicy},
 };
 use std::{fs, io, path::Path, path::PathBuf};
-use variables::{Real, Variable, Variables};
+use variables::{Variable, Variables};
 
 mod derivatives;
 mod variables;
@@ -266,13 +266,25 @@ impl Instance {
         if outputs {
             self.update_outputs();
         }
-        for (value, real) in values.iter_mut().zip(self.variables.reals(references)) {
-            *value = match real {
-                Real::Column(column) => self.now.inputs[column],
-                Real::Output(output) => self.outputs[output],
-                Real::Distance => self.domain.distance(&self.now.inputs),
-                Real::Time => self.now.time,
+        let mut values = values.iter_mut();
+        for &reference in references {
+            // not by way of `reals`: this is on the path of every step
+            let value = match self.variable(reference)? {
+                Variable::Column(column) => self.now.inputs[column],
+                Variable::Output(output) => self.outputs[output],
+                Variable::Distance => self.domain.distance(&self.now.inputs),
+                Variable::Time => self.now.time,
+                Variable::Array(array) => {
+                    let outputs = self.variables.outputs_of(array);
+                    // in this order: zip takes from its first iterator even when the second has ended
+                    outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.outputs[output]);
+                    continue;
+                }
+                Variable::Policy | Variable::InDomain => continue,
             };
+            if let Some(to) = values.next() {
+                *to = value;
+            }
         }
         Ok(())
     }

@@ -26,8 +26,21 @@ pub(crate) struct Rows<T, const WIDTH: usize> {
     bias: Vec<T>,
 }
 
-/// Accumulators kept in registers at a time; enough to hide the latency of a fused multiply-add.
-const BLOCK: usize = 4;
+/// Lanes of rows computed at a time: few, so that a block of weights is small beside the first cache.
+const BLOCK: usize = 2;
+
+/// From which end the blocks of a layer are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Order {
+    Forward,
+    Backward,
+}
+
+impl Order {
+    pub(crate) fn reverse(&mut self) {
+        *self = if *self == Self::Forward { Self::Backward } else { Self::Forward };
+    }
+}
 
 impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     pub(crate) fn new(layer: &Layer) -> Self {
@@ -52,31 +65,41 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     }
 
     /// `W x + b`, or `W x` without `BIAS`.
+    ///
+    /// `order` is that of the blocks; the result is the same. A layer larger than the first cache is read faster if it
+    /// is read from the end where the last reading stopped.
     #[inline(always)]
     pub(crate) fn apply<const FMA: bool, const BIAS: bool>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
+        order: Order,
     ) {
         let input = &flat(input)[..self.inputs];
-        let mut weights = self.weights.as_chunks::<BLOCK>().0;
+        let weights = self.weights.as_chunks::<BLOCK>().0;
         let bias = self.bias.as_chunks::<BLOCK>().0;
-        for (result, bias) in output.as_chunks_mut::<BLOCK>().0.iter_mut().zip(bias) {
-            let columns;
-            (columns, weights) = weights.split_at(self.inputs);
-            // even and odd columns apart: twice as many accumulators, as many as the latency asks for
-            let (mut even, mut odd) = (if BIAS { *bias } else { [Lanes::ZERO; BLOCK] }, [Lanes::ZERO; BLOCK]);
-            let (pairs, rest) = input.as_chunks::<2>();
-            let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
-            for ([x, y], [w, v]) in pairs.iter().zip(weight_pairs) {
-                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
-                accumulate::<T, FMA, WIDTH>(&mut odd, v, *y);
+        let output = &mut output.as_chunks_mut::<BLOCK>().0[..bias.len()];
+        for step in 0..bias.len() {
+            let block = if order == Order::Forward { step } else { bias.len() - 1 - step };
+            let columns = &weights[block * self.inputs..][..self.inputs];
+            // four columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add
+            let mut a = if BIAS { bias[block] } else { [Lanes::ZERO; BLOCK] };
+            let [mut b, mut c, mut d] = [[Lanes::ZERO; BLOCK]; 3];
+            let (groups, rest) = input.as_chunks::<4>();
+            let (weight_groups, weight_rest) = columns.as_chunks::<4>();
+            for (x, w) in groups.iter().zip(weight_groups) {
+                accumulate::<T, FMA, WIDTH>(&mut a, &w[0], x[0]);
+                accumulate::<T, FMA, WIDTH>(&mut b, &w[1], x[1]);
+                accumulate::<T, FMA, WIDTH>(&mut c, &w[2], x[2]);
+                accumulate::<T, FMA, WIDTH>(&mut d, &w[3], x[3]);
             }
             for (x, w) in rest.iter().zip(weight_rest) {
-                accumulate::<T, FMA, WIDTH>(&mut even, w, *x);
+                accumulate::<T, FMA, WIDTH>(&mut a, w, *x);
             }
-            accumulate::<T, FMA, WIDTH>(&mut even, &odd, T::ONE);
-            *result = even;
+            accumulate::<T, FMA, WIDTH>(&mut a, &b, T::ONE);
+            accumulate::<T, FMA, WIDTH>(&mut c, &d, T::ONE);
+            accumulate::<T, FMA, WIDTH>(&mut a, &c, T::ONE);
+            output[block] = a;
         }
     }
 
@@ -153,16 +176,16 @@ fn accumulate<T: Real, const FMA: bool, const WIDTH: usize>(
 
 #[inline(always)]
 fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
-    let mut sums = [Lanes::<T, WIDTH>::ZERO; BLOCK];
-    for (a, b) in a.chunks(BLOCK).zip(b.chunks(BLOCK)) {
-        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
-                *sum = fma::<T, FMA>(*a, *b, *sum);
-            }
-        }
+    let (mut even, mut odd) = (Lanes::ZERO, Lanes::ZERO);
+    let ((a_pairs, a_rest), (b_pairs, b_rest)) = (a.as_chunks::<2>(), b.as_chunks::<2>());
+    for (a, b) in a_pairs.iter().zip(b_pairs) {
+        multiply_add::<T, FMA, WIDTH>(&mut even, &a[0], &b[0]);
+        multiply_add::<T, FMA, WIDTH>(&mut odd, &a[1], &b[1]);
     }
-    let [a, b, c, d] = sums;
-    let mut sum: [T; WIDTH] = std::array::from_fn(|lane| (a.0[lane] + b.0[lane]) + (c.0[lane] + d.0[lane]));
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        multiply_add::<T, FMA, WIDTH>(&mut even, a, b);
+    }
+    let mut sum: [T; WIDTH] = std::array::from_fn(|lane| even.0[lane] + odd.0[lane]);
     // by halves: one lane after the other would wait for each addition
     let mut width = WIDTH;
     while width > 1 {
@@ -171,4 +194,16 @@ fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &
         low.iter_mut().zip(high).for_each(|(low, high)| *low = *low + *high);
     }
     sum[0]
+}
+
+/// `sum + a * b`, lane by lane
+#[inline(always)]
+fn multiply_add<T: Real, const FMA: bool, const WIDTH: usize>(
+    sum: &mut Lanes<T, WIDTH>,
+    a: &Lanes<T, WIDTH>,
+    b: &Lanes<T, WIDTH>,
+) {
+    for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
+        *sum = fma::<T, FMA>(*a, *b, *sum);
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     Activation, Surrogate, activation,
-    layers::{Dense, Rows},
+    layers::{Dense, Order, Rows},
     simd::{Lanes, Real, flat, flat_mut, flush},
 };
 
@@ -28,6 +28,8 @@ pub(crate) struct Buffers<T, const WIDTH: usize> {
     current: Series<T, WIDTH>,
     next: Series<T, WIDTH>,
     slopes: Vec<Vec<Lanes<T, WIDTH>>>,
+    /// Order of the next evaluation.
+    order: Order,
 }
 
 impl<T: Real, const WIDTH: usize> Series<T, WIDTH> {
@@ -86,7 +88,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     pub(crate) fn buffers(&self, inputs: usize) -> Buffers<T, WIDTH> {
         let widest = self.hidden.iter().map(Dense::lanes).fold(inputs.div_ceil(WIDTH), usize::max);
         let slopes = self.hidden.iter().map(|layer| vec![Lanes::ZERO; layer.lanes()]).collect();
-        Buffers { current: Series::new(widest), next: Series::new(widest), slopes }
+        Buffers { current: Series::new(widest), next: Series::new(widest), slopes, order: Order::Forward }
     }
 
     /// Outputs for the inputs that are loaded.
@@ -94,11 +96,12 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     pub(crate) fn forward<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, outputs: &mut [f64]) {
         let (current, next) = (&mut buffers.current.value, &mut buffers.next.value);
         for layer in &self.hidden {
-            layer.apply::<FMA, true>(current, next);
+            layer.apply::<FMA, true>(current, next, buffers.order);
             activate::<T, FMA, WIDTH>(self.activation, &mut next[..layer.lanes()]);
             std::mem::swap(current, next);
         }
         self.last.apply::<FMA, true>(current, outputs);
+        buffers.order.reverse();
     }
 
     /// First derivatives of the outputs, and second ones if there is a slice for them, along the curve whose value and
@@ -112,10 +115,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     ) {
         let Buffers { current, next, .. } = buffers;
         for layer in &self.hidden {
-            layer.apply::<FMA, true>(&current.value, &mut next.value);
-            layer.apply::<FMA, false>(&current.first, &mut next.first);
+            layer.apply::<FMA, true>(&current.value, &mut next.value, Order::Forward);
+            layer.apply::<FMA, false>(&current.first, &mut next.first, Order::Forward);
             if second.is_some() {
-                layer.apply::<FMA, false>(&current.second, &mut next.second);
+                layer.apply::<FMA, false>(&current.second, &mut next.second, Order::Forward);
             }
             match self.activation {
                 Activation::Tanh => next.pass(layer.lanes(), activation::tanh_series::<T, FMA>),
@@ -137,10 +140,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     /// `J^T weights` at the inputs that are loaded; the result is [`Buffers::gradient`].
     #[inline(always)]
     pub(crate) fn adjoint<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, weights: impl Iterator<Item = f64>) {
-        let Buffers { current, next, slopes } = buffers;
+        let Buffers { current, next, slopes, .. } = buffers;
         let (current, next) = (&mut current.value, &mut next.value);
         for (layer, slopes) in self.hidden.iter().zip(&mut *slopes) {
-            layer.apply::<FMA, true>(current, next);
+            layer.apply::<FMA, true>(current, next, Order::Forward);
             match self.activation {
                 Activation::Tanh => record(next, slopes, activation::tanh_series::<T, FMA>),
                 Activation::Sigmoid => record(next, slopes, activation::sigmoid_series::<T, FMA>),

@@ -22,6 +22,7 @@ pub(crate) trait Real:
 {
     const ZERO: Self;
     const ONE: Self;
+    const IS_SINGLE: bool;
     /// Magnitudes below it become zero in weights and hidden values. Products and differences of what is left are
     /// never denormal, which processors compute at a fraction of the speed, and the flags of the host's thread that
     /// would have the processor do the same are left alone.
@@ -67,6 +68,7 @@ pub(crate) trait Real:
 impl Real for f64 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
+    const IS_SINGLE: bool = false;
     const NEGLIGIBLE: Self = 1e-100;
     const TWO_LOG2_E: Self = 2.0 * std::f64::consts::LOG2_E;
     const ROUND: Self = 6_755_399_441_055_744.0;
@@ -160,6 +162,7 @@ impl Real for f64 {
 impl Real for f32 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
+    const IS_SINGLE: bool = true;
     const NEGLIGIBLE: Self = 1e-15;
     const TWO_LOG2_E: Self = 2.0 * std::f32::consts::LOG2_E;
     const ROUND: Self = 12_582_912.0;

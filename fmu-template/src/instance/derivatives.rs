@@ -1,6 +1,6 @@
 //! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
 
-use super::{Instance, Real, Variable, finite};
+use super::{Instance, Variable, finite, variables::Real};
 use crate::answer::Refusal;
 use metafmu_runtime::{MAX_OUTPUT_DERIVATIVE_ORDER, Role, extra::DomainPolicy};
 use std::slice;

@@ -21,7 +21,7 @@ pub(super) enum Variable {
 /// A scalar of real type: a variable or an element of an array.
 #[derive(Clone, Copy)]
 pub(super) enum Real {
-    Column(usize),
+    Column,
     Output(usize),
     Distance,
     Time,
@@ -104,16 +104,21 @@ impl Variables {
         }
     }
 
+    /// The outputs an array consists of.
+    pub(super) fn outputs_of(&self, array: usize) -> &[usize] {
+        &self.arrays[array]
+    }
+
     /// Scalars of real type that these variables consist of, in order. Variables of other types have none.
     #[inline]
     pub(super) fn reals<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = Real> + 'a {
         references.iter().flat_map(|&reference| {
             let (scalar, array) = match self.find(reference) {
-                Ok(Variable::Column(column)) => (Some(Real::Column(column)), &[][..]),
+                Ok(Variable::Column(_)) => (Some(Real::Column), &[][..]),
                 Ok(Variable::Output(output)) => (Some(Real::Output(output)), &[][..]),
                 Ok(Variable::Distance) => (Some(Real::Distance), &[][..]),
                 Ok(Variable::Time) => (Some(Real::Time), &[][..]),
-                Ok(Variable::Array(array)) => (None, &self.arrays[array][..]),
+                Ok(Variable::Array(array)) => (None, self.outputs_of(array)),
                 Ok(Variable::Policy | Variable::InDomain) | Err(_) => (None, &[][..]),
             };
             scalar.into_iter().chain(array.iter().map(|&output| Real::Output(output)))

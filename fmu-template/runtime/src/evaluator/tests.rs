@@ -81,6 +81,22 @@ fn an_evaluation_at_nan_leaves_nothing_behind() {
 }
 
 #[test]
+fn every_evaluation_gives_the_same_bits_whichever_block_it_begins_with() {
+    for precision in [Precision::Double, Precision::Single] {
+        for hidden in [vec![7], vec![100, 33], vec![128, 128, 64]] {
+            let evaluator = Evaluator::new(&example::with_precision(&hidden, Activation::Tanh, precision));
+            let mut scratch = evaluator.scratch();
+            let results = [(); 3].map(|()| {
+                let mut outputs = [0.0; 2];
+                evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs, &mut scratch);
+                outputs.map(f64::to_bits)
+            });
+            assert!(results.iter().all(|result| *result == results[0]), "{precision:?} {hidden:?}: {results:?}");
+        }
+    }
+}
+
+#[test]
 fn outputs_are_smooth_enough_to_be_differenced() {
     let surrogate = example::with_network(&[128, 128], Activation::Tanh);
     let evaluator = Evaluator::new(&surrogate);
