@@ -84,16 +84,6 @@ pub enum Error {
         /// How they do not.
         source: metafmu_runtime::FormatError,
     },
-    /// The content of a model file is not what was written.
-    #[error("{}: the content digest is {found}, expected {expected}: the file was changed", path.display())]
-    Digest {
-        /// The model file.
-        path: PathBuf,
-        /// Digest in the file.
-        found: String,
-        /// Digest of the file's content.
-        expected: String,
-    },
     /// A file is no zip archive, or a damaged one.
     #[error("{}: not an FMU: {source}", path.display())]
     Archive {

@@ -77,7 +77,8 @@ impl Instance {
             Ok(bytes) => bytes,
             Err(source) => return Err(LoadError::Unreadable { path, source }),
         };
-        let surrogate = match Surrogate::from_bytes(&bytes) {
+        let intact = |surrogate: Surrogate| surrogate.check_content().map(|()| surrogate);
+        let surrogate = match Surrogate::from_bytes(&bytes).and_then(intact) {
             Ok(surrogate) => surrogate,
             Err(source) => return Err(LoadError::Format { path, source }),
         };

@@ -11,7 +11,8 @@ body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding
 h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
 table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
 th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
-td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}.d{color:#52667a}\
+td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}.d{color:#52667a;overflow-wrap:anywhere}\
+@media(max-width:40rem){td.n{white-space:normal}th,td{padding-right:.5rem}}\
 @media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d{color:#93a7bb}}";
 
 /// The page; the same surrogate and options always give the same text.
@@ -117,7 +118,7 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
-        Precision::Single => "single precision",
+        Precision::Single => "single precision (source code in double)",
     };
     let nodes =
         if hidden.is_empty() { "no hidden layer".into() } else { format!("{} {activation}", hidden.join(" + ")) };
@@ -128,7 +129,7 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
         ("Network", Some(format!("{nodes} nodes, computed in {precision}"))),
         ("Training", Some(format!("{} rows, seed {}", provenance.train_rows, provenance.seed))),
         ("Study, SHA-256", Some(provenance.study_digest.clone())),
-        ("Model file, SHA-256", Some(provenance.content_digest.clone())),
+        ("Content of the model file, digest", Some(provenance.content_digest.clone())),
         ("Author", about.author.clone()),
         ("Copyright", about.copyright.clone()),
         ("Licence of the model", about.license.clone()),

@@ -20,7 +20,7 @@ def unpacked(pendulum, tmp_path_factory):
     return folders
 
 
-@pytest.mark.parametrize("version", [2])
+@pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("scenario", [scenario.__name__ for scenario in abuse.SCENARIOS])
 def test_the_library_bears(unpacked, scenario, version):
     command = [sys.executable, Path(abuse.__file__), unpacked[version], scenario]

@@ -176,6 +176,14 @@ pub enum FormatError {
         /// Unit of the array's first element.
         expected: String,
     },
+    /// The content is not what it was when the digest was put in.
+    #[error("the file is damaged: its content has the digest {found}, expected {expected}")]
+    Damaged {
+        /// Of the content as it is.
+        found: String,
+        /// In the file.
+        expected: String,
+    },
     /// A content digest that is no SHA-256.
     #[error("content digest `{found}` is not 64 hexadecimal digits")]
     Digest {

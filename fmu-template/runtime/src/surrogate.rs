@@ -5,7 +5,11 @@ use crate::{
     extra::{self, Extra},
 };
 use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, HashSet};
+use sha2::{Digest, Sha256};
+use std::{
+    collections::{HashMap, HashSet},
+    fmt::Write,
+};
 
 /// A feed-forward network with everything needed to use it: which variable each column is, in what unit, over
 /// what range it was trained, and how columns are scaled.
@@ -136,6 +140,9 @@ pub struct OutputArray {
     /// Names of the outputs that are the elements, in order; at least two, each at most once.
     pub outputs: Vec<String>,
 }
+
+/// In place of the digest of a surrogate that has none yet.
+const UNSEALED: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// Where a surrogate comes from; enough to make it again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -270,6 +277,41 @@ impl Surrogate {
         let digits = &self.metadata.provenance.content_digest;
         let parts = [&digits[..8], &digits[8..12], &digits[12..16], &digits[16..20], &digits[20..32]];
         format!("{{{}}}", parts.join("-"))
+    }
+
+    /// SHA-256 of the model file with sixty-four zeros in place of the digest itself, in hexadecimal digits.
+    ///
+    /// # Errors
+    /// As [`Surrogate::to_bytes`].
+    pub fn content_digest(&self) -> Result<String, FormatError> {
+        let blank = self.clone().with_content_digest(UNSEALED.into())?;
+        Ok(Sha256::digest(blank.to_bytes()?).iter().fold(String::new(), |mut text, byte| {
+            // writing to a string does not fail
+            let _ = write!(text, "{byte:02x}");
+            text
+        }))
+    }
+
+    /// The surrogate with the digest of its content: the last step of making one.
+    ///
+    /// # Errors
+    /// As [`Surrogate::to_bytes`].
+    pub fn sealed(self) -> Result<Self, FormatError> {
+        let digest = self.content_digest()?;
+        self.with_content_digest(digest)
+    }
+
+    /// Makes sure that nothing changed since the digest was put in. Of a file without one nothing is known.
+    ///
+    /// # Errors
+    /// [`FormatError::Damaged`] if the content has another digest.
+    pub fn check_content(&self) -> Result<(), FormatError> {
+        let noted = &self.metadata.provenance.content_digest;
+        if noted == UNSEALED {
+            return Ok(());
+        }
+        let found = self.content_digest()?;
+        if *noted == found { Ok(()) } else { Err(FormatError::Damaged { found, expected: noted.clone() }) }
     }
 
     /// The same surrogate with another content digest.

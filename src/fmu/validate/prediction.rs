@@ -7,7 +7,6 @@ use super::{
 use crate::{
     Result,
     fmu::{Fmu, Instance, InterfaceKind, host::Grid, package::MODEL_FILE},
-    surrogate::content_digest,
 };
 use metafmu_runtime::{Evaluator, Input, Role, Scratch, Surrogate, Variability};
 
@@ -34,15 +33,8 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
 
 /// Digest and token.
 fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
-    let found = &surrogate.metadata().provenance.content_digest;
-    match content_digest(surrogate) {
-        Ok(expected) if *found == expected => {}
-        Ok(expected) => {
-            let message =
-                format!("`{MODEL_FILE}`: the content digest is {found}, expected {expected}: the file was changed");
-            report.problem(Area::Surrogate, message);
-        }
-        Err(error) => report.problem(Area::Surrogate, error.to_string()),
+    if let Err(error) = surrogate.check_content() {
+        report.problem(Area::Surrogate, format!("`{MODEL_FILE}`: {error}"));
     }
     let (found, expected) = (&fmu.description().token, surrogate.instantiation_token());
     if *found != expected {

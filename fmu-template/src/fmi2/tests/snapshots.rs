@@ -43,7 +43,7 @@ fn a_state_is_taken_into_one_that_is_there() {
 
 #[test]
 fn a_state_of_another_surrogate_or_a_damaged_one_is_refused() {
-    let other = example::surrogate().with_content_digest("1".repeat(64)).unwrap();
+    let other = example::with_network(&[4], Activation::Tanh).sealed().unwrap();
     let token = c_string(&other.instantiation_token());
     let other = Host::instantiate(c"other", CO_SIMULATION, &token, &Folder::with(&other).uri(), false);
     let host = Host::new();
