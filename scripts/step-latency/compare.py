@@ -1,0 +1,189 @@
+"""Steps one 4-128-128-3 tanh network as several FMUs, in turn, and prints a table: see run.sh."""
+
+import argparse
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
+from safetensors.numpy import load_file
+
+HERE = Path(__file__).parent
+WORK = Path("target/step-latency")
+METAFMU = Path("target/release/metafmu")
+# the parameters step.c sets, at the end of its run
+POINT = np.array([0.12, 0.05, 2.5, 2.0])
+
+
+def build_ours(precision):
+    """The FMU of the pendulum's example, hardly trained: that takes as long to step. Its folder, unpacked, and model file."""
+    study = Path("examples/single-pendulum.toml").read_text()
+    study = re.sub(r"(?m)^epochs = \d+", "epochs = 1", study)
+    study = re.sub(r'(?m)^precision = "\w+"', f'precision = "{precision}"', study)
+    path, folder = WORK / f"{precision}.toml", WORK / precision
+    path.write_text(study)
+    subprocess.run([METAFMU, "build", path, "--out", folder], check=True, capture_output=True)
+    unpack(folder / "single-pendulum.fmu", folder / "unpacked")
+    return folder / "unpacked", folder / "single-pendulum.safetensors"
+
+
+def unpack(fmu, folder):
+    shutil.rmtree(folder, ignore_errors=True)
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(folder)
+
+
+def layers_of(model):
+    """Weights, inputs by outputs, and biases, with the scaling of inputs and outputs folded in."""
+    tensors = load_file(model)
+    layers = []
+    while (name := f"layers.{len(layers)}") + ".weight" in tensors:
+        layers.append([tensors[f"{name}.weight"].astype(float).T, tensors[f"{name}.bias"].astype(float)])
+    first, last = layers[0], layers[-1]
+    first[0] = first[0] / tensors["input_scale"][:, None]
+    first[1] = first[1] - tensors["input_mean"] @ first[0]
+    last[0], last[1] = last[0] * tensors["output_scale"], last[1] * tensors["output_scale"] + tensors["output_mean"]
+    return layers
+
+
+def forward(layers, x):
+    for weight, bias in layers[:-1]:
+        x = np.tanh(x @ weight + bias)
+    return x @ layers[-1][0] + layers[-1][1]
+
+
+def compile_c(source, target, *options):
+    subprocess.run(["cc", "-std=gnu11", "-O3", "-Wall", "-Wextra", *options, HERE / source, "-o", target, "-ldl", "-lm"], check=True)
+
+
+def build_bare(layers, name, number, *options):
+    folder = WORK / f"bare-{name}"
+    folder.mkdir(exist_ok=True)
+    values = [array.astype(number).ravel() for layer in layers for array in layer]
+    np.concatenate(values).tofile(folder / f"bare.{name}")
+    library = folder / "bare.so"
+    compile_c("bare.c", library, "-march=native", "-shared", "-fPIC", *options)
+    return [library, "-", folder, 4]
+
+
+def build_onnx(layers):
+    folder = WORK / "onnx"
+    folder.mkdir(exist_ok=True)
+    nodes, constants, x = [], [], "x"
+    for i, (weight, bias) in enumerate(layers):
+        last = i + 1 == len(layers)
+        constants += [numpy_helper.from_array(weight.astype(np.float32), f"weight{i}")]
+        constants += [numpy_helper.from_array(bias.astype(np.float32), f"bias{i}")]
+        nodes.append(helper.make_node("Gemm", [x, f"weight{i}", f"bias{i}"], ["y" if last else f"z{i}"]))
+        if not last:
+            x = f"a{i}"
+            nodes.append(helper.make_node("Tanh", [f"z{i}"], [x]))
+    values = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, size]) for name, size in (("x", 4), ("y", 3))]
+    graph = helper.make_graph(nodes, "network", values[:1], values[1:], constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, folder / "model.onnx")
+    [runtime] = (Path(onnxruntime.__file__).parent / "capi").glob("libonnxruntime.so.*")
+    link = folder / "libonnxruntime.so"
+    link.unlink(missing_ok=True)
+    link.symlink_to(runtime.resolve())
+    compile_c("onnx.c", folder / "onnx.so", "-shared", "-fPIC")
+    return [folder / "onnx.so", "-", folder, 4]
+
+
+def build_pythonfmu(layers):
+    folder = WORK / "pythonfmu"
+    folder.mkdir(exist_ok=True)
+    arrays = {f"{name}{i}": array.astype(np.float32) for i, layer in enumerate(layers) for name, array in zip(("weight", "bias"), layer)}
+    np.savez(folder / "network.npz", **arrays)
+    command = [sys.executable, "-m", "pythonfmu", "build", "-f", HERE / "slave.py", "-d", folder, folder / "network.npz"]
+    subprocess.run(command, check=True, capture_output=True)
+    unpack(folder / "Network.fmu", folder / "unpacked")
+    return candidate(folder / "unpacked", 3)
+
+
+def candidate(folder, first_output):
+    """Arguments of step.c for an unpacked FMU."""
+    description = ElementTree.parse(folder / "modelDescription.xml").getroot()
+    identifier = description.find("CoSimulation").get("modelIdentifier")
+    library = folder / "binaries" / "linux64" / f"{identifier}.so"
+    return [library, description.get("guid"), (folder / "resources").resolve().as_uri(), first_output]
+
+
+def python_environment():
+    """What a host that is not Python needs for FMUs of PythonFMU: this interpreter's library, and where its modules are."""
+    library = Path(sysconfig.get_config_var("LIBDIR")) / (sysconfig.get_config_var("INSTSONAME") or "")
+    if not library.is_file():
+        sys.exit(f"PythonFMU needs the shared library of {sys.base_prefix}: install libpython3-dev, or another Python")
+    return {"LD_PRELOAD": library, "PYTHONHOME": sys.base_prefix, "PYTHONPATH": Path(np.__file__).parents[1]}
+
+
+def measure(step, arguments, steps, environment):
+    """Pairs of processor and wall time in nanoseconds, outputs, and milliseconds to instantiate, from one process."""
+    command = [str(argument) for argument in (step, *arguments, 3, steps)]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment})
+    if done.returncode != 0:
+        sys.exit(f"{arguments[0]}: {done.stderr}")
+    lines = done.stdout.split("\n")
+    times = [tuple(map(float, line.split())) for line in lines[:3]]
+    words = {line.split()[0]: [float(word) for word in line.split()[1:]] for line in lines[3:] if line}
+    return times, words["outputs"], words["instantiate"][0]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7, help="how often all are measured in turn")
+    rounds = parser.parse_args().rounds
+    double, model = build_ours("double")
+    single, _ = build_ours("single")
+    layers = layers_of(model)
+    step = WORK / "step"
+    compile_c("step.c", step)
+
+    candidates = {
+        "metafmu, double": (candidate(double, 4), 200_000),
+        "metafmu, single": (candidate(single, 4), 200_000),
+        "onnxruntime, single": (build_onnx(layers), 40_000),
+        "PythonFMU (numpy), single": (build_pythonfmu(layers), 10_000),
+    }
+    if "avx512dq" in Path("/proc/cpuinfo").read_text():
+        candidates["bare C, AVX-512, double"] = (build_bare(layers, "f64", np.float64, "-DDOUBLE"), 200_000)
+        candidates["bare C, AVX-512, single"] = (build_bare(layers, "f32", np.float32), 200_000)
+    else:
+        print("no bare C: it is written for AVX-512, which this processor does not have")
+
+    expected = forward(layers, POINT)
+    found = {name: ([], [], []) for name in candidates}
+    for _ in range(rounds):
+        for name, (arguments, steps) in candidates.items():
+            environment = python_environment() if "PythonFMU" in name else {}
+            times, outputs, instantiate = measure(step, arguments, steps, environment)
+            # all of them compute the same function, or the times say nothing
+            tolerance = 1e-12 if "double" in name else 1e-5
+            if not np.allclose(outputs, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max()):
+                sys.exit(f"{name}: outputs {outputs}, expected {expected}")
+            for values, new in zip(found[name], (*zip(*times), [instantiate])):
+                values.extend(new)
+
+    print("| FMU 2.0, fmi2DoStep + fmi2GetReal | ns, min | median | wall, min | median | instantiate, ms |")
+    print("|---|---|---|---|---|---|")
+    for name, (cpu, wall, instantiate) in found.items():
+        times = " | ".join(f"{value(of):.0f}" for of in (cpu, wall) for value in (min, statistics.median))
+        print(f"| {name} | {times} | {statistics.median(instantiate):.2f} |")
+    for precision in ("double", "single"):
+        ours, bare = found[f"metafmu, {precision}"][0], found.get(f"bare C, AVX-512, {precision}", [None])[0]
+        if bare:
+            print(f"{precision}: {min(ours) / min(bare):.2f} (min), {statistics.median(ours) / statistics.median(bare):.2f} (median) of bare C")
+
+
+main()
