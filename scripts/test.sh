@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: format, lints, documentation, Rust tests, then the FMU in other people's tools.
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3. A missing tool is an error.
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, and for the other platforms Wine,
+# QEMU and compilers; as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,3 +18,4 @@ step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --n
 step "Rust tests";          cargo test --workspace --locked
 step "release build";       cargo build --release --locked
 step "Python tests";        .venv/bin/python -m pytest -p no:cacheprovider tests/python "$@"
+step "other platforms";     scripts/test-platforms.sh
