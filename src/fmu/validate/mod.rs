@@ -341,9 +341,8 @@ mod tests {
             let place = model.len() - 4;
             model[place] ^= 1;
         }));
-        // and the reference run of each interface
-        assert_eq!(found.len(), 3, "{found:?}");
-        assert!(found[0].contains("the file was changed"), "{found:?}");
+        assert!(found[0].contains("the file is damaged"), "{found:?}");
+        assert!(found.iter().any(|problem| problem.contains("fmi2Instantiate returned no instance")), "{found:?}");
     }
 
     #[test]
