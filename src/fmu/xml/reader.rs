@@ -149,6 +149,8 @@ mod tests {
             ("<a>\n<b x='&nothing;'/></a>", 2, "nothing"),
             ("<a>\n\n", 3, "<a> of line 1 is never closed"),
             ("<a/>\n<b/>", 2, "second root"),
+            ("<a>\n<b c='\u{1}'/></a>", 2, "the character U+0001 is not allowed"),
+            ("<a\n b='&#x1f;'/>", 1, "the character U+001F is not allowed"),
             ("<a/>", 1, "the root element is <a>"),
             ("<fmiModelDescription fmiVersion='1.0'/>", 1, "fmiVersion is \"1.0\": only FMI 2.0 and 3.0 are supported"),
         ] {

@@ -35,6 +35,12 @@ impl Element {
 
     /// Parses a document; the error says where it stops being XML.
     pub fn parse(text: &str) -> Result<Self, Problem> {
+        let mut lines = text.lines().zip(1..);
+        if let Some((found, line)) =
+            lines.find_map(|(text, line)| Some((text.chars().find(|&character| !is_char(character))?, line)))
+        {
+            return Err(Problem::unusable(line, forbidden(found)));
+        }
         let mut reader = Reader::from_str(text);
         reader.config_mut().expand_empty_elements = true;
         let mut lines = Lines { text: text.as_bytes(), position: 0, line: 1 };
@@ -85,10 +91,23 @@ impl Element {
         for attribute in tag.attributes() {
             let attribute = attribute.map_err(|error| malformed(&error))?;
             let value = attribute.normalized_value(XmlVersion::Explicit1_0).map_err(|error| malformed(&error))?;
+            // by way of a character reference
+            if let Some(found) = value.chars().find(|&character| !is_char(character)) {
+                return Err(Problem::unusable(line, forbidden(found)));
+            }
             attributes.push((attribute.key.as_ref().to_owned(), value.into_owned()));
         }
         Ok(Self { name: tag.name().as_ref().to_owned(), attributes, children: Vec::new(), line })
     }
+}
+
+/// Whether XML 1.0 has this character at all (production `Char`).
+fn is_char(character: char) -> bool {
+    matches!(character, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..)
+}
+
+fn forbidden(found: char) -> String {
+    format!("not well-formed XML: the character U+{:04X} is not allowed", u32::from(found))
 }
 
 /// Turns growing byte positions into line numbers, reading the text once.
