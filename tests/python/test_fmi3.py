@@ -1,12 +1,13 @@
 """FMI 2.0 and 3.0, co-simulation and model exchange: the same results from one network, judged by fmpy."""
 
 import json
+import re
 import zipfile
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, metafmu
+from conftest import CASES, ROOT, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
@@ -163,3 +164,20 @@ def test_a_platform_that_is_not_there_is_named(both, pendulum):
         "export", "examples/single-pendulum.toml", "--out", pendulum.folder, "--platform", "amiga", check=False
     )
     assert result.returncode == 2 and "`amiga` is not embedded" in result.stderr and "x86_64-linux" in result.stderr
+
+
+def test_an_array_has_the_values_of_its_outputs(tmp_path):
+    text = (ROOT / "examples" / "double-pendulum.toml").read_text()
+    text = re.sub(r"(?m)^runs = \d+", "runs = 8", text)
+    text = re.sub(r"(?m)^epochs = \d+", "epochs = 1", text)
+    text = re.sub(r"(?m)^hidden = .*", "hidden = [4]", text)
+    assert "[arrays]" not in text
+    study = tmp_path / "study.toml"
+    study.write_text(text + '\n[arrays]\nangles = ["theta1", "theta2"]\n')
+    metafmu("build", study, "--fmi", "3", "--out", tmp_path)
+    fmu = tmp_path / "double-pendulum.fmu"
+    assert validate_fmu(fmu) == []
+    (array,) = (v for v in read_model_description(fmu).modelVariables if v.name == "angles")
+    assert [dimension.start for dimension in array.dimensions] == ["2"]
+    result = simulate_fmu(fmu, output=["theta1", "theta2", "angles"], stop_time=1.0, output_interval=0.1)
+    np.testing.assert_array_equal(result["angles"], np.stack([result["theta1"], result["theta2"]], axis=1))
