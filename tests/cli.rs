@@ -385,11 +385,14 @@ fn export_writes_both_versions_with_one_network_and_simulate_runs_each_by_each_i
 #[test]
 fn an_fmu_that_computes_in_single_precision_is_valid() {
     let bench = Bench::new();
-    // as wide as the example's: derivatives of a small network are rough in fewer places
-    let study = small_study().replace("hidden = [8]", "hidden = [128, 128]").replace("\"double\"", "\"single\"");
-    fs::write(bench.path("study.toml"), study).unwrap();
-    let output = bench.run(&["build", "study.toml", "--out", "results"]);
-    assert!(output.status.success(), "{}", stderr(&output));
+    for activation in ["relu", "tanh"] {
+        // as wide as the example's: outputs of a small network are rough in fewer places
+        let study = small_study().replace("hidden = [8]", "hidden = [128, 128]").replace("\"double\"", "\"single\"");
+        assert!(study.contains("\"relu\"") && study.contains("\"single\""));
+        fs::write(bench.path("study.toml"), study.replace("\"relu\"", &format!("{activation:?}"))).unwrap();
+        let output = bench.run(&["build", "study.toml", "--out", "results", "--fmi", "both"]);
+        assert!(output.status.success(), "{activation}: {}", stderr(&output));
+    }
 }
 
 #[test]

@@ -12,6 +12,8 @@ use crate::{
 /// Steps of central differences relative to the magnitude of a variable. Where outputs have all digits of a double the
 /// shortest are exact to 1e-9; where they have fewer, for instance those of single precision, longer ones are better.
 const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
+/// Step at which outputs of twelve digits are a straight line, so that what is not straight is rounding.
+const STRAIGHT: f64 = 1e-6;
 /// Largest difference, relative to the largest derivative of the same output; beside what the differences are unsure of.
 const TOLERANCE: f64 = 1e-4;
 /// Differences less sure than this, in the same measure, prove nothing.
@@ -99,8 +101,8 @@ struct Difference {
     error: f64,
 }
 
-/// The central difference that agrees best with those of the next shorter and the next longer step: where steps are too
-/// short rounding is what differs, where they are too long curvature is.
+/// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
+/// next longer step, where curvature shows, and by the rounding of the outputs, where they might agree by chance.
 fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<Difference> {
     let reference = [known.value_reference];
     let mut center = [0.0];
@@ -118,6 +120,12 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
         let mut output = [0.0];
         instance.get_real(&[unknown.value_reference], &mut output).map(|()| output[0])
     };
+    let mut line = [0.0; 7];
+    for (value, step) in line.iter_mut().zip(-3..) {
+        *value = at(center + f64::from(step) * STRAIGHT * magnitude)?;
+    }
+    let bend = |of: &[f64]| (of[0] - 2.0 * of[1] + of[2]).abs();
+    let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
     let mut values = [0.0; STEPS.len()];
     for (value, step) in values.iter_mut().zip(STEPS) {
         let step = step * magnitude;
@@ -125,8 +133,11 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
         *value = (at(above)? - at(below)?) / (above - below);
     }
     at(center)?;
-    let error = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
-    let differences = values.windows(3).map(|of| Difference { value: of[1], error: error(of) });
+    let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
+    let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
+        let error = disagreement(of).max(rounding / (step * magnitude));
+        Difference { value: of[1], error }
+    });
     let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
     Ok(best.expect("there are several steps"))
 }
