@@ -178,6 +178,6 @@ def test_an_array_has_the_values_of_its_outputs(tmp_path):
     fmu = tmp_path / "double-pendulum.fmu"
     assert validate_fmu(fmu) == []
     (array,) = (v for v in read_model_description(fmu).modelVariables if v.name == "angles")
-    assert [dimension.start for dimension in array.dimensions] == ["2"]
+    assert [int(dimension.start) for dimension in array.dimensions] == [2]
     result = simulate_fmu(fmu, output=["theta1", "theta2", "angles"], stop_time=1.0, output_interval=0.1)
     np.testing.assert_array_equal(result["angles"], np.stack([result["theta1"], result["theta2"]], axis=1))
