@@ -24,7 +24,7 @@ use std::{
     fmt::Write,
     ops::ControlFlow,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
@@ -73,6 +73,8 @@ struct Trial {
     study: Result<Study>,
     record: PathBuf,
     checkpoint: PathBuf,
+    /// Journal of its runs, if they are not those of the study.
+    runs: PathBuf,
 }
 
 pub fn run(args: &SearchArgs) -> Result<Outcome> {
@@ -87,13 +89,16 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
         study,
         record: folder.join(format!("trial-{number:04}.json")),
         checkpoint: folder.join(format!("trial-{number:04}.safetensors")),
+        runs: folder.join(format!("trial-{number:04}-runs.bin")),
     };
     let trials: Vec<Trial> = studies.into_iter().enumerate().map(trial).collect();
     if !args.resume {
         for trial in &trials {
             files::remove(&trial.record)?;
             files::remove(&trial.checkpoint)?;
+            files::remove(&trial.runs)?;
         }
+        files::remove(&shared_runs(&job))?;
     }
     let records = train_all(&job, &trials)?;
     let (table, best_study) = (job.search_table(), job.best_study());
@@ -106,6 +111,9 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
     let text = search::study_text(&text, &args.study.study, &keys, &best.values)?;
     let comment = format!("# The best of {} trials of {}.\n\n", records.len(), args.study.study.display());
     files::write_whole(&best_study, (comment + &text).as_bytes())?;
+    for file in trials.iter().flat_map(|trial| [&trial.checkpoint, &trial.runs]).chain([&shared_runs(&job)]) {
+        files::remove(file)?;
+    }
     if job.json {
         print_json(&serde_json::json!({ "table": table, "best_study": best_study, "best": best }))?;
     } else {
@@ -113,6 +121,11 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
         print(&format!("\n{}\n{}\n", table.display(), best_study.display()))?;
     }
     Ok(Outcome::Fine)
+}
+
+/// Journal of the runs of the study itself.
+fn shared_runs(job: &Job) -> PathBuf {
+    job.search_folder().join("runs.bin")
 }
 
 fn keys(job: &Job) -> impl Iterator<Item = &str> {
@@ -129,7 +142,7 @@ fn best(records: &[Record]) -> Option<&Record> {
 fn train_all(job: &Job, trials: &[Trial]) -> Result<Vec<Record>> {
     let Some(options) = &job.study.search else { return Ok(Vec::new()) };
     let shared = if trials.iter().any(|trial| shares_samples(job, trial)) {
-        Some(samples(&job.study, &job.source)?)
+        Some(samples(&job.study, &job.source, &shared_runs(job))?)
     } else {
         None
     };
@@ -188,9 +201,13 @@ fn shares_samples(job: &Job, trial: &Trial) -> bool {
     trial.study.as_ref().is_ok_and(|study| study.sampling_digest() == job.study.sampling_digest())
 }
 
-fn samples(study: &Study, source: &Source) -> Result<Dataset> {
+/// Runs that take long are kept in the journal until the search is over: every rung needs them.
+fn samples(study: &Study, source: &Source, journal: &Path) -> Result<Dataset> {
     match source {
-        Source::Simulation(simulation) => simulation.run_all(&Plan::new(study).train, interrupt::flag(), || ()),
+        Source::Simulation(simulation) => {
+            let kept = simulation.journal(journal, study)?;
+            simulation.run_all(&Plan::new(study).train, &kept, interrupt::flag(), || ())
+        }
         Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.0),
     }
 }
@@ -252,7 +269,7 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
     let dataset = match shared.filter(|_| shares_samples(job, trial)) {
         Some(dataset) => dataset,
         None => {
-            own = samples(study, &Source::new(study)?)?;
+            own = samples(study, &Source::new(study)?, &trial.runs)?;
             &own
         }
     };
