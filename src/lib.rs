@@ -1,5 +1,6 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
 
+pub mod baseline;
 pub mod dataset;
 pub mod error;
 pub mod evaluation;
