@@ -19,6 +19,12 @@ pub struct OutputMetrics {
     pub worst_run: usize,
     /// Time of the largest error, in seconds.
     pub worst_time: f64,
+    /// The surrogate's error bound, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bound: Option<f64>,
+    /// Share of the rows whose error is within the bound.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_bound: Option<f64>,
 }
 
 /// Accuracy of a surrogate, and on what it was measured.
@@ -64,22 +70,25 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
 pub fn evaluate(surrogate: &Surrogate, test: &Dataset) -> Vec<OutputMetrics> {
     let evaluator = Evaluator::new(surrogate);
     let predictions: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect();
-    (0..test.outputs.len()).map(|column| output_metrics(test, &predictions, column)).collect()
+    let bound = |column: usize| surrogate.bounds().map(|bounds| bounds.half_widths[column]);
+    (0..test.outputs.len()).map(|column| output_metrics(test, &predictions, column, bound(column))).collect()
 }
 
-fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize) -> OutputMetrics {
+fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound: Option<f64>) -> OutputMetrics {
     let width = test.outputs.len();
     let rows = test.row_count() as f64;
     let labels = |run: &Run| run.outputs.iter().skip(column).step_by(width).copied().collect::<Vec<_>>();
     let mean = test.runs.iter().flat_map(labels).sum::<f64>() / rows;
     let (mut residual, mut total) = (0.0, 0.0);
     let mut worst = (0.0, 0, 0.0);
+    let mut within = 0;
     for (index, (run, predictions)) in test.runs.iter().zip(predictions).enumerate() {
         let predicted = predictions.iter().skip(column).step_by(width);
         for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(run.times.iter()) {
             let error = (label - prediction).abs();
             residual += error * error;
             total += (label - mean).powi(2);
+            within += usize::from(bound.is_some_and(|bound| error <= bound));
             if error > worst.0 {
                 worst = (error, index, time);
             }
@@ -87,7 +96,8 @@ fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize) -> Ou
     }
     let (max_abs_error, worst_run, worst_time) = worst;
     let r2 = (total > 0.0).then(|| 1.0 - residual / total);
-    OutputMetrics { r2, mse: residual / rows, max_abs_error, worst_run, worst_time }
+    let within_bound = bound.map(|_| within as f64 / rows);
+    OutputMetrics { r2, mse: residual / rows, max_abs_error, worst_run, worst_time, bound, within_bound }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
 
 pub mod baseline;
+pub mod calibration;
 pub mod dataset;
 pub mod error;
 pub mod evaluation;

@@ -10,14 +10,34 @@ use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
 use std::path::Path;
 
-/// Parameter values of every run, training and test.
+/// What a study's runs are for; no run is for two of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// One row of parameter values a training run.
-    pub train: Vec<Vec<f64>>,
-    /// One row of parameter values a test run, none of them a training run's.
-    pub test: Vec<Vec<f64>>,
+pub struct Sets<T> {
+    /// Training, the runs held out for validation included.
+    pub train: T,
+    /// Measuring the accuracy.
+    pub test: T,
+    /// Measuring the error bounds; empty if there are to be none.
+    pub calibration: T,
 }
+
+impl<T> Sets<T> {
+    /// Each set with its name.
+    pub fn named(&self) -> [(&'static str, &T); 3] {
+        [("train", &self.train), ("test", &self.test), ("calibration", &self.calibration)]
+    }
+
+    /// Makes something of each set.
+    ///
+    /// # Errors
+    /// The first error of `make`.
+    pub fn try_map<U>(self, mut make: impl FnMut(T) -> Result<U>) -> Result<Sets<U>> {
+        Ok(Sets { train: make(self.train)?, test: make(self.test)?, calibration: make(self.calibration)? })
+    }
+}
+
+/// Parameter values of every run, one row a run.
+pub type Plan = Sets<Vec<Vec<f64>>>;
 
 /// Parameters a Sobol plan can have: as many as there are direction numbers for.
 pub const MAX_SOBOL_PARAMETERS: usize = 100;
@@ -39,6 +59,8 @@ pub enum Stream {
     Validation = 3,
     /// Choosing the values of a search's trials.
     Search = 4,
+    /// Placing the runs that error bounds are measured on.
+    Calibration = 5,
 }
 
 /// The random numbers of a seed for one purpose: the same on every platform.
@@ -63,8 +85,12 @@ impl Plan {
             Some(Method::List) => study.points().unwrap_or_default().to_vec(),
         };
         let unseen = |point: &Vec<f64>| !train.contains(point);
-        let test = uniform(&parameters, random(study.seed, Stream::Test)).filter(unseen).take(study.sampling.test_runs);
-        Self { test: test.collect(), train }
+        let fresh = |stream, runs| uniform(&parameters, random(study.seed, stream)).filter(unseen).take(runs).collect();
+        Self {
+            test: fresh(Stream::Test, study.sampling.test_runs),
+            calibration: fresh(Stream::Calibration, study.calibration_runs()),
+            train,
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Where training and FMI meet: a trained network becomes a surrogate, which is saved, loaded and named by its digest.
 
 use crate::{Error, Result, dataset::Dataset, files::write_whole, study::Study, variable::Variable};
-use metafmu_runtime::{Input, Layer, Metadata, Output, OutputArray, Provenance, Role, Scaling, Surrogate};
+use metafmu_runtime::{Bounds, Input, Layer, Metadata, Output, OutputArray, Provenance, Role, Scaling, Surrogate};
 use std::path::Path;
 
 /// Puts a trained network and what is known about its columns together.
@@ -48,6 +48,7 @@ pub fn assemble(
         outputs: outputs.collect(),
         activation: study.network.activation,
         precision: study.export.precision,
+        bounds: None,
         arrays: study.arrays.iter().map(output_array).collect(),
         time_step: study.time.step,
         provenance: Provenance {
@@ -65,6 +66,14 @@ pub fn assemble(
 fn output_array((name, outputs): (&String, &Vec<String>)) -> OutputArray {
     let description = format!("{} in one array", outputs.join(", "));
     OutputArray { name: name.clone(), description, outputs: outputs.clone() }
+}
+
+/// The surrogate with error bounds.
+///
+/// # Errors
+/// [`Error::Surrogate`] if the bounds do not fit it.
+pub fn with_bounds(surrogate: Surrogate, bounds: Bounds) -> Result<Surrogate> {
+    seal(surrogate.with_bounds(bounds).map_err(|source| Error::Surrogate { source })?)
 }
 
 /// The surrogate with the digest of its content: the last step of making one.

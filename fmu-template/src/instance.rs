@@ -275,6 +275,7 @@ impl Instance {
                 Variable::Output(output) => self.outputs[output],
                 Variable::Distance => self.domain.distance(&self.now.inputs),
                 Variable::Time => self.now.time,
+                Variable::Bound(output) => self.variables.bound(output),
                 Variable::Array(array) => {
                     let outputs = self.variables.outputs_of(array);
                     // in this order: zip takes from its first iterator even when the second has ended
@@ -372,7 +373,7 @@ impl Instance {
                 }
                 Role::Input => Ok(column),
             },
-            Variable::Output(_) | Variable::Array(_) | Variable::Distance => {
+            Variable::Output(_) | Variable::Array(_) | Variable::Distance | Variable::Bound(_) => {
                 Err(Refusal::SetOutput { name: name(), reference })
             }
             Variable::Time => Err(Refusal::SetTime { name: name(), reference }),
@@ -401,6 +402,7 @@ impl Instance {
             Variable::Column(column) => self.column_name(column),
             Variable::Output(output) => self.metadata.outputs[output].name.clone(),
             Variable::Array(array) => self.metadata.arrays[array].name.clone(),
+            Variable::Bound(output) => self.metadata.outputs[output].bound_name(),
             Variable::Policy => extra::DOMAIN_POLICY.name.to_owned(),
             Variable::InDomain => extra::IN_DOMAIN.name.to_owned(),
             Variable::Distance => extra::DOMAIN_DISTANCE.name.to_owned(),
@@ -416,9 +418,12 @@ impl Instance {
         let found = match variable {
             Variable::Policy => "integer",
             Variable::InDomain => "Boolean",
-            Variable::Column(_) | Variable::Output(_) | Variable::Array(_) | Variable::Distance | Variable::Time => {
-                "real"
-            }
+            Variable::Column(_)
+            | Variable::Output(_)
+            | Variable::Array(_)
+            | Variable::Distance
+            | Variable::Time
+            | Variable::Bound(_) => "real",
         };
         Refusal::WrongType { name: self.name(variable), reference, found, asked }
     }
@@ -432,7 +437,7 @@ impl Instance {
         let (columns, policy) = match variable {
             Variable::Output(_) | Variable::Array(_) => (inputs, Some(policy)),
             Variable::InDomain | Variable::Distance => (inputs, None),
-            Variable::Column(_) | Variable::Policy | Variable::Time => (0, None),
+            Variable::Column(_) | Variable::Policy | Variable::Time | Variable::Bound(_) => (0, None),
         };
         let elements = self.variables.elements(variable).map_or(0..=0, |elements| 1..=elements);
         Ok(elements.flat_map(move |element| (0..columns).chain(policy).map(move |known| (element, known))))

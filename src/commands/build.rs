@@ -16,8 +16,8 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     job.prepare_folder()?;
     let kept = if args.resume { sample::kept(&job) } else { None };
     let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;
-    let (surrogate, training) = train::stage(&job, &samples.train, args.resume)?;
-    let metrics = evaluate::stage(&job, &surrogate, &samples.test, &samples.record, &training)?;
+    let (surrogate, training) = train::stage(&job, &samples.sets.train, &samples.sets.calibration, args.resume)?;
+    let metrics = evaluate::stage(&job, &surrogate, &samples.sets.test, &samples.record, &training)?;
     let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy))?;
     let mut problems = 0;
     for Written { fmu, .. } in &written {
@@ -44,10 +44,11 @@ fn files(job: &Job, written: &[Written]) -> String {
         (job.model(), "network, scaling, variables: opens with safetensors in Python".into()),
         (job.metrics(), "accuracy on the test runs".into()),
         (job.history(), "loss of each epoch".into()),
-        (job.train_table(), "training and validation runs".into()),
-        (job.test_table(), "test runs".into()),
+        (job.table("train"), "training and validation runs".into()),
+        (job.table("test"), "test runs".into()),
     ];
-    let rows: Vec<(PathBuf, String)> = written.iter().map(fmu).chain(others).collect();
+    let calibration = job.study.bounds.map(|_| (job.table("calibration"), "runs for the error bounds".into()));
+    let rows: Vec<(PathBuf, String)> = written.iter().map(fmu).chain(others).chain(calibration).collect();
     let width = rows.iter().map(|(path, _)| path.display().to_string().len()).max().unwrap_or(0);
     rows.iter().map(|(path, what)| format!("{:<width$}  {what}\n", path.display().to_string())).collect()
 }

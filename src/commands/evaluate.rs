@@ -30,7 +30,7 @@ pub struct Metrics {
 pub fn run(args: &StudyArgs) -> Result<Outcome> {
     let job = Job::new(args)?;
     let (surrogate, training) = (job.load_model()?, job.load_training_record()?);
-    let (test, samples) = (job.load_test_table()?, job.load_samples_record()?);
+    let (test, samples) = (job.load_table("test")?, job.load_samples_record()?);
     job.prepare_folder()?;
     let metrics = stage(&job, &surrogate, &test, &samples, &training)?;
     if job.json {
@@ -68,14 +68,22 @@ pub fn stage(
 pub fn table(job: &Job, metrics: &Metrics) -> String {
     let Accuracy { outputs, test_runs, test_rows, .. } = &metrics.accuracy;
     let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
-    let header = ("output", "unit", "R²", "MSE", "largest error");
-    let _ = writeln!(text, "{:<12} {:<8} {:>10} {:>12}  {}", header.0, header.1, header.2, header.3, header.4);
+    let coverage = job.study.bounds.map(|bounds| 100.0 * bounds.coverage);
+    let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
+    let header = format!("{:<12} {:<8} {:>10} {:>12}{bounds}  largest error", "output", "unit", "R²", "MSE");
+    let _ = writeln!(text, "{header}");
     for ((name, metrics), variable) in outputs.iter().zip(job.source.outputs()) {
-        let OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time } = metrics;
+        let OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time, bound, .. } = metrics;
         let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.7}"));
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let worst = format!("{max_abs_error:.3e} (test run {worst_run}, t = {worst_time:.3} s)");
-        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>10} {mse:>12.3e}  {worst}");
+        let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
+        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>10} {mse:>12.3e}{bound}  {worst}");
+    }
+    if outputs.values().any(|metrics| metrics.bound.is_some()) {
+        let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
+        let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
+        let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
     }
     text
 }

@@ -2,7 +2,10 @@
 
 use super::train::TrainingRecord;
 use crate::cli::StudyArgs;
-use metafmu::{Error, Result, dataset::Dataset, evaluation::Accuracy, files, source::Source, study::Study, surrogate};
+use metafmu::{
+    Error, Result, dataset::Dataset, evaluation::Accuracy, files, sampling::Sets, source::Source, study::Study,
+    surrogate,
+};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::io::ErrorKind;
@@ -25,6 +28,9 @@ pub struct SamplesRecord {
     pub train_rows: usize,
     pub test_runs: usize,
     pub test_rows: usize,
+    /// Runs that error bounds are measured on.
+    #[serde(default)]
+    pub calibration_runs: usize,
     pub sample_seconds: f64,
 }
 
@@ -42,12 +48,9 @@ impl Job {
         files::writable_folder(&self.folder)
     }
 
-    pub fn train_table(&self) -> PathBuf {
-        self.folder.join("train.csv")
-    }
-
-    pub fn test_table(&self) -> PathBuf {
-        self.folder.join("test.csv")
+    /// Table of a set of runs: `train.csv`, `test.csv` or `calibration.csv`.
+    pub fn table(&self, set: &str) -> PathBuf {
+        self.folder.join(format!("{set}.csv"))
     }
 
     pub fn samples_record(&self) -> PathBuf {
@@ -133,17 +136,19 @@ impl Job {
         serde_json::from_str(&text).map_err(|source| Error::Json { path: path.to_owned(), source })
     }
 
-    pub fn load_train_table(&self) -> Result<Dataset> {
-        self.load_table(&self.train_table())
+    pub fn load_tables(&self) -> Result<Sets<Dataset>> {
+        let set = |set| self.load_table(set);
+        Ok(Sets { train: set("train")?, test: set("test")?, calibration: set("calibration")? })
     }
 
-    pub fn load_test_table(&self) -> Result<Dataset> {
-        self.load_table(&self.test_table())
-    }
-
-    fn load_table(&self, path: &Path) -> Result<Dataset> {
+    /// Reads a table of runs of this study; a set without runs has none.
+    pub fn load_table(&self, set: &str) -> Result<Dataset> {
         self.load_samples_record()?;
-        Dataset::read_csv(path, self.source.parameters(), self.source.outputs())
+        let (parameters, outputs) = (self.source.parameters(), self.source.outputs());
+        if set == "calibration" && self.study.bounds.is_none() {
+            return Ok(Dataset { parameters: parameters.into(), outputs: outputs.into(), runs: Vec::new() });
+        }
+        Dataset::read_csv(&self.table(set), parameters, outputs)
     }
 
     /// Reads the trained surrogate and checks that it is this study's.

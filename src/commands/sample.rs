@@ -6,15 +6,14 @@ use metafmu::{
     Result,
     dataset::Dataset,
     files,
-    sampling::Plan,
+    sampling::{Plan, Sets},
     source::{Journal, Source},
 };
 use std::{fmt::Write, time::Instant};
 
 /// The sampled runs.
 pub struct Samples {
-    pub train: Dataset,
-    pub test: Dataset,
+    pub sets: Sets<Dataset>,
     pub record: SamplesRecord,
 }
 
@@ -29,7 +28,8 @@ pub fn run(args: &SampleArgs) -> Result<Outcome> {
     if job.json {
         print_json(&samples.record)?;
     } else {
-        print(&format!("{}\n{}\n", job.train_table().display(), job.test_table().display()))?;
+        let tables = samples.sets.named().into_iter().filter(|(_, dataset)| !dataset.runs.is_empty());
+        print(&tables.map(|(set, _)| format!("{}\n", job.table(set).display())).collect::<String>())?;
     }
     Ok(Outcome::Fine)
 }
@@ -39,14 +39,13 @@ fn plan_table(job: &Job) -> Result<String> {
     let plan = match &job.source {
         Source::Simulation(_) => Plan::new(&job.study),
         Source::Recorded(recorded) => {
-            let (train, test) = recorded.sample(interrupt::flag())?;
-            let points = |dataset: Dataset| dataset.runs.into_iter().map(|run| run.parameters).collect();
-            Plan { train: points(train), test: points(test) }
+            let points = |dataset: Dataset| Ok(dataset.runs.into_iter().map(|run| run.parameters).collect());
+            recorded.sample(interrupt::flag())?.try_map(points)?
         }
     };
     let names: String = job.source.parameters().iter().map(|parameter| format!(",{}", parameter.name)).collect();
     let mut text = format!("set,run{names}\n");
-    for (set, points) in [("train", &plan.train), ("test", &plan.test)] {
+    for (set, points) in plan.named() {
         for (run, point) in points.iter().enumerate() {
             let values: String = point.iter().map(|value| format!(",{value:?}")).collect();
             // writing to a string does not fail
@@ -59,37 +58,39 @@ fn plan_table(job: &Job) -> Result<String> {
 /// The runs that an earlier command has sampled from this study, if it came so far.
 pub fn kept(job: &Job) -> Option<Samples> {
     let record = job.load_samples_record().ok()?;
-    Some(Samples { train: job.load_train_table().ok()?, test: job.load_test_table().ok()?, record })
+    Some(Samples { sets: job.load_tables().ok()?, record })
 }
 
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
     let start = Instant::now();
     let mut journal = None;
-    let (progress, train, test) = match &job.source {
+    let (progress, sets) = match &job.source {
         Source::Simulation(simulation) => {
             let plan = Plan::new(&job.study);
-            let progress = Progress::runs(plan.train.len() + plan.test.len());
+            let progress = Progress::runs(plan.named().iter().map(|(_, points)| points.len()).sum());
             let kept = simulation.journal(&job.journal(), &job.study)?;
             if !kept.is_empty() {
                 progress.note(&format!("{} runs are there from a sampling that was not finished", kept.len()));
             }
-            let run_all = |points| simulation.run_all(points, &kept, interrupt::flag(), || progress.advance(1));
-            let (train, test) = (run_all(&plan.train)?, run_all(&plan.test)?);
+            let run_all =
+                |points: Vec<_>| simulation.run_all(&points, &kept, interrupt::flag(), || progress.advance(1));
+            let sets = plan.try_map(run_all)?;
             journal = Some(kept);
-            (progress, train, test)
+            (progress, sets)
         }
         Source::Recorded(recorded) => {
-            let (train, test) = recorded.sample(interrupt::flag())?;
-            (Progress::runs(train.runs.len() + test.runs.len()), train, test)
+            let sets = recorded.sample(interrupt::flag())?;
+            (Progress::runs(sets.named().iter().map(|(_, dataset)| dataset.runs.len()).sum()), sets)
         }
     };
     let record = SamplesRecord {
         sampling_digest: job.study.sampling_digest(),
-        train_runs: train.runs.len(),
-        train_rows: train.row_count(),
-        test_runs: test.runs.len(),
-        test_rows: test.row_count(),
+        train_runs: sets.train.runs.len(),
+        train_rows: sets.train.row_count(),
+        test_runs: sets.test.runs.len(),
+        test_rows: sets.test.row_count(),
+        calibration_runs: sets.calibration.runs.len(),
         sample_seconds: start.elapsed().as_secs_f64(),
     };
     let SamplesRecord { train_runs, train_rows, test_runs, sample_seconds, .. } = record;
@@ -98,9 +99,11 @@ pub fn stage(job: &Job) -> Result<Samples> {
     ));
     // tables without a record are not trusted: it goes first and comes back last
     files::remove(&job.samples_record())?;
-    train.write_csv(&job.train_table())?;
-    test.write_csv(&job.test_table())?;
+    for (set, dataset) in sets.named() {
+        let table = job.table(set);
+        if dataset.runs.is_empty() { files::remove(&table)? } else { dataset.write_csv(&table)? }
+    }
     files::write_json(&job.samples_record(), &record)?;
     journal.map_or(Ok(()), Journal::remove)?;
-    Ok(Samples { train, test, record })
+    Ok(Samples { sets, record })
 }

@@ -208,7 +208,7 @@ fn samples(study: &Study, source: &Source, journal: &Path) -> Result<Dataset> {
             let kept = simulation.journal(journal, study)?;
             simulation.run_all(&Plan::new(study).train, &kept, interrupt::flag(), || ())
         }
-        Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.0),
+        Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.train),
     }
 }
 

@@ -9,9 +9,11 @@ use super::{
 };
 use crate::cli::TrainArgs;
 use metafmu::{
-    Error, Result,
+    Error, Result, calibration,
     dataset::Dataset,
-    files, surrogate,
+    files,
+    study::Study,
+    surrogate,
     training::{self, EpochRecord, Observer, StopReason, TrainingError},
 };
 use metafmu_runtime::Surrogate;
@@ -39,9 +41,9 @@ pub struct TrainingRecord {
 
 pub fn run(args: &TrainArgs) -> Result<Outcome> {
     let job = Job::new(&args.study)?;
-    let dataset = job.load_train_table()?;
+    let (train, calibration) = (job.load_table("train")?, job.load_table("calibration")?);
     job.prepare_folder()?;
-    let (_, record) = stage(&job, &dataset, args.resume)?;
+    let (_, record) = stage(&job, &train, &calibration, args.resume)?;
     if job.json {
         print_json(&record)?;
     } else {
@@ -50,9 +52,10 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// Trains, keeps the epoch that is best on held-out runs, writes the surrogate and the history. To `resume` is to take what
+/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study wants
+/// them, writes the surrogate and the history. To `resume` is to take what
 /// an earlier training has finished, or else to go on from its checkpoint, if there is one.
-pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, TrainingRecord)> {
+pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) -> Result<(Surrogate, TrainingRecord)> {
     if resume && let Some(finished) = finished(job)? {
         return Ok(finished);
     }
@@ -92,6 +95,7 @@ pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, T
         record.validation_runs
     ));
     let surrogate = surrogate::assemble(study, dataset, training_rows.len(), scaling, outcome.network.to_layers())?;
+    let surrogate = with_bounds(surrogate, calibration, study)?;
     surrogate::save(&surrogate, &job.model())?;
     write_history(job, &outcome.history)?;
     files::write_json(&job.training_record(), &record)?;
@@ -99,6 +103,15 @@ pub fn stage(job: &Job, dataset: &Dataset, resume: bool) -> Result<(Surrogate, T
         files::remove(&job.checkpoint())?;
     }
     Ok((surrogate, record))
+}
+
+/// The surrogate with the error bounds that the study wants.
+fn with_bounds(surrogate: Surrogate, calibration: &Dataset, study: &Study) -> Result<Surrogate> {
+    let bounds = study.bounds.and_then(|options| calibration::bounds(&surrogate, calibration, options.coverage));
+    match bounds {
+        None => Ok(surrogate),
+        Some(bounds) => surrogate::with_bounds(surrogate, bounds),
+    }
 }
 
 /// The surrogate of a training of this study that came to its end.

@@ -3,7 +3,7 @@
 
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
 use crate::{evaluation::Accuracy, study::ExportOptions};
-use metafmu_runtime::{Activation, Input, Output, Precision, Role, Surrogate, Variability, extra};
+use metafmu_runtime::{Activation, Bounds, Input, Output, Precision, Role, Surrogate, Variability, extra};
 use std::fmt::Write;
 
 const STYLE: &str = "\
@@ -86,6 +86,21 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
     }
     line(page, "</table>");
+    if let Some(Bounds { coverage, runs, half_widths }) = surrogate.bounds() {
+        let bounds = surrogate.outputs().iter().zip(half_widths).map(|(output, &half_width)| {
+            let unit = if output.unit.is_empty() { String::new() } else { format!(" {}", escape(&output.unit)) };
+            format!("<code>{}</code> ±{}{unit}", escape(&output.name), number(half_width))
+        });
+        let bounds = bounds.collect::<Vec<_>>().join(", ");
+        let share = number(100.0 * coverage);
+        line(
+            page,
+            &format!(
+                "<p>Error bounds: {bounds}. Of a further run inside the ranges, {share} % of the points are expected within \
+                 each (split-conformal, from {runs} runs of their own). The FMU has them as outputs, <code>…_bound</code>.</p>"
+            ),
+        );
+    }
 }
 
 fn domain(page: &mut String) {
@@ -178,7 +193,15 @@ mod tests {
     fn a_card_has_variables_accuracy_and_licence_and_loads_nothing() {
         let surrogate = example::surrogate();
         let about = ExportOptions { license: Some("<free> & open".into()), ..ExportOptions::default() };
-        let metrics = |r2| OutputMetrics { r2, mse: 4e-6, max_abs_error: 0.0125, worst_run: 3, worst_time: 1.0 };
+        let metrics = |r2| OutputMetrics {
+            r2,
+            mse: 4e-6,
+            max_abs_error: 0.0125,
+            worst_run: 3,
+            worst_time: 1.0,
+            bound: None,
+            within_bound: None,
+        };
         let accuracy = Accuracy {
             outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),
             test_runs: 20,

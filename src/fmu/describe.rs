@@ -27,7 +27,7 @@ impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
     /// Input columns come first, then outputs, then the variables every FMU has, each with its position for a value
-    /// reference; in FMI 3.0 arrays of outputs follow. Nothing of it depends on when or where it is called.
+    /// reference; in FMI 3.0 arrays of outputs follow, and at last error bounds. Nothing of it depends on when or where it is called.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
         let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
@@ -36,6 +36,7 @@ impl ModelDescription {
         let columns =
             columns.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
         let arrays = (0..array_count(surrogate, fmi_version)).map(|index| array_variable(surrogate, index));
+        let bounds = (0..bound_count(surrogate)).map(|index| bound_variable(surrogate, index));
         let v3 = fmi_version == FmiVersion::V3;
         let interface = Interface {
             model_identifier: model_identifier(name),
@@ -67,7 +68,7 @@ impl ModelDescription {
             units: units(surrogate.metadata()),
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: columns.chain(arrays).collect(),
+            variables: columns.chain(arrays).chain(bounds).collect(),
             structure: structure(surrogate, fmi_version),
             ..Self::default()
         }
@@ -158,6 +159,34 @@ fn array_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
         value_reference: surrogate.array_value_reference(index),
         dimensions: vec![Dimension::Fixed(columns.len() as u64)],
         ..variable(name, description, what, VariableType::Real(real))
+    }
+}
+
+/// Error bounds of the outputs, if they were measured.
+fn bound_count(surrogate: &Surrogate) -> usize {
+    surrogate.bounds().map_or(0, |bounds| bounds.half_widths.len())
+}
+
+/// A constant: hosts can show it beside the output without asking the FMU.
+fn bound_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+    let output = &surrogate.outputs()[index];
+    let bounds = surrogate.bounds();
+    let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.half_widths[index], bounds.coverage));
+    let description = format!(
+        "error bound of {}: expected to hold for {} % of the points of a run inside the ranges",
+        output.name,
+        100.0 * coverage
+    );
+    let real = Real {
+        unit: text(&output.unit),
+        nominal: Some(nominal(0.0, half_width)),
+        start: Some(half_width),
+        ..Real::default()
+    };
+    let what = (Causality::Output, Variability::Constant, Some(Initial::Exact));
+    ScalarVariable {
+        value_reference: surrogate.bound_value_reference(index),
+        ..variable(&output.bound_name(), &description, what, VariableType::Real(real))
     }
 }
 
@@ -255,12 +284,18 @@ fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
         [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
     let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
     let later: Vec<usize> = (0..inputs.len()).filter(|&column| known_later(inputs[column].role)).collect();
+    let first_bound = arrays.end;
+    let bounds = first_bound..first_bound + bound_count(surrogate);
     let first: Vec<usize> = (0..inputs.len()).collect();
     let unknown =
         |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
     let of_network = network().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
     ModelStructure {
-        outputs: network().chain(domain).map(|output| unknown(output, later.clone())).collect(),
+        outputs: network()
+            .chain(domain)
+            .map(|output| unknown(output, later.clone()))
+            .chain(bounds.map(|bound| unknown(bound, Vec::new())))
+            .collect(),
         initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
         ..ModelStructure::default()
     }

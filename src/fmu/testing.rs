@@ -29,6 +29,11 @@ pub fn fmu_with_arrays(folder: &Path, version: FmiVersion) -> PathBuf {
     write(folder, &example::with_arrays(), version, |_| {})
 }
 
+/// Writes the FMU of an example with error bounds.
+pub fn fmu_with_bounds(folder: &Path, version: FmiVersion) -> PathBuf {
+    write(folder, &example::with_bounds(), version, |_| {})
+}
+
 /// Entries of an archive.
 pub type Entries = Vec<(String, Vec<u8>)>;
 

@@ -11,7 +11,7 @@ use super::{list, variable};
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    sampling::{self, Stream},
+    sampling::{self, Sets, Stream},
     study::Study,
     table::Table,
     variable::Variable,
@@ -37,6 +37,7 @@ pub struct Recorded {
     ranges: Vec<(f64, f64)>,
     stop: f64,
     test_runs: usize,
+    calibration_runs: usize,
     seed: u64,
 }
 
@@ -85,6 +86,7 @@ impl Recorded {
             ranges: study.parameters.values().map(|parameter| (parameter.min, parameter.max)).collect(),
             stop: study.time.stop,
             test_runs: study.sampling.test_runs,
+            calibration_runs: study.calibration_runs(),
             seed: study.seed,
         };
         let mut table = Table::open(&recorded.path)?;
@@ -116,11 +118,11 @@ impl Recorded {
         &self.outputs
     }
 
-    /// Reads all runs and chooses those for the tests at random: training and test runs, each in the table's order.
+    /// Reads all runs and chooses those for the tests and for error bounds at random; each set is in the table's order.
     ///
     /// # Errors
     /// [`Error::Table`] with file and line of what is wrong, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
-    pub fn sample(&self, stop: &AtomicBool) -> Result<(Dataset, Dataset)> {
+    pub fn sample(&self, stop: &AtomicBool) -> Result<Sets<Dataset>> {
         let mut runs = Runs::new(self, stop);
         let mut table = Table::open(&self.path)?;
         if self.is_index {
@@ -129,20 +131,28 @@ impl Recorded {
             self.read_long(&mut table, &mut runs)?
         }
         let count = runs.finished.len();
-        if count < self.test_runs + 2 {
-            let expected =
-                format!("expected at least {}: {} for the tests, 2 to train", self.test_runs + 2, self.test_runs);
+        let Self { test_runs, calibration_runs, .. } = *self;
+        if count < test_runs + calibration_runs + 2 {
+            let least = test_runs + calibration_runs + 2;
+            let bounds = if calibration_runs == 0 { String::new() } else { format!(", {calibration_runs} for bounds") };
+            let expected = format!("expected at least {least}: {test_runs} for the tests{bounds}, 2 to train");
             return Err(table.mistake(&format!("{count} runs, {expected}")));
         }
         let order = sampling::permutation(count, sampling::random(self.seed, Stream::Test));
-        let mut is_test = vec![false; count];
-        order.iter().take(self.test_runs).for_each(|&run| is_test[run] = true);
-        let dataset = |runs| Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs };
-        let (mut train, mut test) = (Vec::new(), Vec::new());
-        for (run, is_test) in runs.finished.into_iter().zip(is_test) {
-            if is_test { test.push(run) } else { train.push(run) }
+        let mut places = vec![0; count];
+        order.iter().enumerate().for_each(|(place, &run)| places[run] = place);
+        let mut sets = Sets { train: Vec::new(), test: Vec::new(), calibration: Vec::new() };
+        for (run, place) in runs.finished.into_iter().zip(places) {
+            let set = if place < test_runs {
+                &mut sets.test
+            } else if place < test_runs + calibration_runs {
+                &mut sets.calibration
+            } else {
+                &mut sets.train
+            };
+            set.push(run);
         }
-        Ok((dataset(train), dataset(test)))
+        sets.try_map(|runs| Ok(Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs }))
     }
 
     fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {
@@ -381,7 +391,7 @@ test_runs = 1
         fn sample(&self, source: &str) -> Result<Vec<Run>> {
             let Source::Recorded(recorded) = Source::new(&self.study(source)?)? else { panic!() };
             assert_eq!(recorded.parameters()[1].unit, "m");
-            let (train, test) = recorded.sample(&AtomicBool::new(false))?;
+            let Sets { train, test, .. } = recorded.sample(&AtomicBool::new(false))?;
             assert_eq!(test.runs.len(), 1);
             let mut runs = [train.runs, test.runs].concat();
             runs.sort_by(|one, other| one.parameters[0].total_cmp(&other.parameters[0]));
@@ -456,7 +466,7 @@ third,1,3,-0.5,8
             let text = STUDY.replace("SOURCE", "table = \"r.csv\"").replace("test_runs = 1", "test_runs = 10");
             let text = format!("seed = {seed}\n{text}");
             let study = Study::parse(&text, &folder.0.path().join("s.toml")).unwrap();
-            let (train, test) = Recorded::new(&study).unwrap().sample(&AtomicBool::new(false)).unwrap();
+            let Sets { train, test, .. } = Recorded::new(&study).unwrap().sample(&AtomicBool::new(false)).unwrap();
             assert!(train.runs.len() == 30 && test.runs.iter().all(|run| !train.runs.contains(run)));
             test
         };

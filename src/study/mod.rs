@@ -32,14 +32,14 @@
 //! test_runs = 200
 //! ```
 //!
-//! `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`], `[search]` is
+//! `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`], `[search]` is
 //! [`SearchOptions`].
 
 mod options;
 mod search;
 
 use crate::{
-    Error, Result, files,
+    Error, Result, calibration, files,
     multibody::Mechanism,
     origin::Origin,
     sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
@@ -47,7 +47,7 @@ use crate::{
 };
 use indexmap::IndexMap;
 pub use options::{
-    ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
+    BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
     SamplingOptions, Schedule, SourceOptions, TimeOptions, TrainingOptions,
 };
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
@@ -89,6 +89,8 @@ pub struct Study {
     /// How the network is trained.
     #[serde(default)]
     pub training: TrainingOptions,
+    /// Error bounds of the outputs, if they are wanted.
+    pub bounds: Option<BoundsOptions>,
     /// What the FMU says about itself.
     #[serde(default)]
     pub export: ExportOptions,
@@ -178,7 +180,11 @@ impl Study {
     /// do not count.
     pub fn digest(&self) -> String {
         let about = (&self.name, &self.description, &self.arrays);
-        digest(&(about, &self.network, &self.training, &self.export.precision, self.sampling_digest()))
+        let trained = (about, &self.network, &self.training, &self.export.precision, self.sampling_digest());
+        match &self.bounds {
+            None => digest(&trained),
+            bounds => digest(&(trained, bounds)),
+        }
     }
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
@@ -186,8 +192,8 @@ impl Study {
         let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
         let mechanism = self.mechanism.as_ref().map(|mechanism| mechanism.description());
         match (mechanism, self.points(), &self.recorded) {
-            (None, None, None) => digest(&study),
-            files => digest(&(study, files)),
+            (None, None, None) if self.bounds.is_none() => digest(&study),
+            files => digest(&(study, files, self.calibration_runs())),
         }
     }
 
@@ -210,6 +216,7 @@ impl Study {
         self.time_problems(&mut problems);
         self.variable_problems(&mut problems);
         self.sampling_problems(&mut problems);
+        self.bounds_problems(&mut problems);
         self.network_problems(&mut problems);
         self.training_problems(&mut problems);
         let search = self.search.as_ref().map(SearchOptions::problems).unwrap_or_default();
@@ -358,6 +365,24 @@ impl Study {
         }
     }
 
+    fn bounds_problems(&self, problems: &mut Problems) {
+        let Some(BoundsOptions { coverage, runs }) = self.bounds else { return };
+        if !(coverage > 0.0 && coverage < 1.0) {
+            problems.add("bounds.coverage", format!("{coverage}, expected a share between 0 and 1"));
+            return;
+        }
+        let least = calibration::least_runs(coverage);
+        if runs < least {
+            let message = format!("{runs} runs, expected at least {least} for a coverage of {coverage}");
+            problems.add("bounds.runs", message);
+        }
+    }
+
+    /// Number of runs that error bounds are measured on.
+    pub fn calibration_runs(&self) -> usize {
+        self.bounds.map_or(0, |bounds| bounds.runs)
+    }
+
     fn network_problems(&self, problems: &mut Problems) {
         for (layer, nodes) in self.network.hidden.iter().enumerate() {
             if !(1..=16384).contains(nodes) {
@@ -496,6 +521,8 @@ mod tests {
                 "`omega` is no output",
             ),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
+            ("[network]", "[bounds]\ncoverage = 95\n[network]", "[network]", "bounds.coverage", "between 0 and 1"),
+            ("[network]", "[bounds]\nruns = 18\n[network]", "[network]", "bounds.runs", "at least 19"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));
             let found = messages.first().cloned().unwrap_or_default();

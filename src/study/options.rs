@@ -105,6 +105,22 @@ fn default_test_runs() -> usize {
     200
 }
 
+/// `[bounds]`: error bounds of the outputs, measured on runs of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoundsOptions {
+    /// Share of points that are to lie within the bounds, between 0 and 1.
+    pub coverage: f64,
+    /// Number of runs the bounds are measured on: random, from the same ranges, part of neither training nor tests.
+    pub runs: usize,
+}
+
+impl Default for BoundsOptions {
+    fn default() -> Self {
+        Self { coverage: 0.95, runs: 200 }
+    }
+}
+
 /// How the training runs are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

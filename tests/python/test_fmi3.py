@@ -168,7 +168,7 @@ def test_a_platform_that_is_not_there_is_named(both, pendulum):
 
 def test_an_array_has_the_values_of_its_outputs(tmp_path):
     text = (ROOT / "examples" / "double-pendulum.toml").read_text()
-    text = re.sub(r"(?m)^runs = \d+", "runs = 8", text)
+    text = re.sub(r"(?m)^runs = \d+", "runs = 20", text)
     text = re.sub(r"(?m)^epochs = \d+", "epochs = 1", text)
     text = re.sub(r"(?m)^hidden = .*", "hidden = [4]", text)
     assert "[arrays]" not in text

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, OUTPUTS, metafmu, reference, simulate_with_fmpy
-from fmpy import read_model_description
+from conftest import CASES, OUTPUTS, PARAMETERS, metafmu, reference, simulate_with_fmpy
+from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors import safe_open
 from safetensors.numpy import load_file
@@ -24,6 +24,21 @@ def test_accuracy_is_what_the_example_promises(pendulum):
     for output in OUTPUTS:
         assert pendulum.metrics["outputs"][output]["r2"] >= 1 - 5e-6
     assert pendulum.metrics["test_runs"] == 200
+
+
+def test_error_bounds_hold_for_the_stated_share_of_the_test_runs_points(pendulum):
+    table = pd.read_csv(pendulum.folder / "test.csv")
+    within = {output: [] for output in OUTPUTS}
+    for _, run in table.groupby("run"):
+        names = [name for output in OUTPUTS for name in (output, f"{output}_bound")]
+        start_values = dict(run[PARAMETERS].iloc[0])
+        result = simulate_fmu(pendulum.fmus[2], start_values=start_values, output=names)
+        for output in OUTPUTS:
+            within[output].append(np.abs(result[output] - run[output]) <= result[f"{output}_bound"])
+    for output in OUTPUTS:
+        share = np.mean(np.concatenate(within[output]))
+        assert 0.93 <= share <= 0.97
+        assert share == pytest.approx(pendulum.metrics["outputs"][output]["within_bound"], abs=1e-9)
 
 
 @pytest.mark.parametrize("case", CASES)

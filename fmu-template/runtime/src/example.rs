@@ -1,7 +1,7 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate,
+    Activation, Bounds, Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate,
     Variability,
 };
 
@@ -49,6 +49,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         ],
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
         arrays: Vec::new(),
+        bounds: None,
         activation,
         precision,
         time_step: 0.01,
@@ -97,6 +98,12 @@ pub fn with_arrays() -> Surrogate {
     };
     metadata.arrays = vec![array("position", ["x", "y"]), array("swapped", ["y", "x"])];
     Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
+}
+
+/// [`with_arrays`] with the error bounds 0.125 and 0.25.
+pub fn with_bounds() -> Surrogate {
+    let bounds = Bounds { coverage: 0.95, runs: 100, half_widths: vec![0.125, 0.25] };
+    with_arrays().with_bounds(bounds).expect("the example is valid")
 }
 
 /// Numbers spread over (-1, 1): the fractional parts of multiples of the golden ratio.

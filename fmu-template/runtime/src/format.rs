@@ -176,6 +176,22 @@ pub enum FormatError {
         /// Unit of the array's first element.
         expected: String,
     },
+    /// More or fewer error bounds than outputs.
+    #[error("{found} error bounds, expected {expected}: one for each output")]
+    BoundCount {
+        /// Number of bounds.
+        found: usize,
+        /// Number of outputs.
+        expected: usize,
+    },
+    /// A coverage that is no share, or a bound that is negative or not finite.
+    #[error("error bounds: {what} {found} makes no sense")]
+    Bound {
+        /// `coverage` or `half-width`.
+        what: &'static str,
+        /// What stands there.
+        found: f64,
+    },
     /// The content is not what it was when the digest was put in.
     #[error("the file is damaged: its content has the digest {found}, expected {expected}")]
     Damaged {

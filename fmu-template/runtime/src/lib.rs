@@ -21,6 +21,7 @@
 //! ```
 
 mod activation;
+mod bounds;
 mod domain;
 mod evaluator;
 pub mod example;
@@ -32,6 +33,7 @@ mod simd;
 mod surrogate;
 
 pub use activation::Activation;
+pub use bounds::Bounds;
 pub use domain::{Domain, TOLERANCE};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;

@@ -1,7 +1,7 @@
 //! The surrogate as data: variables, scaling, layers, provenance.
 
 use crate::{
-    Activation, FormatError,
+    Activation, Bounds, FormatError,
     extra::{self, Extra},
 };
 use serde::{Deserialize, Serialize};
@@ -42,6 +42,9 @@ pub struct Metadata {
     /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrays: Vec<OutputArray>,
+    /// How far outputs may be from the truth, if that was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bounds: Option<Bounds>,
     /// Activation of every hidden layer.
     pub activation: Activation,
     /// What the network computes in.
@@ -127,6 +130,13 @@ pub struct Output {
     pub min: f64,
     /// Largest value seen in training.
     pub max: f64,
+}
+
+impl Output {
+    /// Name of the variable that holds the error bound.
+    pub fn bound_name(&self) -> String {
+        format!("{}_bound", self.name)
+    }
 }
 
 /// Several outputs of one unit as one array variable of FMI 3.0, for instance the coordinates of a point.
@@ -231,6 +241,11 @@ impl Surrogate {
         &self.metadata.arrays
     }
 
+    /// Error bounds of the outputs, if they were measured.
+    pub fn bounds(&self) -> Option<&Bounds> {
+        self.metadata.bounds.as_ref()
+    }
+
     /// Position of the time column among the inputs, if time is an input.
     pub fn time_column(&self) -> Option<usize> {
         self.inputs().iter().position(|input| input.role == Role::Time)
@@ -260,6 +275,11 @@ impl Surrogate {
     /// [`extra::TIME`] is left out for them even if a column is the time.
     pub fn array_value_reference(&self, index: usize) -> u32 {
         self.extra_value_reference(&extra::TIME) + 1 + index as u32
+    }
+
+    /// FMI value reference of the error bound of output `index`: they follow the arrays, also in FMI 2.0, which has none.
+    pub fn bound_value_reference(&self, index: usize) -> u32 {
+        self.array_value_reference(self.arrays().len() + index)
     }
 
     /// Unit of all elements of array `index`, and which outputs they are.
@@ -314,6 +334,15 @@ impl Surrogate {
         if *noted == found { Ok(()) } else { Err(FormatError::Damaged { found, expected: noted.clone() }) }
     }
 
+    /// The same surrogate with error bounds; to be sealed again.
+    ///
+    /// # Errors
+    /// [`FormatError::BoundCount`] or [`FormatError::Bound`] if the bounds do not fit the outputs.
+    pub fn with_bounds(mut self, bounds: Bounds) -> Result<Self, FormatError> {
+        self.metadata.bounds = Some(bounds);
+        Self::new(self.metadata, self.scaling, self.layers)
+    }
+
     /// The same surrogate with another content digest.
     ///
     /// # Errors
@@ -336,7 +365,9 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
     let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
     let arrays = metadata.arrays.iter().map(|array| &array.name);
-    for name in inputs.clone().chain(outputs.clone()).map(|(name, ..)| name).chain(arrays) {
+    let bounds: Vec<String> =
+        metadata.bounds.iter().flat_map(|_| metadata.outputs.iter().map(Output::bound_name)).collect();
+    for name in inputs.clone().chain(outputs.clone()).map(|(name, ..)| name).chain(arrays).chain(&bounds) {
         if extra::ALL.iter().any(|extra| extra.name == name) || (!has_time && extra::TIME.name == name) {
             return Err(FormatError::ReservedName { name: name.clone() });
         }
@@ -358,6 +389,9 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     let times = metadata.inputs.iter().filter(|input| input.role == Role::Time).count();
     if times > 1 {
         return Err(FormatError::SeveralTimes { count: times });
+    }
+    if let Some(bounds) = &metadata.bounds {
+        bounds.check(metadata.outputs.len())?;
     }
     if !(metadata.time_step.is_finite() && metadata.time_step > 0.0) {
         return Err(FormatError::TimeStep { found: metadata.time_step });

@@ -16,6 +16,8 @@ pub(super) enum Variable {
     Time,
     /// Several outputs, in FMI 3.0.
     Array(usize),
+    /// Error bound of an output, a constant.
+    Bound(usize),
 }
 
 /// A scalar of real type: a variable or an element of an array.
@@ -25,9 +27,10 @@ pub(super) enum Real {
     Output(usize),
     Distance,
     Time,
+    Bound,
 }
 
-/// Input columns come first, then outputs, then what every FMU adds, then arrays.
+/// Input columns come first, then outputs, then what every FMU adds, then arrays, then error bounds.
 pub(super) struct Variables {
     inputs: usize,
     /// Value reference after those of the outputs.
@@ -37,6 +40,9 @@ pub(super) struct Variables {
     first_array: u32,
     /// Outputs of each array.
     arrays: Vec<Vec<usize>>,
+    first_bound: u32,
+    /// Error bound of each output, if they were measured.
+    bounds: Vec<f64>,
 }
 
 const POLICY: u32 = extra::DOMAIN_POLICY.offset;
@@ -54,6 +60,8 @@ impl Variables {
             adds_time: surrogate.time_column().is_none(),
             first_array: surrogate.array_value_reference(0),
             arrays: (0..arrays).map(|index| surrogate.array_elements(index).1.to_vec()).collect(),
+            first_bound: surrogate.bound_value_reference(0),
+            bounds: surrogate.bounds().map_or(Vec::new(), |bounds| bounds.half_widths.clone()),
         }
     }
 
@@ -71,21 +79,35 @@ impl Variables {
             IN_DOMAIN => Ok(Variable::InDomain),
             DISTANCE => Ok(Variable::Distance),
             TIME if self.adds_time => Ok(Variable::Time),
-            TIME if !self.arrays.is_empty() => Err(Refusal::UnusedReference { reference }),
-            _ => self.array(reference),
+            _ => self.array_or_bound(reference),
         }
     }
 
-    fn array(&self, reference: u32) -> Result<Variable, Refusal> {
-        let array = reference.checked_sub(self.first_array).map(|array| array as usize);
-        if let Some(array) = array.filter(|&array| array < self.arrays.len()) {
+    fn array_or_bound(&self, reference: u32) -> Result<Variable, Refusal> {
+        let among = |first: u32, count: usize| {
+            reference.checked_sub(first).map(|index| index as usize).filter(|&index| index < count)
+        };
+        if let Some(array) = among(self.first_array, self.arrays.len()) {
             return Ok(Variable::Array(array));
         }
-        let last = match self.arrays.len() as u32 {
-            0 => self.first_extra + if self.adds_time { TIME } else { DISTANCE },
-            arrays => self.first_array + arrays - 1,
+        if let Some(output) = among(self.first_bound, self.bounds.len()) {
+            return Ok(Variable::Bound(output));
+        }
+        let last = match (self.arrays.len() as u32, self.bounds.len() as u32) {
+            (0, 0) => self.first_extra + if self.adds_time { TIME } else { DISTANCE },
+            (arrays, 0) => self.first_array + arrays - 1,
+            (_, bounds) => self.first_bound + bounds - 1,
         };
-        Err(Refusal::UnknownReference { reference, last })
+        Err(if reference < last {
+            Refusal::UnusedReference { reference }
+        } else {
+            Refusal::UnknownReference { reference, last }
+        })
+    }
+
+    /// The error bound of an output that has one.
+    pub(super) fn bound(&self, output: usize) -> f64 {
+        self.bounds[output]
     }
 
     /// How many values these variables have.
@@ -118,6 +140,7 @@ impl Variables {
                 Ok(Variable::Output(output)) => (Some(Real::Output(output)), &[][..]),
                 Ok(Variable::Distance) => (Some(Real::Distance), &[][..]),
                 Ok(Variable::Time) => (Some(Real::Time), &[][..]),
+                Ok(Variable::Bound(_)) => (Some(Real::Bound), &[][..]),
                 Ok(Variable::Array(array)) => (None, self.outputs_of(array)),
                 Ok(Variable::Policy | Variable::InDomain) | Err(_) => (None, &[][..]),
             };

@@ -100,12 +100,16 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
              enum {{\n    \
                  COLUMN_COUNT = {columns},\n    \
                  OUTPUT_COUNT = {outputs},\n    \
+                 ARRAY_COUNT = {arrays}, /* of outputs; not part of this code, but they have value references */\n    \
+                 BOUND_COUNT = {bounds}, /* error bounds of outputs: one for each, or none */\n    \
                  BLOCK = {BLOCK}, /* rows of a layer that are computed together */\n    \
                  WIDTH = {width}, /* of the widest layer, in whole blocks */\n    \
                  SLOPE_COUNT = {slopes}, /* of all hidden layers, in whole blocks */\n    \
                  LAST_COLUMNS = {last_columns} /* of the last layer, in whole blocks */\n\
              }};\n\n#endif\n",
             outputs = surrogate.outputs().len(),
+            arrays = surrogate.arrays().len(),
+            bounds = surrogate.bounds().map_or(0, |bounds| bounds.half_widths.len()),
             slopes = hidden.iter().sum::<usize>().max(1),
             last_columns = padded(last.inputs),
         ),
@@ -157,8 +161,11 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
         push(text, format_args!("    {{{}, {}, {numbers}}},\n", string(name), role(input.role)));
     }
     text.push_str("};\n\nconst Output model_outputs[OUTPUT_COUNT] = {\n");
-    for ((output, &mean), &scale) in surrogate.outputs().iter().zip(output_mean).zip(output_scale) {
-        push(text, format_args!("    {{{}, {}, {}}},\n", string(&output.name), real(mean), real(scale)));
+    for (index, output) in surrogate.outputs().iter().enumerate() {
+        let bound = surrogate.bounds().map_or(0.0, |bounds| bounds.half_widths[index]);
+        let numbers = [output_mean[index], output_scale[index]].map(real).join(", ");
+        let (name, bound_name, bound) = (string(&output.name), string(&output.bound_name()), real(bound));
+        push(text, format_args!("    {{{name}, {numbers}, {bound_name}, {bound}}},\n"));
     }
     text.push_str("};\n");
 }

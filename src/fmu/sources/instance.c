@@ -544,14 +544,28 @@ static bool is_output(uint32_t reference)
     return reference >= COLUMN_COUNT && reference < REFERENCE_POLICY;
 }
 
-static uint32_t last_reference(void)
+static bool is_bound(uint32_t reference)
+{
+    return reference >= REFERENCE_BOUND && reference < REFERENCE_BOUND + BOUND_COUNT;
+}
+
+/* Whether the reference is that of a time which is no column. */
+static bool is_added_time(uint32_t reference)
 {
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         if (model_columns[i].role == ROLE_TIME) {
-            return REFERENCE_DISTANCE;
+            return false;
         }
     }
-    return REFERENCE_TIME;
+    return reference == REFERENCE_TIME;
+}
+
+static uint32_t last_reference(void)
+{
+    if (BOUND_COUNT > 0) {
+        return REFERENCE_BOUND + BOUND_COUNT - 1;
+    }
+    return is_added_time(REFERENCE_TIME) ? REFERENCE_TIME : REFERENCE_DISTANCE;
 }
 
 static const char *variable_name(uint32_t reference)
@@ -561,6 +575,9 @@ static const char *variable_name(uint32_t reference)
     }
     if (is_output(reference)) {
         return model_outputs[reference - COLUMN_COUNT].name;
+    }
+    if (is_bound(reference)) {
+        return model_outputs[reference - REFERENCE_BOUND].bound_name;
     }
     switch (reference) {
     case REFERENCE_POLICY:
@@ -593,6 +610,10 @@ static Status wrong_reference(Instance *instance, uint32_t reference, const char
         return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown, expected at most %lu",
                              (unsigned long)reference, (unsigned long)last_reference());
     }
+    if (reference > REFERENCE_DISTANCE && !is_added_time(reference) && !is_bound(reference)) {
+        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown: it is kept for a variable that this FMU does not have",
+                             (unsigned long)reference);
+    }
     return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is of type %s, not %s",
                          variable_name(reference), (unsigned long)reference, variable_type(reference), asked);
 }
@@ -614,7 +635,9 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
             values[i] = instance->outputs[reference - COLUMN_COUNT];
         } else if (reference == REFERENCE_DISTANCE) {
             values[i] = distance(instance);
-        } else if (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME) {
+        } else if (is_bound(reference)) {
+            values[i] = model_outputs[reference - REFERENCE_BOUND].bound;
+        } else if (is_added_time(reference)) {
             values[i] = instance->now.time;
         } else {
             return wrong_reference(instance, reference, "real");
@@ -668,10 +691,10 @@ static Status check_parameter(Instance *instance, uint32_t reference, bool tunab
 
 static Status check_settable(Instance *instance, uint32_t reference)
 {
-    if (is_output(reference) || reference == REFERENCE_DISTANCE) {
+    if (is_output(reference) || reference == REFERENCE_DISTANCE || is_bound(reference)) {
         return cannot_set(instance, reference, "an output");
     }
-    if (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME) {
+    if (is_added_time(reference)) {
         return cannot_set(instance, reference, "the independent variable");
     }
     if (!is_column(reference)) {
@@ -776,7 +799,7 @@ uint32_t instance_dependency(size_t i)
 
 static Status check_known(Instance *instance, uint32_t reference)
 {
-    if (is_column(reference) || (reference == REFERENCE_TIME && last_reference() == REFERENCE_TIME)) {
+    if (is_column(reference) || is_added_time(reference)) {
         return STATUS_OK;
     }
     if (reference > last_reference()) {

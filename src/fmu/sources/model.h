@@ -29,6 +29,8 @@ typedef struct {
     const char *name;
     double mean;
     double scale;
+    const char *bound_name;
+    double bound; /* error bound, if BOUND_COUNT is not zero */
 } Output;
 
 /*

@@ -217,6 +217,28 @@ fn the_validator_finds_nothing() {
     }
 }
 
+#[test]
+fn error_bounds_are_read_as_in_the_library() {
+    let mut metadata = example::with_bounds().metadata().clone();
+    metadata.arrays.clear();
+    let example = example::surrogate();
+    let surrogate = Surrogate::new(metadata, example.scaling().clone(), example.layers().to_vec()).unwrap();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let fmu = c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version);
+        assert!(validate(&fmu).unwrap().problems.is_empty(), "{}", validate(&fmu).unwrap());
+        let fmu = Fmu::open(&fmu).unwrap();
+        let instance = fmu.instantiate("bounds", false).unwrap();
+        instance.enter_initialization_mode(0.0, None).unwrap();
+        let mut values = [0.0; 2];
+        instance
+            .get_real(&[surrogate.bound_value_reference(1), surrogate.bound_value_reference(0)], &mut values)
+            .unwrap();
+        assert_eq!(values, [0.25, 0.125]);
+        assert!(instance.get_real(&[surrogate.bound_value_reference(2)], &mut values[..1]).is_err());
+    }
+}
+
 /// A program in C that calls everything: right, wrong, and with null pointers.
 #[test]
 fn the_functions_of_fmi_2_answer_as_the_standard_says() {

@@ -225,7 +225,10 @@ mod tests {
     use super::*;
     use crate::fmu::{
         FmiVersion,
-        testing::{changed_fmu, entry, fmu_described_as, fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_input},
+        testing::{
+            changed_fmu, entry, fmu_described_as, fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_bounds,
+            fmu_with_input,
+        },
     };
     use std::path::PathBuf;
 
@@ -240,6 +243,7 @@ mod tests {
             assert_eq!(validate(fmu_of(folder.path(), version)).unwrap(), Report::default());
             assert_eq!(validate(fmu_with_input(folder.path(), version)).unwrap(), Report::default());
             assert_eq!(validate(fmu_with_arrays(folder.path(), version)).unwrap(), Report::default());
+            assert_eq!(validate(fmu_with_bounds(folder.path(), version)).unwrap(), Report::default());
         }
     }
 

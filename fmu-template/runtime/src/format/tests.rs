@@ -1,10 +1,12 @@
 use super::*;
-use crate::{Activation, Precision, Role, Variability, example};
+use crate::{Activation, Bounds, Precision, Role, Variability, example};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
     let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
-    for surrogate in [example::surrogate(), example::with_input(), example::with_arrays(), single] {
+    for surrogate in
+        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single]
+    {
         let bytes = surrogate.to_bytes().unwrap();
         let again = Surrogate::from_bytes(&bytes).unwrap();
         assert_eq!(again, surrogate);
@@ -114,6 +116,28 @@ fn arrays_that_make_no_sense_are_refused_by_name() {
         let twice = refused(&|metadata| metadata.arrays[1].name = name.into());
         assert_eq!(twice, format!("variable `{name}` stands twice"));
     }
+}
+
+#[test]
+fn error_bounds_that_make_no_sense_are_refused() {
+    let refused = |coverage: f64, half_widths: &[f64]| {
+        let bounds = Bounds { coverage, runs: 100, half_widths: half_widths.into() };
+        changed(|metadata| metadata.bounds = Some(bounds)).unwrap_err().to_string()
+    };
+    assert_eq!(refused(0.9, &[0.1]), "1 error bounds, expected 2: one for each output");
+    assert_eq!(refused(1.0, &[0.1, 0.2]), "error bounds: coverage 1 makes no sense");
+    assert_eq!(refused(0.9, &[0.1, -0.2]), "error bounds: half-width -0.2 makes no sense");
+    assert_eq!(refused(0.9, &[f64::NAN, 0.2]), "error bounds: half-width NaN makes no sense");
+    let taken = changed(|metadata| {
+        metadata.bounds = example::with_bounds().bounds().cloned();
+        metadata.inputs[0].name = "x_bound".into();
+    });
+    assert_eq!(taken.unwrap_err().to_string(), "variable `x_bound` stands twice");
+}
+
+#[test]
+fn value_references_of_bounds_follow_the_arrays() {
+    assert_eq!([0, 1].map(|output| example::with_bounds().bound_value_reference(output)), [11, 12]);
 }
 
 #[test]

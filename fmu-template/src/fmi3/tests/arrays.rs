@@ -41,6 +41,17 @@ impl Host {
 }
 
 #[test]
+fn error_bounds_follow_the_arrays_and_depend_on_nothing() {
+    let host = Host::of(&example::with_bounds(), Use::Steps);
+    assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
+    let [x, y] = expected(starts()[0], starts()[1], 0.0);
+    assert_eq!(host.read(&[12, POSITION, 11], 4), (Status::Ok, vec![0.25, x, y, 0.125]));
+    let mut count = usize::MAX;
+    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 11, &mut count) }, Status::Ok);
+    assert_eq!(count, 0);
+}
+
+#[test]
 fn an_array_has_the_values_of_its_outputs_in_order() {
     for use_as in [Use::Steps, Use::StepsAndEvents, Use::Solver] {
         let host = Host::of(&example::with_arrays(), use_as);
@@ -97,7 +108,7 @@ fn a_call_with_one_wrong_reference_writes_nothing_at_all() {
     for (reference, message) in [
         (POLICY, "`domain_policy` (value reference 5) is of type integer, not real"),
         (IN_DOMAIN, "`in_domain` (value reference 6) is of type Boolean, not real"),
-        (8, "value reference 8 is unknown: it is kept for the time of surrogates that have no time column"),
+        (8, "value reference 8 is unknown: it is kept for a variable that this FMU does not have"),
         (11, "value reference 11 is unknown, expected at most 10"),
         (u32::MAX, "value reference 4294967295 is unknown, expected at most 10"),
     ] {
@@ -226,7 +237,7 @@ fn derivatives_count_arrays_by_their_elements() {
     let known = "`position` (value reference 9) is no input, parameter or time";
     refused(&|host| host.jacobian(&[3], &[POSITION], &[1.0; 2], 1), known);
     refused(&|host| host.gradient(&[3], &[POSITION], &[1.0], 2), known);
-    refused(&|host| host.jacobian(&[8], &[TIME], &[1.0], 1), "have no time column");
+    refused(&|host| host.jacobian(&[8], &[TIME], &[1.0], 1), "that this FMU does not have");
     refused(&|host| host.gradient(&[11], &[TIME], &[1.0], 1), "value reference 11 is unknown, expected at most 10");
 }
 

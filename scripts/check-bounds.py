@@ -1,0 +1,77 @@
+#!/usr/bin/env python3
+"""Counts how many points of fresh runs lie within a surrogate's error bounds: scripts/check-bounds.py STUDY... [--runs N]
+
+The study must have been built with `[bounds]`. Fresh runs are those of the same study with other seeds; they are predicted by
+the network in numpy, from the model file alone.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from safetensors import safe_open
+
+ROOT = Path(__file__).resolve().parent.parent
+METAFMU = ROOT / "target/release/metafmu"
+ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "sine": np.sin, "identity": lambda x: x}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("study", type=Path, nargs="+")
+    parser.add_argument("--runs", type=int, default=2000, help="fresh runs for each seed")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003])
+    parser.add_argument("--out", type=Path, default=ROOT / "out", help="where `metafmu build` wrote its results")
+    options = parser.parse_args()
+    print("study            output     bound        within, % of the points of fresh runs")
+    for study in options.study:
+        name = study.stem
+        metadata, predict = network(options.out / name / f"{name}.safetensors")
+        outputs, half_widths = metadata["outputs"], metadata["bounds"]["half_widths"]
+        shares = [coverage(study, seed, options.runs, metadata, predict) for seed in options.seeds]
+        for output, half_width, *within in zip(outputs, half_widths, *shares):
+            found = "  ".join(f"{100 * share:.2f}" for share in within)
+            print(f"{name:16} {output['name']:10} {half_width:.3e}    {found}")
+
+
+def coverage(study: Path, seed: int, runs: int, metadata: dict, predict) -> np.ndarray:
+    text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text())
+    text = re.sub(r"(?m)^test_runs = \d+", f"test_runs = {runs}", text)
+    # training runs are not needed here, but a study has some
+    text = re.sub(r"(?m)^runs = \d+", "runs = 20", text)
+    with tempfile.TemporaryDirectory() as folder:
+        fresh = Path(folder) / "fresh.toml"
+        fresh.write_text(text)
+        command = [METAFMU, "sample", fresh, "--out", folder]
+        subprocess.run(command, check=True, capture_output=True)
+        table = pd.read_csv(Path(folder) / "test.csv")
+    inputs = table[[column["name"] for column in metadata["inputs"]]].to_numpy()
+    errors = np.abs(predict(inputs) - table[[column["name"] for column in metadata["outputs"]]].to_numpy())
+    return np.mean(errors <= metadata["bounds"]["half_widths"], axis=0)
+
+
+def network(path: Path):
+    """What the model file says of itself, and its predictions as a function of rows."""
+    with safe_open(path, "numpy") as file:
+        metadata = json.loads(file.metadata()["metafmu"])
+        tensors = {key: file.get_tensor(key).astype(np.float64) for key in file.keys()}
+    activation = ACTIVATIONS[metadata["activation"]]
+    layers = sum(key.endswith(".weight") for key in tensors)
+
+    def predict(inputs: np.ndarray) -> np.ndarray:
+        z = (inputs - tensors["input_mean"]) / tensors["input_scale"]
+        for layer in range(layers):
+            z = z @ tensors[f"layers.{layer}.weight"].T + tensors[f"layers.{layer}.bias"]
+            z = activation(z) if layer < layers - 1 else z
+        return tensors["output_mean"] + tensors["output_scale"] * z
+
+    return metadata, predict
+
+
+if __name__ == "__main__":
+    main()
