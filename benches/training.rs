@@ -16,7 +16,7 @@ fn optimizer_step(criterion: &mut Criterion) {
     {
         for activation in [Activation::Tanh, Activation::Relu] {
             let name = format!("{inputs}-{hidden:?}-{outputs} {activation:?}, batch {batch}");
-            let options = NetworkOptions { hidden: hidden.clone(), activation };
+            let options = NetworkOptions { hidden: hidden.clone(), activation, ..NetworkOptions::default() };
             let network = Network::new(inputs, outputs, &options, 1).expect("the sizes are positive");
             let rows = rows(inputs, outputs, 16 * batch);
             group.throughput(Throughput::Elements(batch as u64));

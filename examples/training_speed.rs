@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (_, inputs, hidden, outputs, batch) =
         NETWORKS.into_iter().find(|network| network.0 == name).ok_or("no such network")?;
 
-    let options = NetworkOptions { hidden: hidden.into(), activation };
+    let options = NetworkOptions { hidden: hidden.into(), activation, ..NetworkOptions::default() };
     let network = Network::new(inputs, outputs, &options, 1)?;
     let rows = read(file, inputs, outputs)?;
     let mut trainer = Trainer::new(network, &TrainingOptions::default(), batch, threads.parse()?, 1)?;

@@ -153,6 +153,12 @@ pub enum Error {
         /// The second platform.
         tuple: &'static str,
     },
+    /// A surrogate that is not written as C source code.
+    #[error(
+        "source code is written of a single network only: one for each instant (`network.structure = \"fixed\"`) would be \
+         hundreds of times as long"
+    )]
+    NoSources,
     /// A library that cannot go into an FMU.
     #[error("{}: {problem}", path.display())]
     Binary {

@@ -3,23 +3,48 @@
 use crate::dataset::{Dataset, Run};
 use metafmu_runtime::Scaling;
 
-/// Means and standard deviations of the input columns (parameters, then time) and output columns over all rows of the runs.
+/// Which rows of the runs count, and whether the time is an input column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Selection {
+    /// All of them; the time is the last input column.
+    All,
+    /// That with this number of each run; the time is no input.
+    At(usize),
+}
+
+impl Selection {
+    /// Number of input columns, for so many parameters.
+    pub fn inputs(self, parameters: usize) -> usize {
+        parameters + usize::from(self == Self::All)
+    }
+
+    /// The time, if it is an input, and the outputs of each row of a run.
+    fn of(self, run: &Run) -> impl Iterator<Item = (Option<f64>, &[f64])> {
+        let (first, count) = match self {
+            Self::All => (0, usize::MAX),
+            Self::At(row) => (row, 1),
+        };
+        run.rows().skip(first).take(count).map(move |(time, row)| ((self == Self::All).then_some(time), row))
+    }
+}
+
+/// Means and standard deviations of the input columns (parameters, then time) and output columns over rows of the runs.
 /// A constant column gets scale 1.
-pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone) -> Scaling {
+pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone, rows: Selection) -> Scaling {
     let (parameters, outputs) = (dataset.parameters.len(), dataset.outputs.len());
-    let mut input = Moments::new(parameters + 1);
+    let mut input = Moments::new(rows.inputs(parameters));
     let mut output = Moments::new(outputs);
     for run in runs.clone() {
-        for (time, row) in run.rows() {
-            input.count(run.parameters.iter().copied().chain([time]));
+        for (time, row) in rows.of(run) {
+            input.count(run.parameters.iter().copied().chain(time));
             output.count(row.iter().copied());
         }
     }
     input.center();
     output.center();
     for run in runs {
-        for (time, row) in run.rows() {
-            input.spread(run.parameters.iter().copied().chain([time]));
+        for (time, row) in rows.of(run) {
+            input.spread(run.parameters.iter().copied().chain(time));
             output.spread(row.iter().copied());
         }
     }
@@ -27,13 +52,17 @@ pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone) -
     Scaling { input_mean, input_scale, output_mean, output_scale }
 }
 
-/// Standardised rows of the runs, in single precision: inputs of shape `[rows, parameters + 1]`, outputs of shape
+/// Standardised rows of the runs, in single precision: inputs of shape `[rows, inputs]`, outputs of shape
 /// `[rows, outputs]`.
-pub fn standardise<'a>(runs: impl Iterator<Item = &'a Run>, scaling: &Scaling) -> (Vec<f32>, Vec<f32>) {
+pub fn standardise<'a>(
+    runs: impl Iterator<Item = &'a Run>,
+    scaling: &Scaling,
+    rows: Selection,
+) -> (Vec<f32>, Vec<f32>) {
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
     for run in runs {
-        for (time, row) in run.rows() {
-            let values = run.parameters.iter().copied().chain([time]);
+        for (time, row) in rows.of(run) {
+            let values = run.parameters.iter().copied().chain(time);
             let columns = scaling.input_mean.iter().zip(&scaling.input_scale);
             inputs.extend(values.zip(columns).map(|(x, (mean, scale))| ((x - mean) / scale) as f32));
             let columns = scaling.output_mean.iter().zip(&scaling.output_scale);
@@ -97,14 +126,22 @@ mod tests {
         };
         let outputs = vec![variable("u"), variable("constant")];
         let dataset = Dataset { parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
-        let scaling = fit(&dataset, dataset.runs.iter());
+        let scaling = fit(&dataset, dataset.runs.iter(), Selection::All);
         assert_eq!(scaling.output_scale[1], 1.0);
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling);
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling, Selection::All);
         for (column, width, values) in [(0, 2, &inputs), (1, 2, &inputs), (0, 2, &outputs)] {
             let column: Vec<f64> = values.iter().skip(column).step_by(width).map(|&value| value.into()).collect();
             let mean = column.iter().sum::<f64>() / 8.0;
             let variance = column.iter().map(|value| value * value).sum::<f64>() / 8.0;
             assert!(mean.abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{mean} {variance}");
         }
+        // at one instant the time is no column, and the first output of the two runs is 1e6 + p
+        let scaling = fit(&dataset, dataset.runs.iter(), Selection::At(0));
+        assert_eq!((scaling.input_mean, scaling.input_scale), (vec![1.5], vec![0.5]));
+        assert_eq!((&scaling.output_mean[..], &scaling.output_scale[..]), (&[1e6 + 1.5, 3.0][..], &[0.5, 1.0][..]));
+        let scaling = fit(&dataset, dataset.runs.iter(), Selection::At(2));
+        assert_eq!(scaling.output_scale, [1.0, 1.0], "every run has the same outputs there");
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling, Selection::At(2));
+        assert_eq!((inputs, outputs), (vec![-1.0, 1.0], vec![0.0; 4]));
     }
 }

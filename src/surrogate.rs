@@ -1,22 +1,16 @@
-//! Where training and FMI meet: a trained network becomes a surrogate, which is saved, loaded and named by its digest.
+//! Where training and FMI meet: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
 
 use crate::{Error, Result, dataset::Dataset, files::write_whole, study::Study, variable::Variable};
-use metafmu_runtime::{Bounds, Input, Layer, Metadata, Output, OutputArray, Provenance, Role, Scaling, Surrogate};
+use metafmu_runtime::{Bounds, Input, Metadata, Model, Output, OutputArray, Provenance, Role, Surrogate};
 use std::path::Path;
 
-/// Puts a trained network and what is known about its columns together.
+/// Puts a trained model and what is known about its columns together.
 ///
-/// `layers` belong to standardised columns: parameters then time in, outputs out.
+/// The model's columns are parameters then time in, outputs out.
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the parts do not fit each other.
-pub fn assemble(
-    study: &Study,
-    dataset: &Dataset,
-    train_rows: usize,
-    scaling: Scaling,
-    layers: Vec<Layer>,
-) -> Result<Surrogate> {
+pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Model) -> Result<Surrogate> {
     let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| Input {
         name: variable.name.clone(),
         role: Role::Parameter(range.variability),
@@ -59,7 +53,7 @@ pub fn assemble(
             content_digest: "0".repeat(64),
         },
     };
-    let surrogate = Surrogate::new(metadata, scaling, layers).map_err(|source| Error::Surrogate { source })?;
+    let surrogate = Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?;
     seal(surrogate)
 }
 

@@ -9,7 +9,10 @@ fuzz_target!(|bytes: &[u8]| {
     let Ok(surrogate) = Surrogate::from_bytes(bytes) else { return };
     let evaluator = Evaluator::new(&surrogate);
     let mut outputs = vec![0.0; surrogate.outputs().len()];
-    evaluator.evaluate(&vec![0.5; surrogate.inputs().len()], &mut outputs, &mut evaluator.scratch());
+    let (point, mut scratch) = (vec![0.5; surrogate.inputs().len()], evaluator.scratch());
+    evaluator.evaluate(&point, &mut outputs, &mut scratch);
+    evaluator.directional(&point, &point, &mut outputs, &mut scratch);
+    evaluator.adjoint(&point, &outputs, &mut point.clone(), &mut scratch);
 
     let written = surrogate.to_bytes().expect("what was read can be written");
     let again = Surrogate::from_bytes(&written).expect("what was written can be read");

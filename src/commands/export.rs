@@ -3,11 +3,11 @@
 use super::{Outcome, job::Job, print, print_json};
 use crate::cli::{ExportArgs, FmiArg};
 use metafmu::{
-    Result,
+    Error, Result,
     evaluation::Accuracy,
     files,
     fmu::{self, Binary, Contents, FmiVersion},
-    study::FmiChoice,
+    study::{FmiChoice, Structure},
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -47,6 +47,9 @@ pub fn run(args: &ExportArgs) -> Result<Outcome> {
 impl Plan {
     /// Finds the libraries, so that one that is missing is found before the work and not after it.
     pub fn new(job: &Job, args: &ExportArgs) -> Result<Self> {
+        if args.sources && job.study.network.structure == Structure::Fixed {
+            return Err(Error::NoSources);
+        }
         let choice = match args.fmi {
             None => job.study.export.fmi,
             Some(FmiArg::V2) => FmiChoice::V2,

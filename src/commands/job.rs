@@ -88,6 +88,11 @@ impl Job {
         self.folder.join("checkpoint.safetensors")
     }
 
+    /// Networks of a training that is under way or was stopped, where there is one for each instant.
+    pub fn unfinished_networks(&self) -> PathBuf {
+        self.folder.join("unfinished-networks.bin")
+    }
+
     pub fn training_record(&self) -> PathBuf {
         self.folder.join("training.json")
     }

@@ -3,6 +3,7 @@
 pub mod build;
 pub mod evaluate;
 pub mod export;
+mod instants;
 mod interrupt;
 mod job;
 pub mod new;
@@ -10,6 +11,7 @@ mod prepare;
 mod progress;
 pub mod sample;
 pub mod search;
+mod side_by_side;
 pub mod simulate;
 pub mod train;
 pub mod validate;

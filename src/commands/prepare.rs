@@ -5,11 +5,12 @@ use metafmu::{
     dataset::{Dataset, Run},
     network::Network,
     sampling::{self, Stream},
-    scaling,
+    scaling::{self, Selection},
     study::Study,
     training::Rows,
 };
 use metafmu_runtime::Scaling;
+use std::sync::Arc;
 
 /// What a training begins with.
 pub struct Prepared {
@@ -22,16 +23,50 @@ pub struct Prepared {
 
 /// Holds out the validation runs, standardises the rows by the others, and makes the network.
 pub fn prepare(study: &Study, dataset: &Dataset) -> Result<Prepared> {
-    let (training_runs, validation_runs) = split(&dataset.runs, study.training.validation, study.seed);
-    let scaling = scaling::fit(dataset, training_runs.iter().copied());
-    let (inputs, outputs) = (dataset.parameters.len() + 1, dataset.outputs.len());
+    let (training, validation) = split(&dataset.runs, study.training.validation, study.seed);
+    of_rows(study, dataset, &training, &validation, Selection::All)
+}
+
+/// The same for the network of each instant: the times of the runs, which are those of every run.
+pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<Prepared>)> {
+    let instants = common_times(study, &dataset.runs)?;
+    let (training, validation) = split(&dataset.runs, study.training.validation, study.seed);
+    let prepared = |row| of_rows(study, dataset, &training, &validation, Selection::At(row));
+    Ok((Arc::clone(&instants), (0..instants.len()).map(prepared).collect::<Result<_>>()?))
+}
+
+fn of_rows(
+    study: &Study,
+    dataset: &Dataset,
+    training_runs: &[&Run],
+    validation_runs: &[&Run],
+    selection: Selection,
+) -> Result<Prepared> {
+    let scaling = scaling::fit(dataset, training_runs.iter().copied(), selection);
+    let (inputs, outputs) = (selection.inputs(dataset.parameters.len()), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
-        let (x, y) = scaling::standardise(runs.iter().copied(), &scaling);
+        let (x, y) = scaling::standardise(runs.iter().copied(), &scaling, selection);
         Rows::new(inputs, outputs, x, y)
     };
-    let (training, validation) = (rows(&training_runs)?, rows(&validation_runs)?);
+    let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);
     let network = Network::new(inputs, outputs, &study.network, study.seed)?;
     Ok(Prepared { scaling, network, training, validation, validation_runs: validation_runs.len() })
+}
+
+fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
+    let Some(first) = runs.first() else { return Ok(Arc::new([])) };
+    let other = runs.iter().position(|run| run.times != first.times);
+    let problem = other.map(|index| {
+        let times = &runs[index].times;
+        let difference = match first.times.iter().zip(times.iter()).find(|(expected, found)| expected != found) {
+            Some((expected, found)) => format!("has a row at {found} s where the first one has it at {expected} s"),
+            None => format!("has {} rows, the first one {}", times.len(), first.times.len()),
+        };
+        let message = format!("\"fixed\" needs the same times in every run, but training run {index} {difference}");
+        ("network.structure".to_owned(), message)
+    });
+    study.refuse(problem.into_iter().collect())?;
+    Ok(Arc::clone(&first.times))
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

@@ -1,6 +1,7 @@
 //! Progress on stderr: a bar on a terminal, a few lines elsewhere.
 
 use indicatif::{ProgressBar, ProgressStyle};
+use metafmu::training::Outcome;
 use std::{
     io::IsTerminal,
     time::{Duration, Instant},
@@ -22,6 +23,11 @@ impl Progress {
     /// Counts optimizer steps; the message is the loss.
     pub fn steps(count: usize) -> Self {
         Self::new(count as u64, "training {bar:30} {percent}%, {msg}")
+    }
+
+    /// Counts the networks of a series; the message is the loss.
+    pub fn networks(count: usize) -> Self {
+        Self::new(count as u64, "training {bar:30} {pos}/{len} networks, {msg}, {eta} left")
     }
 
     /// Counts the trials of a rung of a search.
@@ -67,6 +73,18 @@ impl Progress {
     pub fn trial(&self, line: &str) {
         self.bar.suspend(|| eprintln!("{line}"));
         self.bar.inc(1);
+    }
+
+    /// One more network of a series.
+    pub fn network(&mut self, outcome: &Outcome) {
+        let loss = outcome.history.iter().map(|epoch| epoch.validation_loss).fold(f64::INFINITY, f64::min);
+        self.bar.set_message(format!("the last one's loss on held-out runs {loss:.2e}"));
+        self.bar.inc(1);
+        let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
+        if done.is_multiple_of(all.div_ceil(10).max(1)) || done == all {
+            let left = self.bar.eta().as_secs();
+            self.note(&format!("network {done}/{all}: loss on held-out runs {loss:.2e}, {left} s left"));
+        }
     }
 
     /// Ends the bar.

@@ -1,11 +1,12 @@
 //! `metafmu search`: trains the trials of a study's `[search]` side by side and writes a table and the best study.
 
 use super::{
-    Outcome, interrupt,
+    Outcome, instants, interrupt,
     job::Job,
-    prepare::{Prepared, prepare},
+    prepare::{Prepared, prepare, prepare_instants},
     print, print_json,
     progress::Progress,
+    side_by_side::side_by_side,
 };
 use crate::cli::SearchArgs;
 use metafmu::{
@@ -16,7 +17,7 @@ use metafmu::{
     sampling::Plan,
     search::{self, rungs, survivors},
     source::Source,
-    study::Study,
+    study::{Structure, Study},
     training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
 };
 use serde::{Deserialize, Serialize};
@@ -25,10 +26,7 @@ use std::{
     ops::ControlFlow,
     panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
+    sync::{Mutex, PoisonError, atomic::Ordering},
     time::{Duration, Instant},
 };
 
@@ -176,27 +174,6 @@ fn train_all(job: &Job, trials: &[Trial]) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// Calls a function for each number, on as many threads as there are cores; each call has one thread for itself.
-fn side_by_side<T: Send>(numbers: &[usize], function: impl Fn(usize) -> T + Sync) -> Vec<(usize, T)> {
-    let (next, results) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    std::thread::scope(|scope| {
-        for _ in 0..rayon::current_num_threads().min(numbers.len()) {
-            scope.spawn(|| {
-                let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-                while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let result = match &alone {
-                        Ok(pool) => pool.install(|| function(number)),
-                        // no pool of one thread: the trial takes more than its share
-                        Err(_) => function(number),
-                    };
-                    results.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
-                }
-            });
-        }
-    });
-    results.into_inner().unwrap_or_else(PoisonError::into_inner)
-}
-
 fn shares_samples(job: &Job, trial: &Trial) -> bool {
     trial.study.as_ref().is_ok_and(|study| study.sampling_digest() == job.study.sampling_digest())
 }
@@ -273,6 +250,9 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
             &own
         }
     };
+    if study.network.structure == Structure::Fixed {
+        return train_instants(study, dataset, waiting, goal);
+    }
     let Prepared { network, training: rows, validation, .. } = prepare(study, dataset)?;
     let options = &study.training;
     let mut follower = Follower { trial, goal, epochs: 0, written: None, failed: None };
@@ -309,20 +289,61 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
     })
 }
 
+/// The same for a network for each instant. They are quickly trained: each rung begins anew.
+fn train_instants(study: &Study, dataset: &Dataset, waiting: &Record, goal: usize) -> Result<Record> {
+    let (_, prepared) = prepare_instants(study, dataset)?;
+    let outcomes = instants::train_all(study, &prepared, goal, |_, train| train())?;
+    let (status, message) = match instants::reason(&outcomes) {
+        StopReason::Interrupted => (Status::Paused, ""),
+        StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
+        StopReason::Finished | StopReason::Patience => (Status::Finished, ""),
+    };
+    let columns = prepared.iter().zip(&outcomes).map(|(prepared, outcome)| {
+        let Prepared { validation, scaling, .. } = prepared;
+        columns(&outcome.network, validation, &scaling.output_mean, &scaling.output_scale)
+    });
+    let together = columns.reduce(|mut all, more| {
+        for ([found, expected], [more_found, more_expected]) in all.iter_mut().zip(more) {
+            found.extend(more_found);
+            expected.extend(more_expected);
+        }
+        all
+    });
+    let seconds = outcomes.iter().filter_map(|outcome| outcome.history.last()).map(|epoch| epoch.seconds);
+    Ok(Record {
+        status,
+        epochs: instants::epochs(&outcomes),
+        best_epoch: instants::best_epoch(&outcomes),
+        score: together.filter(|_| status != Status::Failed).map(|columns| mean_unexplained(&columns)),
+        seconds: seconds.sum(),
+        message: message.into(),
+        ..waiting.clone()
+    })
+}
+
 /// Mean over the outputs of 1 - R², on standardised rows: comparable whatever the trial's loss is.
 fn score(network: &Network, rows: &Rows) -> f64 {
-    let outputs = rows.n_outputs();
+    mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
+}
+
+/// What the network predicts and what it should, of each output, not standardised any more.
+fn columns(network: &Network, rows: &Rows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
     let mut found = vec![0.0; rows.outputs().len()];
     network.predict(rows.inputs(), &mut found);
-    let unexplained = |output: usize| {
-        let column =
-            |values: &[f32]| values.iter().skip(output).step_by(outputs).copied().map(f64::from).collect::<Vec<_>>();
-        let (found, expected) = (column(&found), column(rows.outputs()));
+    let column = |values: &[f32], output: usize| {
+        let values = values.iter().skip(output).step_by(rows.n_outputs());
+        values.map(|&value| mean[output] + scale[output] * f64::from(value)).collect()
+    };
+    (0..rows.n_outputs()).map(|output| [column(&found, output), column(rows.outputs(), output)]).collect()
+}
+
+fn mean_unexplained(columns: &[[Vec<f64>; 2]]) -> f64 {
+    let unexplained = |[found, expected]: &[Vec<f64>; 2]| {
         let mean = expected.iter().sum::<f64>() / expected.len() as f64;
-        let error: f64 = found.iter().zip(&expected).map(|(found, expected)| (found - expected).powi(2)).sum();
+        let error: f64 = found.iter().zip(expected).map(|(found, expected)| (found - expected).powi(2)).sum();
         error / expected.iter().map(|expected| (expected - mean).powi(2)).sum::<f64>().max(f64::MIN_POSITIVE)
     };
-    (0..outputs).map(unexplained).sum::<f64>() / outputs as f64
+    columns.iter().map(unexplained).sum::<f64>() / columns.len() as f64
 }
 
 /// Ends a trial at its goal, keeps its checkpoints and passes Ctrl-C on.

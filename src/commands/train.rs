@@ -1,7 +1,7 @@
 //! `metafmu train`: trains the network on the sampled runs and writes the surrogate.
 
 use super::{
-    Outcome, interrupt,
+    Outcome, instants, interrupt,
     job::Job,
     prepare::{Prepared, prepare},
     print, print_json,
@@ -12,11 +12,11 @@ use metafmu::{
     Error, Result, calibration,
     dataset::Dataset,
     files,
-    study::Study,
+    study::{Structure, Study},
     surrogate,
     training::{self, EpochRecord, Observer, StopReason, TrainingError},
 };
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Model, ScaledNetwork, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::{
     io::Write,
@@ -59,6 +59,32 @@ pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) 
     if resume && let Some(finished) = finished(job)? {
         return Ok(finished);
     }
+    let trained = match job.study.network.structure {
+        Structure::Full => train(job, dataset, resume)?,
+        Structure::Fixed => instants::train(job, dataset, resume)?,
+    };
+    let Trained { model, history, record } = trained;
+    let surrogate = surrogate::assemble(&job.study, dataset, record.train_rows, model)?;
+    let surrogate = with_bounds(surrogate, calibration, &job.study)?;
+    surrogate::save(&surrogate, &job.model())?;
+    write_history(job, &history)?;
+    files::write_json(&job.training_record(), &record)?;
+    if record.stopped != describe(StopReason::Interrupted) {
+        files::remove(&job.checkpoint())?;
+        files::remove(&job.unfinished_networks())?;
+    }
+    Ok((surrogate, record))
+}
+
+/// What a training leaves behind.
+pub struct Trained {
+    pub model: Model,
+    pub history: Vec<EpochRecord>,
+    pub record: TrainingRecord,
+}
+
+/// Trains a single network, of which the time is an input.
+fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
     let (study, options) = (&job.study, &job.study.training);
     let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
         prepare(study, dataset)?;
@@ -94,15 +120,8 @@ pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) 
         record.best_epoch,
         record.validation_runs
     ));
-    let surrogate = surrogate::assemble(study, dataset, training_rows.len(), scaling, outcome.network.to_layers())?;
-    let surrogate = with_bounds(surrogate, calibration, study)?;
-    surrogate::save(&surrogate, &job.model())?;
-    write_history(job, &outcome.history)?;
-    files::write_json(&job.training_record(), &record)?;
-    if outcome.reason != StopReason::Interrupted {
-        files::remove(&job.checkpoint())?;
-    }
-    Ok((surrogate, record))
+    let model = Model::Network(ScaledNetwork { scaling, layers: outcome.network.to_layers() });
+    Ok(Trained { model, history: outcome.history, record })
 }
 
 /// The surrogate with the error bounds that the study wants.
@@ -116,7 +135,8 @@ fn with_bounds(surrogate: Surrogate, calibration: &Dataset, study: &Study) -> Re
 
 /// The surrogate of a training of this study that came to its end.
 fn finished(job: &Job) -> Result<Option<(Surrogate, TrainingRecord)>> {
-    if job.checkpoint().exists() || !job.training_record().exists() {
+    let unfinished = job.checkpoint().exists() || job.unfinished_networks().exists();
+    if unfinished || !job.training_record().exists() {
         return Ok(None);
     }
     let Ok(surrogate) = job.load_model() else { return Ok(None) };
@@ -160,7 +180,7 @@ fn write_history(job: &Job, history: &[EpochRecord]) -> Result<()> {
     })
 }
 
-fn describe(reason: StopReason) -> &'static str {
+pub fn describe(reason: StopReason) -> &'static str {
     match reason {
         StopReason::Finished => "all epochs done",
         StopReason::Patience => "no more improvement",

@@ -3,7 +3,7 @@
 
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
 use crate::{evaluation::Accuracy, study::ExportOptions};
-use metafmu_runtime::{Activation, Bounds, Input, Output, Precision, Role, Surrogate, Variability, extra};
+use metafmu_runtime::{Activation, Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra};
 use std::fmt::Write;
 
 const STYLE: &str = "\
@@ -121,7 +121,11 @@ fn domain(page: &mut String) {
 
 fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
     let metadata = surrogate.metadata();
-    let hidden: Vec<String> = surrogate.layers().iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
+    let (count, layers) = match surrogate.model() {
+        Model::Network(network) => (1, &network.layers),
+        Model::Series { networks, .. } => (networks.len(), &networks[0].layers),
+    };
+    let hidden: Vec<String> = layers.iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
     let activation = match metadata.activation {
         Activation::Tanh => "tanh",
         Activation::Sigmoid => "sigmoid",
@@ -137,11 +141,16 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
     };
     let nodes =
         if hidden.is_empty() { "no hidden layer".into() } else { format!("{} {activation}", hidden.join(" + ")) };
+    let each = if count > 1 {
+        format!(" in each of {count} networks, one an instant, between which outputs are interpolated in time")
+    } else {
+        String::new()
+    };
     let provenance = &metadata.provenance;
     line(page, "<h2>Provenance</h2>\n<table>");
     for (what, value) in [
         ("Made by", Some(provenance.tool.clone())),
-        ("Network", Some(format!("{nodes} nodes, computed in {precision}"))),
+        ("Network", Some(format!("{nodes} nodes{each}, computed in {precision}"))),
         ("Training", Some(format!("{} rows, seed {}", provenance.train_rows, provenance.seed))),
         ("Study, SHA-256", Some(provenance.study_digest.clone())),
         ("Content of the model file, digest", Some(provenance.content_digest.clone())),

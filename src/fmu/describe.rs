@@ -363,7 +363,7 @@ mod tests {
         let mut metadata = surrogate.metadata().clone();
         metadata.inputs[2].role = Role::Input;
         metadata.inputs[2].name = "force".into();
-        let surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
+        let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
         let independent = |version| {
             let description = ModelDescription::of_surrogate(&surrogate, version);
             description.variables.into_iter().find(|v| v.causality == Causality::Independent)

@@ -50,7 +50,7 @@ struct Entry {
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
-/// the same place.
+/// the same place, [`Error::NoSources`] if there is no source code of such a surrogate.
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
@@ -70,7 +70,7 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     ];
     entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
     if *sources {
-        let sources = sources::files(surrogate, &identifier, *version);
+        let sources = sources::files(surrogate, &identifier, *version)?;
         entries.extend(sources.into_iter().map(|(name, bytes)| file(&name, bytes)));
     }
     let mut places = HashSet::new();

@@ -220,7 +220,7 @@ mod tests {
     ];
 
     fn network(inputs: usize, hidden: &[usize], outputs: usize, activation: Activation) -> Network {
-        let options = NetworkOptions { hidden: hidden.into(), activation };
+        let options = NetworkOptions { hidden: hidden.into(), activation, ..NetworkOptions::default() };
         Network::new(inputs, outputs, &options, 1).unwrap()
     }
 
@@ -387,7 +387,7 @@ mod tests {
 
     #[test]
     fn networks_that_make_no_sense_are_refused() {
-        let options = NetworkOptions { hidden: vec![4, 0], activation: Activation::Tanh };
+        let options = NetworkOptions { hidden: vec![4, 0], ..NetworkOptions::default() };
         assert_eq!(Network::new(2, 1, &options, 0), Err(NetworkError::EmptyLayer { layer: 2 }));
         assert_eq!(Network::from_layers(&[], Activation::Tanh), Err(NetworkError::NoLayers));
         let mut layers = network(2, &[3], 1, Activation::Tanh).to_layers();

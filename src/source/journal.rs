@@ -119,7 +119,7 @@ impl Journal {
         let file = file.map_err(Error::io(&self.path, "write"))?;
         let lock = file.try_lock().map_err(|error| match error {
             TryLockError::Error(error) => error,
-            TryLockError::WouldBlock => std::io::Error::other("another metafmu is sampling into this folder"),
+            TryLockError::WouldBlock => std::io::Error::other("another metafmu is at work in this folder"),
         });
         lock.map_err(Error::io(&self.path, "write"))?;
         Ok(file)
@@ -150,7 +150,7 @@ mod tests {
         first.keep(&[1.0, -0.0], &[0.1, f64::MIN_POSITIVE, 1e300]).unwrap();
         first.keep(&[2.0, 0.0], &[4.0, 5.0, 6.0]).unwrap();
         let message = Journal::open(&path, "study", 2, 3).unwrap_err().to_string();
-        assert!(message.contains("another metafmu is sampling into this folder"), "{message}");
+        assert!(message.contains("another metafmu is at work in this folder"), "{message}");
         drop(first);
 
         let bytes = std::fs::read(&path).unwrap();

@@ -48,7 +48,7 @@ use crate::{
 use indexmap::IndexMap;
 pub use options::{
     BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
-    SamplingOptions, Schedule, SourceOptions, TimeOptions, TrainingOptions,
+    SamplingOptions, Schedule, SourceOptions, Structure, TimeOptions, TrainingOptions,
 };
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};

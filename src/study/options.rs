@@ -174,10 +174,30 @@ pub enum FmiChoice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NetworkOptions {
+    /// How the time enters.
+    #[serde(skip_serializing_if = "Structure::is_full")]
+    pub structure: Structure,
     /// Number of nodes of each hidden layer.
     pub hidden: Vec<usize>,
     /// Activation of every hidden layer.
     pub activation: Activation,
+}
+
+/// How the time enters a surrogate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Structure {
+    /// One network, of which the time is an input.
+    #[default]
+    Full,
+    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated.
+    Fixed,
+}
+
+impl Structure {
+    fn is_full(&self) -> bool {
+        *self == Self::Full
+    }
 }
 
 /// `[training]`: how the network is trained.
@@ -273,7 +293,7 @@ pub enum Schedule {
 
 impl Default for NetworkOptions {
     fn default() -> Self {
-        Self { hidden: vec![128, 128], activation: Activation::Tanh }
+        Self { structure: Structure::Full, hidden: vec![128, 128], activation: Activation::Tanh }
     }
 }
 

@@ -64,7 +64,7 @@ impl Rows {
     }
 
     /// A number that differs, in all likelihood, if any value does: tells apart data, keeps no secrets.
-    pub(super) fn digest(&self) -> u64 {
+    pub fn digest(&self) -> u64 {
         let sizes = [self.n_inputs as u64, self.n_outputs as u64];
         let values = self.inputs.iter().chain(&self.outputs).map(|value| u64::from(value.to_bits()));
         // the multiplier is odd, thus every step is a permutation of the state

@@ -1,6 +1,8 @@
 """The single pendulum and the slider crank, built once by the released command, for every test here."""
 
+import csv
 import json
+import signal
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +46,31 @@ def metafmu(*arguments, check=True):
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert not check or result.returncode == 0, result.stderr
     return result
+
+
+def kill_after(seconds, *arguments):
+    """Whether the command was still at work."""
+    process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+    return process.wait() == -signal.SIGKILL
+
+
+def losses(folder):
+    """The history but for wall times."""
+    with open(folder / "history.csv") as file:
+        return [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(file)]
+
+
+def changed(example, *changes):
+    """The text of an example's study with some lines changed, each of which it must have."""
+    text = (ROOT / "examples" / example).read_text()
+    for line, other in changes:
+        assert line in text, line
+        text = text.replace(line, other)
+    return text
 
 
 @pytest.fixture(scope="session")

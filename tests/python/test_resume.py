@@ -1,13 +1,10 @@
 """A build that is killed at any moment goes on with --resume and ends in the same bytes."""
 
-import csv
 import random
-import signal
-import subprocess
 import time
 
 import pytest
-from conftest import METAFMU, ROOT, metafmu
+from conftest import changed, kill_after, losses, metafmu
 
 KILLS = 20
 # its bytes hold no wall times
@@ -16,8 +13,8 @@ RESULTS = ["study.fmu", "study.safetensors", "train.csv", "test.csv"]
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    text = (ROOT / "examples" / "single-pendulum.toml").read_text()
-    for line, smaller in [
+    text = changed(
+        "single-pendulum.toml",
         ('name = "single-pendulum"', 'name = "study"'),
         ("runs = 1331", "runs = 150"),
         ("test_runs = 200", "test_runs = 20"),
@@ -25,9 +22,7 @@ def study(tmp_path_factory):
         ("hidden = [128, 128]", "hidden = [32, 32]"),
         ("batch = 1024", "batch = 128"),
         ("epochs = 150", "epochs = 40"),
-    ]:
-        assert line in text, line
-        text = text.replace(line, smaller)
+    )
     path = tmp_path_factory.mktemp("resume") / "study.toml"
     path.write_text(text)
     return path
@@ -37,11 +32,6 @@ def results(folder):
     return {name: (folder / name).read_bytes() for name in RESULTS}
 
 
-def losses(folder):
-    with open(folder / "history.csv") as file:
-        return [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(file)]
-
-
 @pytest.fixture(scope="module")
 def undisturbed(study):
     """Its folder, and how long it took."""
@@ -49,16 +39,6 @@ def undisturbed(study):
     begin = time.monotonic()
     metafmu("build", study, "--out", folder)
     return folder, time.monotonic() - begin
-
-
-def kill_after(seconds, *arguments):
-    """Whether the command was still at work."""
-    process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        process.kill()
-    return process.wait() == -signal.SIGKILL
 
 
 def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, undisturbed):

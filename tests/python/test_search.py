@@ -8,7 +8,7 @@ import time
 import tomllib
 
 import pytest
-from conftest import METAFMU, ROOT, metafmu
+from conftest import METAFMU, changed, metafmu
 
 KILLS = 20
 SEARCH = """
@@ -26,16 +26,14 @@ rungs = 2
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    text = (ROOT / "examples" / "single-pendulum.toml").read_text()
-    for line, smaller in [
+    text = changed(
+        "single-pendulum.toml",
         ('name = "single-pendulum"', 'name = "study"'),
         ("test_runs = 200", "test_runs = 2"),
         ("step = 0.01", "step = 0.05"),
         ("batch = 1024", "batch = 64"),
         ("epochs = 150", "epochs = 30"),
-    ]:
-        assert line in text, line
-        text = text.replace(line, smaller)
+    )
     path = tmp_path_factory.mktemp("search") / "study.toml"
     path.write_text(text + SEARCH)
     return path

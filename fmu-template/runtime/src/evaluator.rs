@@ -1,8 +1,9 @@
 //! The surrogate prepared for evaluation.
 
 use crate::{
-    Precision, Scaling, Surrogate,
+    Activation, Model, Precision, ScaledNetwork, Scaling, Surrogate,
     network::{Buffers, Network},
+    series::{Instants, Sides},
     simd::{PORTABLE_FMA, Real, Simd, fma},
 };
 
@@ -15,21 +16,34 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 /// Every method panics if a slice has the wrong length or the scratch belongs to another evaluator.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
-    scaling: Scaling,
-    network: Layout,
+    columns: usize,
+    outputs: usize,
+    networks: Networks,
+    /// The networks' instants, if there are several.
+    instants: Option<Instants>,
     simd: Simd,
 }
 
-/// The network in the precision it computes in. Scaling is done in double precision either way.
+/// Networks in the precision they compute in. Scaling is done in double precision either way.
 #[derive(Clone, Debug)]
-enum Layout {
-    Double(Network<f64, 8>),
-    Single(Network<f32, 16>),
+enum Networks {
+    Double(Vec<Scaled<f64, 8>>),
+    Single(Vec<Scaled<f32, 16>>),
+}
+
+/// A network laid out, with its scaling.
+#[derive(Clone, Debug)]
+struct Scaled<T, const WIDTH: usize> {
+    scaling: Scaling,
+    network: Network<T, WIDTH>,
 }
 
 /// Working memory of one evaluation at a time.
 #[derive(Clone, Debug)]
-pub struct Scratch(Memory);
+pub struct Scratch {
+    memory: Memory,
+    sides: Option<Sides>,
+}
 
 #[derive(Clone, Debug)]
 enum Memory {
@@ -47,26 +61,41 @@ enum Task<'a> {
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub fn new(surrogate: &Surrogate) -> Self {
-        let network = match surrogate.metadata().precision {
-            Precision::Double => Layout::Double(Network::new(surrogate)),
-            Precision::Single => Layout::Single(Network::new(surrogate)),
+        let (networks, instants) = match surrogate.model() {
+            Model::Network(network) => (std::slice::from_ref(network), None),
+            Model::Series { instants, networks } => {
+                let time = surrogate.time_column().expect("a series has a time column");
+                (networks.as_slice(), Some(Instants::new(instants, time)))
+            }
         };
-        Self { scaling: surrogate.scaling().clone(), network, simd: Simd::detect() }
+        let metadata = surrogate.metadata();
+        Self {
+            columns: metadata.inputs.len(),
+            outputs: metadata.outputs.len(),
+            networks: match metadata.precision {
+                Precision::Double => Networks::Double(laid_out(networks, metadata.activation)),
+                Precision::Single => Networks::Single(laid_out(networks, metadata.activation)),
+            },
+            instants,
+            simd: Simd::detect(),
+        }
     }
 
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
-        let inputs = self.scaling.input_mean.len();
-        Scratch(match &self.network {
-            Layout::Double(network) => Memory::Double(network.buffers(inputs)),
-            Layout::Single(network) => Memory::Single(network.buffers(inputs)),
-        })
+        // the layers of all networks have the same sizes
+        let memory = match &self.networks {
+            Networks::Double(networks) => Memory::Double(networks[0].network.buffers(self.columns)),
+            Networks::Single(networks) => Memory::Single(networks[0].network.buffers(self.columns)),
+        };
+        let sides = self.instants.is_some().then(|| Sides::new(self.columns - 1, self.outputs));
+        Scratch { memory, sides }
     }
 
     /// Outputs at one point: `inputs` has one value per input column, `outputs` one per output column.
     pub fn evaluate(&self, inputs: &[f64], outputs: &mut [f64], scratch: &mut Scratch) {
         self.check_outputs(outputs);
-        self.dispatch(inputs, Task::Outputs(outputs), scratch);
+        self.perform(inputs, Task::Outputs(outputs), scratch);
     }
 
     /// Directional derivative `J(inputs) direction`, exact but for rounding.
@@ -74,7 +103,7 @@ impl Evaluator {
         self.check_inputs(direction);
         self.check_outputs(derivative);
         let task = Task::Series { rates: [direction, &[]], first: derivative, second: None };
-        self.dispatch(inputs, task, scratch);
+        self.perform(inputs, task, scratch);
     }
 
     /// First and second derivative of the outputs along a curve that is at `inputs` with the derivatives `rates` (first
@@ -83,73 +112,149 @@ impl Evaluator {
         rates.iter().for_each(|rate| self.check_inputs(rate));
         derivatives.iter().for_each(|derivative| self.check_outputs(derivative));
         let [first, second] = derivatives;
-        self.dispatch(inputs, Task::Series { rates, first, second: Some(second) }, scratch);
+        self.perform(inputs, Task::Series { rates, first, second: Some(second) }, scratch);
     }
 
     /// Adjoint derivative `J(inputs)^T weights`, exact but for rounding.
     pub fn adjoint(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64], scratch: &mut Scratch) {
         self.check_inputs(gradient);
         self.check_outputs(weights);
-        self.dispatch(inputs, Task::Adjoint { weights, gradient }, scratch);
+        self.perform(inputs, Task::Adjoint { weights, gradient }, scratch);
     }
 
     fn check_inputs(&self, columns: &[f64]) {
-        assert_eq!(columns.len(), self.scaling.input_mean.len(), "number of inputs");
+        assert_eq!(columns.len(), self.columns, "number of inputs");
     }
 
     fn check_outputs(&self, columns: &[f64]) {
-        assert_eq!(columns.len(), self.scaling.output_mean.len(), "number of outputs");
+        assert_eq!(columns.len(), self.outputs, "number of outputs");
     }
 
     #[inline]
-    fn dispatch(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
+    fn perform(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
         self.check_inputs(inputs);
+        match (&self.instants, &mut scratch.sides) {
+            (None, None) => self.dispatch(0, inputs, task, &mut scratch.memory),
+            (Some(instants), Some(sides)) => self.interpolate(instants, inputs, task, sides, &mut scratch.memory),
+            _ => panic!("the scratch belongs to another evaluator"),
+        }
+    }
+
+    /// Does a task with the networks of the two instants around the moment, and takes what lies between.
+    fn interpolate(&self, instants: &Instants, inputs: &[f64], task: Task, sides: &mut Sides, memory: &mut Memory) {
+        let Sides { point, rates: point_rates, values, first: once, second: twice, gradient: gradients } = sides;
+        let place = instants.place(inputs[instants.time()]);
+        instants.others(inputs, point);
+        if let Task::Outputs(outputs) = task {
+            let [_, right] = values;
+            self.dispatch(place.left, point, Task::Outputs(outputs), memory);
+            if place.weight != 0.0 {
+                self.dispatch(place.left + 1, point, Task::Outputs(right), memory);
+                outputs.iter_mut().zip(right).for_each(|(left, right)| *left = place.between(*left, *right));
+            }
+            return;
+        }
+        for (side, values) in values.iter_mut().enumerate() {
+            self.dispatch(place.left + side, point, Task::Outputs(values), memory);
+        }
+        match task {
+            Task::Outputs(_) => {}
+            Task::Series { rates, first, second } => {
+                // of the weight along the curve
+                let [rate, acceleration] =
+                    rates.map(|rates| rates.get(instants.time()).map_or(0.0, |rate| place.slope * rate));
+                for (to, from) in point_rates.iter_mut().zip(rates) {
+                    instants.others(from, to);
+                }
+                for side in [0, 1] {
+                    let [velocity, change] = &*point_rates;
+                    let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
+                    let second = second.is_some().then_some(twice[side].as_mut_slice());
+                    let task = Task::Series { rates, first: &mut once[side], second };
+                    self.dispatch(place.left + side, point, task, memory);
+                }
+                for (output, first) in first.iter_mut().enumerate() {
+                    let [left, right] = [0, 1].map(|side| once[side][output]);
+                    *first = place.between(left, right) + rate * (values[1][output] - values[0][output]);
+                }
+                for (output, second) in second.into_iter().flatten().enumerate() {
+                    let [left, right] = [0, 1].map(|side| twice[side][output]);
+                    *second = place.between(left, right)
+                        + 2.0 * rate * (once[1][output] - once[0][output])
+                        + acceleration * (values[1][output] - values[0][output]);
+                }
+            }
+            Task::Adjoint { weights, gradient } => {
+                for (side, gradient) in gradients.iter_mut().enumerate() {
+                    self.dispatch(place.left + side, point, Task::Adjoint { weights, gradient }, memory);
+                }
+                let changes = values[1].iter().zip(&values[0]).map(|(right, left)| right - left);
+                let by_time = place.slope * weights.iter().zip(changes).map(|(weight, by)| weight * by).sum::<f64>();
+                let mut others =
+                    gradients[0].iter().zip(&gradients[1]).map(|(left, right)| place.between(*left, *right));
+                for (column, gradient) in gradient.iter_mut().enumerate() {
+                    *gradient = if column == instants.time() { by_time } else { others.next().unwrap_or(0.0) };
+                }
+            }
+        }
+    }
+
+    /// Does a task with network `index`.
+    #[inline]
+    fn dispatch(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
         match self.simd {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Simd::detect` found these features
-            Simd::Avx512 => unsafe { self.run_avx512(inputs, task, scratch) },
+            Simd::Avx512 => unsafe { self.run_avx512(index, inputs, task, memory) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
-            Simd::Avx2 => unsafe { self.run_avx2(inputs, task, scratch) },
-            Simd::Portable => self.run::<PORTABLE_FMA>(inputs, task, scratch),
+            Simd::Avx2 => unsafe { self.run_avx2(index, inputs, task, memory) },
+            Simd::Portable => self.run::<PORTABLE_FMA>(index, inputs, task, memory),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn run_avx512(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
-        self.run::<true>(inputs, task, scratch);
+    fn run_avx512(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
+        self.run::<true>(index, inputs, task, memory);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
-    fn run_avx2(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
-        self.run::<true>(inputs, task, scratch);
+    fn run_avx2(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
+        self.run::<true>(index, inputs, task, memory);
     }
 
     #[inline(always)]
-    fn run<const FMA: bool>(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
-        match (&self.network, &mut scratch.0) {
-            (Layout::Double(network), Memory::Double(buffers)) => {
-                run::<f64, 8, FMA>(&self.scaling, network, inputs, task, buffers);
+    fn run<const FMA: bool>(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
+        match (&self.networks, memory) {
+            (Networks::Double(networks), Memory::Double(buffers)) => {
+                run::<f64, 8, FMA>(&networks[index], inputs, task, buffers);
             }
-            (Layout::Single(network), Memory::Single(buffers)) => {
-                run::<f32, 16, FMA>(&self.scaling, network, inputs, task, buffers);
+            (Networks::Single(networks), Memory::Single(buffers)) => {
+                run::<f32, 16, FMA>(&networks[index], inputs, task, buffers);
             }
             _ => panic!("the scratch belongs to another evaluator"),
         }
     }
 }
 
+fn laid_out<T: Real, const WIDTH: usize>(networks: &[ScaledNetwork], activation: Activation) -> Vec<Scaled<T, WIDTH>> {
+    let scaled = |ScaledNetwork { scaling, layers }: &ScaledNetwork| Scaled {
+        scaling: scaling.clone(),
+        network: Network::new(layers, activation),
+    };
+    networks.iter().map(scaled).collect()
+}
+
 #[inline(always)]
 fn run<T: Real, const WIDTH: usize, const FMA: bool>(
-    scaling: &Scaling,
-    network: &Network<T, WIDTH>,
+    scaled: &Scaled<T, WIDTH>,
     inputs: &[f64],
     task: Task,
     buffers: &mut Buffers<T, WIDTH>,
 ) {
-    let Scaling { input_mean, input_scale, output_mean, output_scale } = scaling;
+    let Scaled { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, network } = scaled;
     let standardised = inputs.iter().zip(input_mean).zip(input_scale);
     buffers.load(standardised.map(|((x, mean), scale)| (x - mean) / scale));
     match task {

@@ -1,8 +1,8 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate,
-    Variability,
+    Activation, Bounds, Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, ScaledNetwork,
+    Scaling, Surrogate, Variability,
 };
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
@@ -61,19 +61,40 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         output_mean: vec![0.1, -0.2],
         output_scale: vec![0.8, 6.0],
     };
+    let layers = layers(&[&[3], hidden, &[2]].concat(), &mut uniform_sequence());
+    Surrogate::new(metadata, Model::Network(ScaledNetwork { scaling, layers })).expect("the example is valid")
+}
+
+/// The same with a network for each of four instants, which are not evenly spaced.
+///
+/// # Panics
+/// If a size is zero.
+pub fn series(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
+    let metadata = with_precision(hidden, activation, precision).metadata().clone();
     let mut uniform = uniform_sequence();
-    let sizes: Vec<usize> = [&[3], hidden, &[2]].concat();
-    let layers = sizes
-        .windows(2)
-        .map(|pair| {
-            let (inputs, outputs) = (pair[0], pair[1]);
-            let scale = 1.0 / (inputs as f32).sqrt();
-            let weight = (0..inputs * outputs).map(|_| scale * uniform()).collect();
-            let bias = (0..outputs).map(|_| scale * uniform()).collect();
-            Layer { inputs, outputs, weight, bias }
-        })
-        .collect();
-    Surrogate::new(metadata, scaling, layers).expect("the example is valid")
+    let instants = vec![0.0, 0.5, 0.75, 2.0];
+    let network = |&instant: &f64| ScaledNetwork {
+        scaling: Scaling {
+            input_mean: vec![0.15, 2.5],
+            input_scale: vec![0.03, 1.5],
+            output_mean: vec![0.1 + instant, -0.2],
+            output_scale: vec![0.8, 6.0 - instant],
+        },
+        layers: layers(&[&[2], hidden, &[2]].concat(), &mut uniform),
+    };
+    let networks = instants.iter().map(network).collect();
+    Surrogate::new(metadata, Model::Series { instants, networks }).expect("the example is valid")
+}
+
+fn layers(sizes: &[usize], uniform: &mut impl FnMut() -> f32) -> Vec<Layer> {
+    let layer = |pair: &[usize]| {
+        let (inputs, outputs) = (pair[0], pair[1]);
+        let scale = 1.0 / (inputs as f32).sqrt();
+        let weight = (0..inputs * outputs).map(|_| scale * uniform()).collect();
+        let bias = (0..outputs).map(|_| scale * uniform()).collect();
+        Layer { inputs, outputs, weight, bias }
+    };
+    sizes.windows(2).map(layer).collect()
 }
 
 /// [`surrogate`] with `speed` an input that another component drives.
@@ -81,7 +102,7 @@ pub fn with_input() -> Surrogate {
     let surrogate = surrogate();
     let mut metadata = surrogate.metadata().clone();
     metadata.inputs[1].role = Role::Input;
-    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
+    Surrogate::new(metadata, surrogate.model().clone()).expect("the example is valid")
 }
 
 /// [`surrogate`] with outputs `x` and `y` in metres, and arrays of them: `position` is `[x, y]` and `swapped` `[y, x]`.
@@ -97,7 +118,7 @@ pub fn with_arrays() -> Surrogate {
         outputs: outputs.map(String::from).into(),
     };
     metadata.arrays = vec![array("position", ["x", "y"]), array("swapped", ["y", "x"])];
-    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).expect("the example is valid")
+    Surrogate::new(metadata, surrogate.model().clone()).expect("the example is valid")
 }
 
 /// [`with_arrays`] with the error bounds 0.125 and 0.25.

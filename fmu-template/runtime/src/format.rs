@@ -10,10 +10,14 @@
 //! | `layers.K.bias` | F32 | `[outputs of layer K]` | |
 //! | `output_mean`, `output_scale` | F64 | `[outputs]` | `y = mean + scale * z` |
 //!
+//! That is a single network. A series of networks, one for each instant, has one more tensor, `instants`, F64 of shape
+//! `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the instant, and `inputs` are the
+//! columns other than the time, in order. How outputs are interpolated is said at [`Model::Series`].
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside `"format": 1`. A single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 
-use crate::{Layer, Metadata, Scaling, Surrogate};
+use crate::{Layer, Metadata, Model, ScaledNetwork, Scaling, Surrogate};
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::{collections::HashMap, fmt::Debug};
@@ -140,6 +144,54 @@ pub enum FormatError {
         /// How many.
         count: usize,
     },
+    /// A series in time without a time column.
+    #[error("a network for each instant, but no input is the time")]
+    NoTime,
+    /// A series in time of nothing.
+    #[error("a network for each instant, but no input beside the time")]
+    OnlyTime,
+    /// Instants between which there is nothing to interpolate.
+    #[error("{count} instants, expected at least 2")]
+    FewInstants {
+        /// How many.
+        count: usize,
+    },
+    /// Instants out of order.
+    #[error("tensor `instants`, element {index}: {found} is not above {before}")]
+    NotAscending {
+        /// Position.
+        index: usize,
+        /// The instant before it.
+        before: f64,
+        /// What stands there.
+        found: f64,
+    },
+    /// More or fewer networks than instants.
+    #[error("{found} networks, expected {expected}, one for each instant")]
+    NetworkCount {
+        /// Networks.
+        found: usize,
+        /// Instants.
+        expected: usize,
+    },
+    /// Something about the network of one instant.
+    #[error("instant {instant}: {source}")]
+    OfInstant {
+        /// Counted from 0.
+        instant: usize,
+        /// What is wrong with it.
+        source: Box<FormatError>,
+    },
+    /// Networks of different sizes.
+    #[error("instant {instant}: layers of sizes {found:?}, expected {expected:?} as at the first instant")]
+    LayerSizes {
+        /// Counted from 0.
+        instant: usize,
+        /// Its layers' sizes.
+        found: Vec<usize>,
+        /// Those of the first instant.
+        expected: Vec<usize>,
+    },
     /// An array of fewer than two outputs.
     #[error("array `{array}` has {count} elements, expected at least 2")]
     ShortArray {
@@ -234,23 +286,14 @@ impl Surrogate {
     pub fn to_bytes(&self) -> Result<Vec<u8>, FormatError> {
         let header = HeaderOut { format: FORMAT, metadata: self.metadata() };
         let text = serde_json::to_string(&header).map_err(FormatError::Metadata)?;
-        let mut tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = Vec::new();
-        let scaling = self.scaling();
-        for (name, column) in [
-            ("input_mean", &scaling.input_mean),
-            ("input_scale", &scaling.input_scale),
-            ("output_mean", &scaling.output_mean),
-            ("output_scale", &scaling.output_scale),
-        ] {
-            let bytes = column.iter().flat_map(|value| value.to_le_bytes()).collect();
-            tensors.push((name.into(), Dtype::F64, vec![column.len()], bytes));
-        }
-        for (index, layer) in self.layers().iter().enumerate() {
-            let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect();
-            let shape = vec![layer.outputs, layer.inputs];
-            tensors.push((format!("layers.{index}.weight"), Dtype::F32, shape, bytes(&layer.weight)));
-            tensors.push((format!("layers.{index}.bias"), Dtype::F32, vec![layer.outputs], bytes(&layer.bias)));
-        }
+        let tensors = match self.model() {
+            Model::Network(network) => stacked(std::slice::from_ref(network), None),
+            Model::Series { instants, networks } => {
+                let mut tensors = stacked(networks, Some(networks.len()));
+                tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
+                tensors
+            }
+        };
         let views: Vec<(&str, TensorView)> = tensors
             .iter()
             .map(|(name, dtype, shape, bytes)| Ok((name.as_str(), TensorView::new(*dtype, shape.clone(), bytes)?)))
@@ -271,32 +314,99 @@ impl Surrogate {
         let mut tensors: HashMap<String, TensorView> =
             SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
 
-        let mut column = |name: &str| -> Result<Vec<f64>, FormatError> {
-            let view = take(&mut tensors, name, Dtype::F64, 1)?;
-            Ok(elements(view.data(), f64::from_le_bytes))
+        let model = if tensors.contains_key("instants") {
+            let instants = elements(take(&mut tensors, "instants", Dtype::F64, 1)?.data(), f64::from_le_bytes);
+            let networks = unstacked(&mut tensors, Some(instants.len()))?;
+            Model::Series { instants, networks }
+        } else {
+            Model::Network(unstacked(&mut tensors, None)?.remove(0))
         };
-        let scaling = Scaling {
-            input_mean: column("input_mean")?,
-            input_scale: column("input_scale")?,
-            output_mean: column("output_mean")?,
-            output_scale: column("output_scale")?,
-        };
-        let mut layers = Vec::new();
-        while layers.is_empty() || tensors.contains_key(&format!("layers.{}.weight", layers.len())) {
-            let weight = take(&mut tensors, &format!("layers.{}.weight", layers.len()), Dtype::F32, 2)?;
-            let bias = take(&mut tensors, &format!("layers.{}.bias", layers.len()), Dtype::F32, 1)?;
-            layers.push(Layer {
-                outputs: weight.shape()[0],
-                inputs: weight.shape()[1],
-                weight: elements(weight.data(), f32::from_le_bytes),
-                bias: elements(bias.data(), f32::from_le_bytes),
-            });
-        }
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });
         }
-        Self::new(metadata, scaling, layers)
+        Self::new(metadata, model)
     }
+}
+
+/// Name, type, shape and content.
+type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
+
+type Column = fn(&Scaling) -> &Vec<f64>;
+
+/// Each tensor of all networks as one, with `leading` as its first dimension if there is one.
+fn stacked(networks: &[ScaledNetwork], leading: Option<usize>) -> Vec<Tensor> {
+    let shape = |own: &[usize]| leading.into_iter().chain(own.iter().copied()).collect::<Vec<usize>>();
+    let columns: [(&str, Column); 4] = [
+        ("input_mean", |scaling| &scaling.input_mean),
+        ("input_scale", |scaling| &scaling.input_scale),
+        ("output_mean", |scaling| &scaling.output_mean),
+        ("output_scale", |scaling| &scaling.output_scale),
+    ];
+    let mut tensors = Vec::new();
+    for (name, column) in columns {
+        let content = networks.iter().flat_map(|network| bytes(column(&network.scaling), f64::to_le_bytes)).collect();
+        tensors.push((name.into(), Dtype::F64, shape(&[column(&networks[0].scaling).len()]), content));
+    }
+    for (index, Layer { inputs, outputs, .. }) in networks[0].layers.iter().enumerate() {
+        let all = |values: fn(&Layer) -> &Vec<f32>| {
+            networks.iter().flat_map(|network| bytes(values(&network.layers[index]), f32::to_le_bytes)).collect()
+        };
+        let (weight, bias) = (format!("layers.{index}.weight"), format!("layers.{index}.bias"));
+        tensors.push((weight, Dtype::F32, shape(&[*outputs, *inputs]), all(|layer| &layer.weight)));
+        tensors.push((bias, Dtype::F32, shape(&[*outputs]), all(|layer| &layer.bias)));
+    }
+    tensors
+}
+
+/// The networks of such tensors: `leading` of them, or one if there is no such dimension.
+fn unstacked(
+    tensors: &mut HashMap<String, TensorView>,
+    leading: Option<usize>,
+) -> Result<Vec<ScaledNetwork>, FormatError> {
+    let mut of_all = |name: &str, dtype, dimensions| {
+        let view = take(tensors, name, dtype, dimensions + usize::from(leading.is_some()))?;
+        match leading {
+            Some(count) if view.shape()[0] != count => {
+                let expected = [&[count], &view.shape()[1..]].concat();
+                Err(FormatError::Shape { name: name.into(), found: view.shape().to_vec(), expected })
+            }
+            _ => Ok(view),
+        }
+    };
+    let columns = ["input_mean", "input_scale", "output_mean", "output_scale"].map(|name| of_all(name, Dtype::F64, 1));
+    let [input_mean, input_scale, output_mean, output_scale] = columns;
+    let columns = [input_mean?, input_scale?, output_mean?, output_scale?];
+    let mut layers = Vec::new();
+    loop {
+        let weight = of_all(&format!("layers.{}.weight", layers.len()), Dtype::F32, 2);
+        match weight {
+            Err(FormatError::MissingTensor { .. }) if !layers.is_empty() => break,
+            weight => layers.push((weight?, of_all(&format!("layers.{}.bias", layers.len()), Dtype::F32, 1)?)),
+        }
+    }
+    let count = leading.unwrap_or(1);
+    let network = |index: usize| {
+        let [input_mean, input_scale, output_mean, output_scale] =
+            columns.each_ref().map(|view| elements(part(view, index, count), f64::from_le_bytes));
+        let layer = |(weight, bias): &(TensorView, TensorView)| {
+            let [.., outputs, inputs] = *weight.shape() else { unreachable!("its dimensions were counted") };
+            let weight = elements(part(weight, index, count), f32::from_le_bytes);
+            Layer { inputs, outputs, weight, bias: elements(part(bias, index, count), f32::from_le_bytes) }
+        };
+        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        ScaledNetwork { scaling, layers: layers.iter().map(layer).collect() }
+    };
+    Ok((0..count).map(network).collect())
+}
+
+/// Part `index` of `count` equal ones.
+fn part<'a>(view: &'a TensorView, index: usize, count: usize) -> &'a [u8] {
+    let length = view.data().len() / count;
+    &view.data()[index * length..][..length]
+}
+
+fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
+    values.iter().flat_map(|&value| to(value)).collect()
 }
 
 /// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.

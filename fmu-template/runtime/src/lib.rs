@@ -1,6 +1,6 @@
 //! What the metafmu tool and every FMU it writes share.
 //!
-//! - [`Surrogate`]: the variables, scaling and network of a surrogate, as they stand in the model file.
+//! - [`Surrogate`]: the variables and the [`Model`] of a surrogate, as they stand in the model file.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
 //! - [`Evaluator`]: the surrogate prepared for evaluation, with exact derivatives.
 //! - [`Domain`]: the ranges the surrogate was trained in.
@@ -29,6 +29,7 @@ pub mod extra;
 pub mod format;
 mod layers;
 mod network;
+mod series;
 mod simd;
 mod surrogate;
 
@@ -38,5 +39,6 @@ pub use domain::{Domain, TOLERANCE};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;
 pub use surrogate::{
-    Input, Layer, Metadata, Output, OutputArray, Precision, Provenance, Role, Scaling, Surrogate, Variability,
+    Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Surrogate,
+    Variability,
 };

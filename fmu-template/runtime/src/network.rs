@@ -1,7 +1,7 @@
 //! The network between standardised inputs and standardised outputs, in either precision.
 
 use crate::{
-    Activation, Surrogate, activation,
+    Activation, Layer, activation,
     layers::{Dense, Order, Rows},
     simd::{Lanes, Real, flat, flat_mut, flush},
 };
@@ -78,11 +78,11 @@ impl<T: Real, const WIDTH: usize> Buffers<T, WIDTH> {
 
 impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     /// # Panics
-    /// Never: a surrogate has at least one layer.
-    pub(crate) fn new(surrogate: &Surrogate) -> Self {
-        let (last, hidden) = surrogate.layers().split_last().expect("a surrogate has at least one layer");
+    /// If there is no layer; a surrogate's networks have at least one.
+    pub(crate) fn new(layers: &[Layer], activation: Activation) -> Self {
+        let (last, hidden) = layers.split_last().expect("a network has at least one layer");
         let hidden = hidden.iter().map(Dense::new).collect();
-        Self { activation: surrogate.metadata().activation, hidden, last: Rows::new(last) }
+        Self { activation, hidden, last: Rows::new(last) }
     }
 
     pub(crate) fn buffers(&self, inputs: usize) -> Buffers<T, WIDTH> {

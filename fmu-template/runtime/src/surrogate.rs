@@ -11,20 +11,44 @@ use std::{
     fmt::Write,
 };
 
-/// A feed-forward network with everything needed to use it: which variable each column is, in what unit, over
-/// what range it was trained, and how columns are scaled.
-///
-/// With standardised inputs `z = (x - input_mean) / input_scale`, hidden layers `h = act(W h + b)` and a linear last
-/// layer, the outputs are `y = output_mean + output_scale * (W h + b)`.
+/// A model with everything needed to use it: which variable each column is, in what unit, and over what range it was
+/// trained.
 ///
 /// A value of this type has been validated: shapes fit, every number is finite, names are unique, ranges are not empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surrogate {
     metadata: Metadata,
-    scaling: Scaling,
-    layers: Vec<Layer>,
+    model: Model,
     /// Output columns of each array, in the order of its elements; made from the metadata.
     array_columns: Vec<Vec<usize>>,
+}
+
+/// What computes a surrogate's outputs from its inputs.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Model {
+    /// One network; the time, if it is an input, is a column like the others.
+    Network(ScaledNetwork),
+    /// A network for each of some instants `t_0 < ... < t_N`, whose inputs are the columns other than the time. Between
+    /// two instants the outputs are interpolated linearly in time, `y = (1 - w) y_k + w y_(k+1)` with
+    /// `w = (t - t_k) / (t_(k+1) - t_k)`; before the first and after the last one they do not depend on the time.
+    Series {
+        /// `t_0, ..., t_N` in seconds, at least two.
+        instants: Vec<f64>,
+        /// One an instant, all with layers of the same sizes.
+        networks: Vec<ScaledNetwork>,
+    },
+}
+
+/// A feed-forward network and the scaling of its columns.
+///
+/// With standardised inputs `z = (x - input_mean) / input_scale`, hidden layers `h = act(W h + b)` and a linear last
+/// layer, the outputs are `y = output_mean + output_scale * (W h + b)`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScaledNetwork {
+    /// Scaling of inputs and outputs.
+    pub scaling: Scaling,
+    /// The layers, first to last.
+    pub layers: Vec<Layer>,
 }
 
 /// The descriptive part of a [`Surrogate`], kept as JSON in the model file's metadata.
@@ -201,24 +225,14 @@ impl Surrogate {
     ///
     /// # Errors
     /// The first [`FormatError`] that says how the parts do not fit each other.
-    pub fn new(metadata: Metadata, scaling: Scaling, layers: Vec<Layer>) -> Result<Self, FormatError> {
+    pub fn new(metadata: Metadata, model: Model) -> Result<Self, FormatError> {
         validate_metadata(&metadata)?;
         let array_columns = array_columns(&metadata)?;
-        let (inputs, outputs) = (metadata.inputs.len(), metadata.outputs.len());
-        for (name, column, expected) in [
-            ("input_mean", &scaling.input_mean, inputs),
-            ("input_scale", &scaling.input_scale, inputs),
-            ("output_mean", &scaling.output_mean, outputs),
-            ("output_scale", &scaling.output_scale, outputs),
-        ] {
-            expect_shape(name, &[column.len()], &[expected])?;
-            expect_finite(name, column.iter().copied())?;
-            if name.ends_with("scale") {
-                expect_positive(name, column)?;
-            }
+        match &model {
+            Model::Network(network) => validate_network(network, metadata.inputs.len(), metadata.outputs.len())?,
+            Model::Series { instants, networks } => validate_series(instants, networks, &metadata)?,
         }
-        validate_layers(&layers, inputs, outputs)?;
-        Ok(Self { metadata, scaling, layers, array_columns })
+        Ok(Self { metadata, model, array_columns })
     }
 
     /// Name, variables, provenance.
@@ -251,14 +265,17 @@ impl Surrogate {
         self.inputs().iter().position(|input| input.role == Role::Time)
     }
 
-    /// Scaling of inputs and outputs.
-    pub fn scaling(&self) -> &Scaling {
-        &self.scaling
+    /// What computes the outputs.
+    pub fn model(&self) -> &Model {
+        &self.model
     }
 
-    /// The layers, first to last.
-    pub fn layers(&self) -> &[Layer] {
-        &self.layers
+    /// The network, if it is a single one.
+    pub fn network(&self) -> Option<&ScaledNetwork> {
+        match &self.model {
+            Model::Network(network) => Some(network),
+            Model::Series { .. } => None,
+        }
     }
 
     /// FMI value reference of output `index`. An input column's value reference is its position; outputs follow.
@@ -340,7 +357,7 @@ impl Surrogate {
     /// [`FormatError::BoundCount`] or [`FormatError::Bound`] if the bounds do not fit the outputs.
     pub fn with_bounds(mut self, bounds: Bounds) -> Result<Self, FormatError> {
         self.metadata.bounds = Some(bounds);
-        Self::new(self.metadata, self.scaling, self.layers)
+        Self::new(self.metadata, self.model)
     }
 
     /// The same surrogate with another content digest.
@@ -349,7 +366,7 @@ impl Surrogate {
     /// [`FormatError::Digest`] if it is not 64 hexadecimal digits.
     pub fn with_content_digest(mut self, digest: String) -> Result<Self, FormatError> {
         self.metadata.provenance.content_digest = digest;
-        Self::new(self.metadata, self.scaling, self.layers)
+        Self::new(self.metadata, self.model)
     }
 }
 
@@ -436,6 +453,57 @@ fn columns_of(
         }
     }
     Ok(columns)
+}
+
+fn validate_network(network: &ScaledNetwork, inputs: usize, outputs: usize) -> Result<(), FormatError> {
+    let ScaledNetwork { scaling, layers } = network;
+    for (name, column, expected) in [
+        ("input_mean", &scaling.input_mean, inputs),
+        ("input_scale", &scaling.input_scale, inputs),
+        ("output_mean", &scaling.output_mean, outputs),
+        ("output_scale", &scaling.output_scale, outputs),
+    ] {
+        expect_shape(name, &[column.len()], &[expected])?;
+        expect_finite(name, column.iter().copied())?;
+        if name.ends_with("scale") {
+            expect_positive(name, column)?;
+        }
+    }
+    validate_layers(layers, inputs, outputs)
+}
+
+fn validate_series(instants: &[f64], networks: &[ScaledNetwork], metadata: &Metadata) -> Result<(), FormatError> {
+    let columns = metadata.inputs.iter().filter(|input| input.role != Role::Time).count();
+    if columns == metadata.inputs.len() {
+        return Err(FormatError::NoTime);
+    }
+    if columns == 0 {
+        return Err(FormatError::OnlyTime);
+    }
+    if instants.len() < 2 {
+        return Err(FormatError::FewInstants { count: instants.len() });
+    }
+    expect_finite("instants", instants.iter().copied())?;
+    if let Some(index) = instants.windows(2).position(|pair| pair[0] >= pair[1]) {
+        return Err(FormatError::NotAscending {
+            index: index + 1,
+            before: instants[index],
+            found: instants[index + 1],
+        });
+    }
+    if networks.len() != instants.len() {
+        return Err(FormatError::NetworkCount { found: networks.len(), expected: instants.len() });
+    }
+    let sizes = |network: &ScaledNetwork| network.layers.iter().map(|layer| layer.outputs).collect::<Vec<_>>();
+    for (instant, network) in networks.iter().enumerate() {
+        let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
+        validate_network(network, columns, metadata.outputs.len()).map_err(problem)?;
+        let (found, expected) = (sizes(network), sizes(&networks[0]));
+        if found != expected {
+            return Err(FormatError::LayerSizes { instant, found, expected });
+        }
+    }
+    Ok(())
 }
 
 fn validate_layers(layers: &[Layer], inputs: usize, outputs: usize) -> Result<(), FormatError> {

@@ -1,6 +1,6 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
-use metafmu_runtime::{Activation, Input, Layer, Metadata, Role, Scaling, Surrogate, Variability};
+use metafmu_runtime::{Activation, Input, Layer, Metadata, Role, ScaledNetwork, Scaling, Surrogate, Variability};
 use std::fmt::Write;
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
@@ -63,8 +63,8 @@ fn padded(count: usize) -> usize {
 }
 
 /// `model_data.h`
-pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
-    let (last, hidden) = split(surrogate);
+pub fn header(surrogate: &Surrogate, network: &ScaledNetwork, identifier: &str) -> String {
+    let (last, hidden) = split(network);
     let hidden: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
     let columns = surrogate.inputs().len();
     let width = hidden.iter().copied().fold(padded(columns), usize::max);
@@ -118,7 +118,7 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
 }
 
 /// `model_data.c`
-pub fn source(surrogate: &Surrogate) -> String {
+pub fn source(surrogate: &Surrogate, network: &ScaledNetwork) -> String {
     let Metadata { name, inputs, outputs, provenance, time_step, .. } = surrogate.metadata();
     let description =
         format!("surrogate `{name}` of {}, {} inputs, {} outputs", provenance.tool, inputs.len(), outputs.len());
@@ -129,8 +129,8 @@ pub fn source(surrogate: &Surrogate) -> String {
         string(&description),
         real(*time_step),
     );
-    columns(&mut text, surrogate);
-    let (last, hidden) = split(surrogate);
+    columns(&mut text, surrogate, &network.scaling);
+    let (last, hidden) = split(network);
     for (index, layer) in hidden.iter().enumerate() {
         array(&mut text, &format!("static const double weights_{index}"), &in_blocks(layer));
         array(&mut text, &format!("static const double bias_{index}"), &padded_to_block(&layer.bias));
@@ -152,8 +152,8 @@ pub fn source(surrogate: &Surrogate) -> String {
     text
 }
 
-fn columns(text: &mut String, surrogate: &Surrogate) {
-    let Scaling { input_mean, input_scale, output_mean, output_scale } = surrogate.scaling();
+fn columns(text: &mut String, surrogate: &Surrogate, scaling: &Scaling) {
+    let Scaling { input_mean, input_scale, output_mean, output_scale } = scaling;
     text.push_str("\nconst Column model_columns[COLUMN_COUNT] = {\n");
     for ((input, &mean), &scale) in surrogate.inputs().iter().zip(input_mean).zip(input_scale) {
         let Input { name, min, max, start, .. } = input;
@@ -184,9 +184,8 @@ fn role(role: Role) -> &'static str {
     }
 }
 
-/// The last layer and those before it; a surrogate has at least one layer.
-fn split(surrogate: &Surrogate) -> (&Layer, &[Layer]) {
-    let layers = surrogate.layers();
+/// The last layer and those before it; a network has at least one layer.
+fn split(ScaledNetwork { layers, .. }: &ScaledNetwork) -> (&Layer, &[Layer]) {
     (&layers[layers.len() - 1], &layers[..layers.len() - 1])
 }
 

@@ -17,6 +17,7 @@
 mod data;
 
 use super::FmiVersion;
+use crate::{Error, Result};
 use metafmu_runtime::Surrogate;
 
 /// Folder of the archive that holds the files.
@@ -50,16 +51,20 @@ const FMI3: [(&str, &str); 3] = [
 /// same surrogate always gives the same bytes.
 ///
 /// `identifier` is the model identifier of the FMU.
-pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Vec<(String, Vec<u8>)> {
+///
+/// # Errors
+/// [`Error::NoSources`] if the surrogate is no single network.
+pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
+    let network = surrogate.network().ok_or(Error::NoSources)?;
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
-    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, identifier).into_bytes()));
-    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, network, identifier).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate, network).into_bytes()));
     if version == FmiVersion::V3 {
         files.push((format!("{FOLDER}/buildDescription.xml"), build_description(identifier).into_bytes()));
     }
     files.sort();
-    files
+    Ok(files)
 }
 
 /// Names of the files that are compiled, relative to the `sources/` folder, sorted: the `SourceFiles` of FMI 2.0.

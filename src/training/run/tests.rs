@@ -4,7 +4,6 @@ use crate::{
     study::{NetworkOptions, Optimizer, Schedule},
     training::{gradient::Gradients, team::Team},
 };
-use metafmu_runtime::Activation;
 use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
 
@@ -19,7 +18,7 @@ fn smooth(first: usize, rows: usize) -> Rows {
 }
 
 fn network(hidden: &[usize]) -> Network {
-    Network::new(2, 2, &NetworkOptions { hidden: hidden.into(), activation: Activation::Tanh }, 3).unwrap()
+    Network::new(2, 2, &NetworkOptions { hidden: hidden.into(), ..NetworkOptions::default() }, 3).unwrap()
 }
 
 fn options(epochs: usize, batch: usize) -> TrainingOptions {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Activation, Layer, example};
+use crate::{Activation, example};
 use extended::Extended;
 
 mod extended;
@@ -17,7 +17,7 @@ const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0
 
 /// The textbook formulas, one scalar at a time.
 fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
-    let scaling = surrogate.scaling();
+    let ScaledNetwork { scaling, layers } = surrogate.network().unwrap();
     let act = |x: f64| match surrogate.metadata().activation {
         Activation::Tanh => x.tanh(),
         Activation::Sigmoid => 1.0 / (1.0 + (-x).exp()),
@@ -29,8 +29,8 @@ fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
     };
     let mut h: Vec<f64> =
         (0..inputs.len()).map(|i| (inputs[i] - scaling.input_mean[i]) / scaling.input_scale[i]).collect();
-    for (index, layer) in surrogate.layers().iter().enumerate() {
-        let last = index + 1 == surrogate.layers().len();
+    for (index, layer) in layers.iter().enumerate() {
+        let last = index + 1 == layers.len();
         h = (0..layer.outputs)
             .map(|o| {
                 let row = &layer.weight[o * layer.inputs..][..layer.inputs];
@@ -127,7 +127,13 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Activation::Silu => x * sigmoid(x),
         Activation::Sine => x.sin(),
     };
-    let Scaling { input_mean, input_scale, output_mean, output_scale } = surrogate.scaling();
+    let network = match surrogate.model() {
+        Model::Network(network) => network,
+        Model::Series { instants, networks } => {
+            return series_on_curve(surrogate, instants, networks, inputs, rates, h);
+        }
+    };
+    let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
     let mut values: Vec<Extended> = (0..inputs.len())
         .map(|i| {
@@ -135,8 +141,8 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
             (x - exact(input_mean[i])) / exact(input_scale[i])
         })
         .collect();
-    for (index, layer) in surrogate.layers().iter().enumerate() {
-        let last = index + 1 == surrogate.layers().len();
+    for (index, layer) in layers.iter().enumerate() {
+        let last = index + 1 == layers.len();
         let row = |o: usize| {
             let weights = layer.weight[o * layer.inputs..][..layer.inputs].iter();
             let terms = weights.zip(&values).map(|(&w, &x)| exact(w.into()) * x);
@@ -147,6 +153,30 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
     }
     let scaled = values.iter().zip(output_mean).zip(output_scale);
     scaled.map(|((&y, &mean), &scale)| exact(mean) + exact(scale) * y).collect()
+}
+
+/// The same between the networks of two instants.
+fn series_on_curve(
+    surrogate: &Surrogate,
+    instants: &[f64],
+    networks: &[ScaledNetwork],
+    inputs: &[f64],
+    rates: [&[f64]; 2],
+    h: f64,
+) -> Vec<Extended> {
+    let exact = Extended::from;
+    // the interval does not change on the way: it is that of the point, which must not be an instant
+    let right = instants.iter().position(|&instant| inputs[2] < instant).unwrap();
+    let mut metadata = surrogate.metadata().clone();
+    metadata.inputs.truncate(2);
+    let [left, right] = [right - 1, right].map(|index| {
+        let network = Surrogate::new(metadata.clone(), Model::Network(networks[index].clone())).unwrap();
+        let rates = rates.map(|rates| &rates[..2]);
+        (exact(instants[index]), on_curve(&network, &inputs[..2], rates, h))
+    });
+    let time = exact(inputs[2]) + exact(h) * exact(rates[0][2]) + exact(h * h * 0.5) * exact(rates[1][2]);
+    let weight = (time - left.0) / (right.0 - left.0);
+    left.1.iter().zip(&right.1).map(|(&left, &right)| left + weight * (right - left)).collect()
 }
 
 /// First and second derivative by central differences in twice double precision: exact to about 1e-12.
@@ -173,32 +203,86 @@ const SHAPES: [&[usize]; 5] = [&[], &[1], &[7, 33], &[128, 128], &[64, 64, 64]];
 
 #[test]
 fn derivatives_agree_with_differences_in_higher_precision() {
-    let rates: [&[f64]; 2] = [&[0.02, -1.3, 0.7], &[0.05, 0.9, -0.4]];
     for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
-        let surrogate = example::with_network(hidden, activation);
-        let mut evaluator = Evaluator::new(&surrogate);
-        let mut scratch = evaluator.scratch();
-        for (inputs, simd) in POINTS.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
-            let what = format!("{activation:?} {hidden:?} {inputs:?} {simd:?}");
-            evaluator.simd = simd;
-            let [first, second] = differences(&surrogate, inputs, rates);
-            let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
-            evaluator.directional(inputs, rates[0], &mut directional, &mut scratch);
-            assert_close(&directional, &first, 1e-9, &what);
-            evaluator.along_curve(inputs, rates, [&mut once, &mut twice], &mut scratch);
-            assert_eq!(once, directional, "{what}");
-            assert_close(&twice, &second, 1e-9, &what);
-            let weights = [0.6, -0.03];
-            let mut gradient = [0.0; 3];
-            evaluator.adjoint(inputs, &weights, &mut gradient, &mut scratch);
-            let expected = [0, 1, 2].map(|column| {
-                let mut unit = [0.0; 3];
-                unit[column] = 1.0;
-                let [first, _] = differences(&surrogate, inputs, [&unit, &[0.0; 3]]);
-                weights[0] * first[0] + weights[1] * first[1]
-            });
-            assert_close(&gradient, &expected, 1e-9, &what);
+        check_derivatives(&example::with_network(hidden, activation), &POINTS);
+    }
+}
+
+#[test]
+fn derivatives_of_a_series_agree_with_differences_in_higher_precision() {
+    let points = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.01], [0.2, 5.0, 0.7]];
+    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+        check_derivatives(&example::series(hidden, activation, Precision::Double), &points);
+    }
+}
+
+fn check_derivatives(surrogate: &Surrogate, points: &[[f64; 3]]) {
+    let rates: [&[f64]; 2] = [&[0.02, -1.3, 0.7], &[0.05, 0.9, -0.4]];
+    let mut evaluator = Evaluator::new(surrogate);
+    let mut scratch = evaluator.scratch();
+    for (inputs, simd) in points.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
+        let what = format!("{:?} {inputs:?} {simd:?}", surrogate.metadata().activation);
+        evaluator.simd = simd;
+        let [first, second] = differences(surrogate, inputs, rates);
+        let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
+        evaluator.directional(inputs, rates[0], &mut directional, &mut scratch);
+        assert_close(&directional, &first, 1e-9, &what);
+        evaluator.along_curve(inputs, rates, [&mut once, &mut twice], &mut scratch);
+        assert_eq!(once, directional, "{what}");
+        assert_close(&twice, &second, 1e-9, &what);
+        let weights = [0.6, -0.03];
+        let mut gradient = [0.0; 3];
+        evaluator.adjoint(inputs, &weights, &mut gradient, &mut scratch);
+        let expected = [0, 1, 2].map(|column| {
+            let mut unit = [0.0; 3];
+            unit[column] = 1.0;
+            let [first, _] = differences(surrogate, inputs, [&unit, &[0.0; 3]]);
+            weights[0] * first[0] + weights[1] * first[1]
+        });
+        assert_close(&gradient, &expected, 1e-9, &what);
+    }
+}
+
+/// Outputs and their slopes in time.
+fn at(surrogate: &Surrogate, time: f64) -> [[f64; 2]; 2] {
+    let evaluator = Evaluator::new(surrogate);
+    let (mut scratch, mut outputs, mut slopes) = (evaluator.scratch(), [0.0; 2], [0.0; 2]);
+    evaluator.evaluate(&[0.15, 0.3, time], &mut outputs, &mut scratch);
+    evaluator.directional(&[0.15, 0.3, time], &[0.0, 0.0, 1.0], &mut slopes, &mut scratch);
+    [outputs, slopes]
+}
+
+#[test]
+fn a_series_is_its_networks_at_the_instants_and_a_straight_line_between_them() {
+    for precision in [Precision::Double, Precision::Single] {
+        let series = example::series(&[7, 33], Activation::Tanh, precision);
+        let Model::Series { instants, networks } = series.model() else { unreachable!("it is a series") };
+        let mut metadata = series.metadata().clone();
+        metadata.inputs.truncate(2);
+        let of_network = |network: &ScaledNetwork| {
+            let alone = Surrogate::new(metadata.clone(), Model::Network(network.clone())).unwrap();
+            let (evaluator, mut outputs) = (Evaluator::new(&alone), [0.0; 2]);
+            evaluator.evaluate(&[0.15, 0.3], &mut outputs, &mut evaluator.scratch());
+            outputs
+        };
+        let expected: Vec<[f64; 2]> = networks.iter().map(of_network).collect();
+        for (&instant, expected) in instants.iter().zip(&expected) {
+            assert_eq!(at(&series, instant)[0], *expected, "{instant}");
         }
+        for left in 0..instants.len() - 1 {
+            let [begin, end] = [instants[left], instants[left + 1]];
+            let [outputs, slopes] = at(&series, begin + 0.25 * (end - begin));
+            for output in 0..2 {
+                let [from, to] = [expected[left][output], expected[left + 1][output]];
+                assert!((outputs[output] - (0.75 * from + 0.25 * to)).abs() < 1e-14);
+                assert!((slopes[output] - (to - from) / (end - begin)).abs() < 1e-13);
+            }
+        }
+        for (time, end) in [(-3.0, 0), (2.5, 3)] {
+            assert_eq!(at(&series, time), [expected[end], [0.0; 2]], "{time}");
+        }
+        assert!(at(&series, f64::NAN)[0][0].is_nan());
+        assert!(at(&series, 1.0)[0][0].is_finite());
     }
 }
 
@@ -250,10 +334,10 @@ fn single_precision_agrees_with_double_precision_to_its_own() {
 /// The example with its first layer's weights and biases multiplied by `factor`.
 fn scaled(factor: f32, activation: Activation, precision: Precision) -> Surrogate {
     let surrogate = example::with_precision(&[32, 32], activation, precision);
-    let mut layers: Vec<Layer> = surrogate.layers().to_vec();
-    let [first, ..] = &mut layers[..] else { unreachable!("it has layers") };
+    let mut network = surrogate.network().unwrap().clone();
+    let [first, ..] = &mut network.layers[..] else { unreachable!("it has layers") };
     first.weight.iter_mut().chain(&mut first.bias).for_each(|w| *w *= factor);
-    Surrogate::new(surrogate.metadata().clone(), surrogate.scaling().clone(), layers).unwrap()
+    Surrogate::new(surrogate.metadata().clone(), Model::Network(network)).unwrap()
 }
 
 #[test]
@@ -262,9 +346,9 @@ fn no_hidden_value_is_ever_denormal() {
     for (factor, precision) in [(1e-40, Precision::Single), (1e-30, Precision::Single), (1e-40, Precision::Double)] {
         for activation in ACTIVATIONS {
             let mut surrogate = scaled(factor, activation, precision);
-            let mut scaling = surrogate.scaling().clone();
-            scaling.input_mean.fill(0.0);
-            surrogate = Surrogate::new(surrogate.metadata().clone(), scaling, surrogate.layers().to_vec()).unwrap();
+            let mut network = surrogate.network().unwrap().clone();
+            network.scaling.input_mean.fill(0.0);
+            surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Network(network)).unwrap();
             let evaluator = Evaluator::new(&surrogate);
             let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
             for inputs in [[0.15, 0.3, 1.0], [1e-300, -1e-305, 1e-310], [1e-20, 1e-25, -1e-30], [1e30, -1e30, 1e20]] {
@@ -274,7 +358,7 @@ fn no_hidden_value_is_ever_denormal() {
                     Precision::Double => x.is_subnormal(),
                     Precision::Single => (x as f32).is_subnormal(),
                 };
-                let hidden: Vec<f64> = match &scratch.0 {
+                let hidden: Vec<f64> = match &scratch.memory {
                     Memory::Double(buffers) => buffers.hidden().collect(),
                     Memory::Single(buffers) => buffers.hidden().collect(),
                 };

@@ -4,8 +4,9 @@ use crate::{Activation, Bounds, Precision, Role, Variability, example};
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
     let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
+    let series = example::series(&[7, 3], Activation::Tanh, Precision::Double);
     for surrogate in
-        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single]
+        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single, series]
     {
         let bytes = surrogate.to_bytes().unwrap();
         let again = Surrogate::from_bytes(&bytes).unwrap();
@@ -66,7 +67,7 @@ fn changed(change: impl FnOnce(&mut Metadata)) -> Result<Surrogate, FormatError>
     let surrogate = example::with_arrays();
     let mut metadata = surrogate.metadata().clone();
     change(&mut metadata);
-    Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec())
+    Surrogate::new(metadata, surrogate.model().clone())
 }
 
 #[test]
@@ -160,7 +161,12 @@ fn read(bytes: &[u8]) -> bool {
 
 #[test]
 fn no_damage_to_a_file_makes_reading_it_panic() {
-    let bytes = example::with_arrays().to_bytes().unwrap();
+    no_damage_panics(&example::with_arrays());
+    no_damage_panics(&example::series(&[3], Activation::Tanh, Precision::Double));
+}
+
+fn no_damage_panics(surrogate: &Surrogate) {
+    let bytes = surrogate.to_bytes().unwrap();
     for length in 0..bytes.len() {
         assert!(!read(&bytes[..length]), "cut to {length} bytes");
     }
@@ -216,10 +222,10 @@ fn rebuilt(header: &str, data: &[u8]) -> FormatError {
 /// The error of the example's parts after a change of them.
 fn assembled(change: impl Fn(&mut Metadata, &mut Scaling, &mut Vec<Layer>)) -> FormatError {
     let surrogate = example::surrogate();
-    let (mut metadata, mut scaling) = (surrogate.metadata().clone(), surrogate.scaling().clone());
-    let mut layers = surrogate.layers().to_vec();
+    let mut metadata = surrogate.metadata().clone();
+    let ScaledNetwork { mut scaling, mut layers } = surrogate.network().unwrap().clone();
     change(&mut metadata, &mut scaling, &mut layers);
-    Surrogate::new(metadata, scaling, layers).unwrap_err()
+    Surrogate::new(metadata, Model::Network(ScaledNetwork { scaling, layers })).unwrap_err()
 }
 
 #[test]
@@ -229,7 +235,7 @@ fn a_file_reads_back_as_the_same_surrogate_and_writes_the_same_bytes() {
     // numbers whose shortest decimals a careless reader gets wrong in the last bit
     metadata.outputs[0].min = -113.09733552923255;
     metadata.outputs[1].max = 9.869604401089358e22;
-    surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
+    surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
     let bytes = surrogate.to_bytes().unwrap();
     let again = Surrogate::from_bytes(&bytes).unwrap();
     assert_eq!(again, surrogate);
@@ -313,4 +319,84 @@ fn variables_that_cannot_be_are_named() {
     assert!(matches!(error, FormatError::TimeStep { .. }));
     let error = assembled(|metadata, _, _| metadata.provenance.content_digest = "abc".into());
     assert!(matches!(error, FormatError::Digest { .. }));
+}
+
+fn series() -> Surrogate {
+    example::series(&[5, 3], Activation::Tanh, Precision::Double)
+}
+
+#[test]
+fn a_series_is_a_file_whose_tensors_have_the_instant_in_front() {
+    let bytes = series().to_bytes().unwrap();
+    let file = SafeTensors::deserialize(&bytes).unwrap();
+    for (name, shape) in [
+        ("instants", &[4][..]),
+        ("input_mean", &[4, 2]),
+        ("layers.0.weight", &[4, 5, 2]),
+        ("layers.1.bias", &[4, 3]),
+        ("layers.2.weight", &[4, 2, 3]),
+        ("output_scale", &[4, 2]),
+    ] {
+        assert_eq!(file.tensor(name).unwrap().shape(), shape, "{name}");
+    }
+    let Model::Series { networks, .. } = series().model().clone() else { unreachable!("it is a series") };
+    let third: Vec<f32> = elements(&file.tensor("layers.1.weight").unwrap().data()[2 * 60..][..60], f32::from_le_bytes);
+    assert_eq!(third, networks[2].layers[1].weight);
+}
+
+/// The error of the example series' file with a changed header.
+fn series_described(from: &str, to: &str) -> String {
+    let bytes = series().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    assert!(header.contains(from), "{from} is not in {header}");
+    rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string()
+}
+
+#[test]
+fn tensors_of_a_series_that_are_missing_or_of_the_wrong_shape_are_named() {
+    // without its instants it is taken for a single network, with a dimension too many
+    let other = series_described("\"instants\":", "\"instance\":");
+    assert_eq!(other, "tensor `input_mean` has shape [4, 2], expected [4]");
+    let count = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[2,10,2]"#);
+    assert_eq!(count, "tensor `layers.0.weight` has shape [2, 10, 2], expected [4, 10, 2]");
+    let dimensions = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[20,2]"#);
+    assert_eq!(dimensions, "tensor `layers.0.weight` has shape [20, 2], expected [20, 2, 1]");
+    let turned = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[4,2,5]"#);
+    assert_eq!(turned, "instant 0: tensor `layers.0.weight` has shape [2, 5], expected [2, 2]");
+    assert_eq!(series_described("layers.2.bias", "layers.2.bius"), "tensor `layers.2.bias` is missing");
+}
+
+#[test]
+fn a_series_that_makes_no_sense_is_refused() {
+    type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Vec<f64>, &mut Vec<ScaledNetwork>);
+    let changes: [(&str, Change); 9] = [
+        ("no input is the time", &|metadata, _, _| {
+            (metadata.inputs[2].role, metadata.inputs[2].name) = (Role::Input, "load".into());
+        }),
+        ("no input beside the time", &|metadata, _, _| drop(metadata.inputs.drain(..2))),
+        ("1 instants, expected at least 2", &|_, instants, _| instants.truncate(1)),
+        ("tensor `instants`, element 2: NaN is not finite", &|_, instants, _| instants[2] = f64::NAN),
+        ("tensor `instants`, element 2: 0.5 is not above 0.5", &|_, instants, _| instants[2] = 0.5),
+        ("3 networks, expected 4, one for each instant", &|_, _, networks| networks.truncate(3)),
+        ("instant 3: tensor `output_scale`, element 1: 0 is not positive", &|_, _, networks| {
+            networks[3].scaling.output_scale[1] = 0.0;
+        }),
+        ("instant 1: tensor `layers.0.bias`, element 4: NaN is not finite", &|_, _, networks| {
+            networks[1].layers[0].bias[4] = f32::NAN;
+        }),
+        ("instant 2: layers of sizes [2], expected [5, 3, 2] as at the first instant", &|_, _, networks| {
+            networks[2].layers = vec![Layer { inputs: 2, outputs: 2, weight: vec![0.0; 4], bias: vec![0.0; 2] }];
+        }),
+    ];
+    for (expected, change) in changes {
+        let surrogate = series();
+        let mut metadata = surrogate.metadata().clone();
+        let Model::Series { mut instants, mut networks } = surrogate.model().clone() else {
+            unreachable!("it is a series")
+        };
+        change(&mut metadata, &mut instants, &mut networks);
+        let message = Surrogate::new(metadata, Model::Series { instants, networks }).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
 }

@@ -268,7 +268,7 @@ fn arrays_stay_where_they_are_when_the_time_is_added() {
     let surrogate = example::with_arrays();
     let mut metadata = surrogate.metadata().clone();
     (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
-    let surrogate = Surrogate::new(metadata, surrogate.scaling().clone(), surrogate.layers().to_vec()).unwrap();
+    let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
     let host = Host::of(&surrogate, Use::Steps);
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     let load = surrogate.inputs()[2].start;

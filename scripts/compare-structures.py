@@ -1,0 +1,244 @@
+#!/usr/bin/env python3
+"""Compares one network of which the time is an input (S_full) with one network for each instant (S_fixed) on the single pendulum.
+
+    .venv/bin/python scripts/compare-structures.py [--epochs-share 0.25] [--out out/structures]
+
+Both structures get the same runs, by two recipes: that of Choi et al. 2021, and ours. Prints the tables of docs/structures.md
+and writes its figure, docs/structures.svg. Needs target/release/metafmu and matplotlib; scripts/venv.sh makes .venv, without the latter. All jobs run one after
+the other; processor seconds are those of the child processes.
+
+Smoothness: the root mean square of the second differences of the prediction's error, e(t-h) - 2 e(t) + e(t+h), over all unseen
+runs, relative to that of the truth. Zero is as smooth as the truth; a prediction whose second differences are pure noise of
+the truth's size has 1.
+"""
+
+import argparse
+import csv
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from safetensors import safe_open
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+OUTPUTS = ["theta", "thetad", "thetadd"]
+PARAMETERS = ["L", "c", "thetad0"]
+# of 0.01 s: the truth between the instants
+FINER = 4
+# the first named test case of Choi et al. 2021
+CASE = (0.1911, 0.055, 3.78)
+SEARCH = """
+[search]
+method = "grid"
+[search.space]
+"network.hidden" = [[64, 64], [128, 128]]
+"training.batch" = [64, 128]
+"""
+PAPER = (ROOT / "examples" / "paper" / "single-pendulum.toml").read_text()
+OURS = (ROOT / "examples" / "single-pendulum.toml").read_text()
+
+
+def replaced(text, **values):
+    """The study with other values of some keys, which it must have."""
+    lines = text.splitlines()
+    for key, value in values.items():
+        places = [index for index, line in enumerate(lines) if line.startswith(f"{key} = ")]
+        assert len(places) == 1, (key, places)
+        lines[places[0]] = f"{key} = {value}"
+    return "\n".join(lines) + "\n"
+
+
+def fixed(text):
+    return text.replace("[network]\n", '[network]\nstructure = "fixed"\n')
+
+
+def metafmu(*arguments):
+    """Processor seconds and seconds that the command took."""
+    command = [ROOT / "target" / "release" / "metafmu", *map(str, arguments)]
+    usage, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+    now = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return now.ru_utime + now.ru_stime - usage.ru_utime - usage.ru_stime, time.monotonic() - began
+
+
+def load(path):
+    with safe_open(path, "numpy") as file:
+        tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
+        return tensors, json.loads(file.metadata()["metafmu"])["activation"]
+
+
+def network(tensors, activation, inputs):
+    """Outputs at [..., columns], the tensors of one network or, with the instant in front, of all."""
+    column = (lambda name: tensors[name][..., None, :]) if "instants" in tensors else (lambda name: tensors[name])
+    values = (inputs - column("input_mean")) / column("input_scale")
+    layers = sum(name.endswith(".weight") for name in tensors)
+    for layer in range(layers):
+        values = values @ np.swapaxes(tensors[f"layers.{layer}.weight"], -1, -2) + column(f"layers.{layer}.bias")
+        if layer + 1 < layers:
+            values = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0)}[activation](values)
+    return column("output_mean") + column("output_scale") * values
+
+
+def predict(model, parameters, times):
+    """[runs, times, outputs]"""
+    tensors, activation = model
+    if "instants" not in tensors:
+        rows = [np.column_stack([np.tile(run, (len(times), 1)), times]) for run in parameters]
+        return np.stack([network(tensors, activation, inputs) for inputs in rows])
+    instants = tensors["instants"]
+    values = network(tensors, activation, parameters).swapaxes(0, 1)
+    left = np.clip(np.searchsorted(instants, times, "right") - 1, 0, len(instants) - 2)
+    weight = ((times - instants[left]) / np.diff(instants)[left])[:, None]
+    return (1 - weight) * values[:, left] + weight * values[:, left + 1]
+
+
+def truth(path):
+    """Parameters [runs, parameters], times, and outputs [runs, times, outputs] of a table."""
+    with open(path) as file:
+        header = next(csv.reader(file))
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    runs = int(rows[-1, header.index("run")]) + 1
+    rows = rows.reshape(runs, -1, len(header))
+    of = lambda names: rows[..., [header.index(name) for name in names]]
+    return of(PARAMETERS)[:, 0], rows[0, :, header.index("time")], of(OUTPUTS)
+
+
+def r2(found, expected):
+    return 1 - ((found - expected) ** 2).sum((0, 1)) / ((expected - expected.mean((0, 1))) ** 2).sum((0, 1))
+
+
+def roughness(found, expected):
+    size = lambda values: np.sqrt((np.diff(values, 2, axis=1) ** 2).mean((0, 1)))
+    return size(found - expected) / size(expected)
+
+
+class Result:
+    """A structure trained by a recipe, and measured."""
+
+    def __init__(self, folder, name, study, unseen):
+        folder = folder / name
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "study.toml"
+        path.write_text(study)
+        metafmu("sample", path, "--out", folder)
+        self.cost, self.seconds = metafmu("train", path, "--out", folder)
+        metafmu("evaluate", path, "--out", folder)
+        metafmu("export", path, "--out", folder)
+        self.size, self.fmu_size = ((folder / f"single-pendulum.{kind}").stat().st_size for kind in ("safetensors", "fmu"))
+        self.model = load(folder / "single-pendulum.safetensors")
+        parameters, times, expected = unseen
+        found = predict(self.model, parameters, times)
+        on = (found[:, ::FINER], expected[:, ::FINER])
+        between = np.arange(len(times)) % FINER != 0
+        self.on, self.off = r2(*on), r2(found[:, between], expected[:, between])
+        self.rough_on, self.rough_off = roughness(*on), roughness(found, expected)
+        # what is computed here is what the tool evaluates
+        metrics = json.loads((folder / "metrics.json").read_text())["outputs"]
+        np.testing.assert_allclose(self.on, [metrics[output]["r2"] for output in OUTPUTS], rtol=0, atol=1e-9)
+
+
+def table(results):
+    """Of a recipe: S_full, S_fixed, and S_fixed over S_full."""
+    full, fixed = results
+    print("| | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
+
+    def row(name, of, form):
+        a, b = of(full), of(fixed)
+        print(f"| {name} | {a:{form}} | {b:{form}} | {b / a:.3g} |")
+
+    for index, output in enumerate(OUTPUTS):
+        row(f"1 - R², `{output}`, at the instants", lambda result: 1 - result.on[index], ".2e")
+    for index, output in enumerate(OUTPUTS):
+        row(f"1 - R², `{output}`, between them", lambda result: 1 - result.off[index], ".2e")
+    for index, output in enumerate(OUTPUTS):
+        row(f"roughness, `{output}`, steps of 0.01 s", lambda result: result.rough_on[index], ".3f")
+    for index, output in enumerate(OUTPUTS):
+        row(f"roughness, `{output}`, steps of 0.0025 s", lambda result: result.rough_off[index], ".3f")
+    row("training, processor seconds", lambda result: result.cost, ".0f")
+    row("training, seconds", lambda result: result.seconds, ".0f")
+    row("model file, kB", lambda result: result.size / 1000, ".0f")
+    row("FMU, kB", lambda result: result.fmu_size / 1000, ".0f")
+    print(flush=True)
+
+
+def figure(results, unseen, path):
+    """Time response of a case that is not in training, S_fixed left and S_full right, and what is missing to the truth."""
+    parameters, times, expected = unseen
+    full, fixed = results
+    plt.rcParams.update({"svg.hashsalt": "structures", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3})
+    drawing, axes = plt.subplots(4, 2, figsize=(9, 9), sharex=True, height_ratios=(2, 2, 2, 1.5), layout="constrained")
+    for column, (name, result) in enumerate([("S_fixed", fixed), ("S_full", full)]):
+        found = predict(result.model, parameters, times)[0]
+        for index, (output, unit) in enumerate(zip(OUTPUTS, ("rad", "rad/s", "rad/s²"))):
+            axis = axes[index, column]
+            axis.plot(times, expected[0, :, index], color="0.6", linewidth=3, label="truth")
+            axis.plot(times, found[:, index], color="C0", linewidth=1, label=name)
+            axis.set_ylabel(f"{output} [{unit}]")
+        axes[0, column].set_title(f"{name}: L = {CASE[0]} m, c = {CASE[1]}, thetad0 = {CASE[2]} rad/s")
+        axes[0, column].legend(loc="upper right")
+        axes[3, column].plot(times, found[:, 2] - expected[0, :, 2], color="C3", linewidth=0.8)
+        axes[3, column].set_ylabel("error of thetadd")
+        axes[3, column].set_xlabel("time [s]")
+    limit = max(abs(limit) for axis in axes[3] for limit in axis.get_ylim())
+    for axis in axes[3]:
+        axis.set_ylim(-limit, limit)
+    drawing.savefig(path, metadata={"Date": None})
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--epochs-share", type=float, default=0.25, help="of the paper's 400 epochs [default: 0.25]")
+    parser.add_argument("--search-epochs", type=int, default=10, help="of a trial of the search [default: 10]")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "structures", help="folder of the trainings")
+    arguments = parser.parse_args()
+    folder, epochs = arguments.out.resolve(), round(400 * arguments.epochs_share)
+
+    # unseen runs at finer steps: the same as every study's test runs, which follow from the seed
+    folder.mkdir(parents=True, exist_ok=True)
+    finer = folder / "finer.toml"
+    finer.write_text(replaced(PAPER, levels=2, step=0.01 / FINER))
+    metafmu("sample", finer, "--out", folder / "finer")
+    unseen = truth(folder / "finer" / "test.csv")
+    case = folder / "case.csv"
+    case.write_text(",".join(PARAMETERS) + "\n" + ",".join(map(str, CASE)) + "\n0.15,0.05,1\n")
+    of_case = replaced(PAPER, levels=2, step=0.01 / FINER).replace('method = "mesh"', 'method = "list"\nfile = "case.csv"')
+    of_case = "\n".join(line for line in of_case.splitlines() if not line.startswith("levels")) + "\n"
+    (folder / "case.toml").write_text(of_case)
+    metafmu("sample", folder / "case.toml", "--out", folder / "case")
+    one_case = truth(folder / "case" / "train.csv")
+
+    print(f"`scripts/compare-structures.py {' '.join(sys.argv[1:])}`, {platform.machine()}, {os.cpu_count()} processors\n")
+    paper = replaced(PAPER, epochs=epochs)
+    print(f"The paper's recipe, {epochs} epochs (the paper has 400):\n")
+    results = [Result(folder, f"paper-{name}", study, unseen) for name, study in (("full", paper), ("fixed", fixed(paper)))]
+    table(results)
+    figure(results, one_case, ROOT / "docs" / "structures.svg")
+
+    print("Our recipe; S_fixed in batches of 64, as one of 1024 would be nearly all rows of an instant:\n")
+    of_fixed = fixed(replaced(OURS, batch=64))
+    table([Result(folder, f"ours-{name}", study, unseen) for name, study in (("full", OURS), ("fixed", of_fixed))])
+
+    print(f"The search, {arguments.search_epochs} epochs a trial:\n")
+    searched = replaced(PAPER, epochs=arguments.search_epochs) + SEARCH
+    print("| | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
+    costs = []
+    for name, study in (("full", searched), ("fixed", fixed(searched))):
+        (folder / f"search-{name}.toml").write_text(study)
+        costs.append(metafmu("search", folder / f"search-{name}.toml", "--out", folder / f"search-{name}"))
+    for what, full, of_fixed in zip(("processor seconds", "seconds"), *costs):
+        print(f"| four trials, {what} | {full:.0f} | {of_fixed:.0f} | {of_fixed / full:.3g} |")
+    print("| clock time in the paper | 1 | 18.3458 | 18.3 |")
+
+
+if __name__ == "__main__":
+    main()

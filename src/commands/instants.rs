@@ -1,0 +1,249 @@
+//! A network for each instant, trained side by side: `network.structure = "fixed"`.
+
+use super::{
+    interrupt,
+    job::Job,
+    prepare::{Prepared, prepare_instants},
+    progress::Progress,
+    side_by_side::side_by_side,
+    train::{Trained, TrainingRecord, describe},
+};
+use metafmu::{
+    Error, Result,
+    dataset::Dataset,
+    files,
+    network::Network,
+    source::Journal,
+    study::Study,
+    training::{self, EpochRecord, Observer, Outcome, StopReason},
+};
+use metafmu_runtime::{Model, ScaledNetwork};
+use std::{
+    ops::ControlFlow,
+    sync::{Mutex, PoisonError, atomic::Ordering},
+    time::Instant,
+};
+
+/// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
+const CONSTANT: f32 = 1e-6;
+
+/// Trains the networks; with `resume` those that an earlier training has finished are taken as they are.
+pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
+    let (instants, prepared) = prepare_instants(&job.study, dataset)?;
+    if !resume {
+        // of whatever training it is: this one begins anew
+        files::remove(&job.checkpoint())?;
+        files::remove(&job.unfinished_networks())?;
+    }
+    let kept = Finished::open(job, &prepared)?;
+    if resume {
+        eprintln!("{} of {} networks are finished already", kept.journal.len(), prepared.len());
+    }
+    let began = Instant::now();
+    let progress = Mutex::new(Progress::networks(prepared.len()));
+    let outcomes = train_all(&job.study, &prepared, job.study.training.epochs, |instant, train| {
+        let outcome = kept.get(instant).map_or_else(train, Ok)?;
+        if outcome.reason == StopReason::Interrupted {
+            return Err(Error::Interrupted);
+        }
+        let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
+        // a full disk is no reason to lose the training
+        if let Err(error) = kept.keep(instant, &outcome) {
+            progress.warn(&format!("no checkpoint: {error}"));
+        }
+        progress.network(&outcome);
+        Ok(outcome)
+    });
+    let progress = progress.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let outcomes = outcomes.inspect_err(|_| {
+        progress.clear();
+        eprintln!(
+            "networks that are finished are kept in {}: go on with --resume",
+            job.unfinished_networks().display()
+        );
+    })?;
+    let record = TrainingRecord {
+        train_rows: prepared.iter().map(|prepared| prepared.training.len()).sum(),
+        validation_runs: prepared.first().map_or(0, |prepared| prepared.validation_runs),
+        epochs: epochs(&outcomes),
+        best_epoch: best_epoch(&outcomes),
+        stopped: describe(reason(&outcomes)).into(),
+        train_seconds: began.elapsed().as_secs_f64(),
+    };
+    progress.finish(&format!(
+        "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",
+        outcomes.len(),
+        record.train_rows,
+        record.train_seconds,
+        record.stopped,
+        record.best_epoch,
+        record.validation_runs
+    ));
+    let history = mean_history(&outcomes);
+    let scaled = |(prepared, outcome): (Prepared, Outcome)| ScaledNetwork {
+        scaling: prepared.scaling,
+        layers: outcome.network.to_layers(),
+    };
+    let networks = prepared.into_iter().zip(outcomes).map(scaled).collect();
+    Ok(Trained { model: Model::Series { instants: instants.to_vec(), networks }, history, record })
+}
+
+/// The trainings of all networks up to epoch `goal`, side by side; each on one thread, so that the number of threads
+/// changes nothing. `each` is called for every instant with the function that trains its network.
+pub fn train_all(
+    study: &Study,
+    prepared: &[Prepared],
+    goal: usize,
+    each: impl Fn(usize, &dyn Fn() -> Result<Outcome>) -> Result<Outcome> + Sync,
+) -> Result<Vec<Outcome>> {
+    let numbers: Vec<usize> = (0..prepared.len()).collect();
+    let mut outcomes = side_by_side(&numbers, |instant| {
+        // those that have not begun yet
+        if interrupt::flag().load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        each(instant, &|| train_one(study, &prepared[instant], goal))
+    });
+    outcomes.sort_by_key(|(instant, _)| *instant);
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+fn train_one(study: &Study, prepared: &Prepared, goal: usize) -> Result<Outcome> {
+    let Prepared { network, training, validation, .. } = prepared;
+    let mut follower = Follower { goal, epochs: 0 };
+    let outcome = training::train(network.clone(), training, validation, &study.training, study.seed, &mut follower)?;
+    if outcome.reason == StopReason::Interrupted && outcome.history.len() < goal {
+        return Err(Error::Interrupted);
+    }
+    Ok(Outcome { network: without_constants(&outcome.network, prepared)?, ..outcome })
+}
+
+/// The network with zero for outputs that are constant at this instant, as initial values are: an exact constant.
+fn without_constants(network: &Network, prepared: &Prepared) -> Result<Network> {
+    let rows = &prepared.training;
+    let mut layers = network.to_layers();
+    let Some(last) = layers.last_mut() else { return Ok(network.clone()) };
+    for output in 0..rows.n_outputs() {
+        if rows.outputs().iter().skip(output).step_by(rows.n_outputs()).all(|value| value.abs() <= CONSTANT) {
+            last.weight[output * last.inputs..][..last.inputs].fill(0.0);
+            last.bias[output] = 0.0;
+        }
+    }
+    Ok(Network::from_layers(&layers, network.activation())?)
+}
+
+/// Ends a training at its goal, or at Ctrl-C.
+struct Follower {
+    goal: usize,
+    /// Epochs that are done.
+    epochs: usize,
+}
+
+impl Observer for Follower {
+    fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
+        let stop = self.epochs >= self.goal || interrupt::flag().load(Ordering::Relaxed);
+        if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn epoch(&mut self, record: &EpochRecord) {
+        self.epochs = record.epoch;
+    }
+}
+
+/// Epochs of the network that has most.
+pub fn epochs(outcomes: &[Outcome]) -> usize {
+    outcomes.iter().map(|outcome| outcome.history.len()).max().unwrap_or(0)
+}
+
+/// The median of the networks' best epochs.
+pub fn best_epoch(outcomes: &[Outcome]) -> usize {
+    let mut epochs: Vec<usize> = outcomes.iter().map(|outcome| outcome.best_epoch).collect();
+    epochs.sort_unstable();
+    epochs.get(epochs.len() / 2).copied().unwrap_or(0)
+}
+
+/// The worst of the reasons why the trainings ended.
+pub fn reason(outcomes: &[Outcome]) -> StopReason {
+    let any = |reason| outcomes.iter().any(|outcome| outcome.reason == reason);
+    let worst_first = [StopReason::Diverged, StopReason::Interrupted, StopReason::Finished];
+    worst_first.into_iter().find(|&reason| any(reason)).unwrap_or(StopReason::Patience)
+}
+
+/// For each epoch the means over the networks that came so far, and the seconds of all of them together.
+fn mean_history(outcomes: &[Outcome]) -> Vec<EpochRecord> {
+    let mut history: Vec<EpochRecord> = Vec::new();
+    for index in 0..epochs(outcomes) {
+        let records: Vec<&EpochRecord> = outcomes.iter().filter_map(|outcome| outcome.history.get(index)).collect();
+        let sum = |value: fn(&EpochRecord) -> f64| records.iter().map(|record| value(record)).sum::<f64>();
+        let validation_loss = sum(|record| record.validation_loss) / records.len() as f64;
+        history.push(EpochRecord {
+            epoch: index + 1,
+            train_loss: sum(|record| record.train_loss) / records.len() as f64,
+            validation_loss,
+            learning_rate: sum(|record| record.learning_rate) / records.len() as f64,
+            seconds: sum(|record| record.seconds),
+            best: history.iter().all(|earlier| validation_loss < earlier.validation_loss),
+        });
+    }
+    history
+}
+
+/// The networks that are finished, in a journal that survives the process.
+struct Finished<'a> {
+    journal: Journal,
+    prepared: &'a [Prepared],
+    epochs: usize,
+}
+
+impl<'a> Finished<'a> {
+    fn open(job: &Job, prepared: &'a [Prepared]) -> Result<Self> {
+        let rows = prepared.iter().flat_map(|prepared| [&prepared.training, &prepared.validation]);
+        let digests: String = rows.map(|rows| format!(" {:016x}", rows.digest())).collect();
+        let epochs = job.study.training.epochs;
+        let parameters = prepared.first().map_or(0, |prepared| prepared.network.parameters().len());
+        let of = format!("networks of {}{digests}", job.study.digest());
+        let journal = Journal::open(&job.unfinished_networks(), &of, 1, 2 + 4 * epochs + parameters)?;
+        Ok(Self { journal, prepared, epochs })
+    }
+
+    /// Reason, best epoch, four numbers an epoch, parameters; epochs that were not needed are NaN.
+    fn keep(&self, instant: usize, outcome: &Outcome) -> Result<()> {
+        let Outcome { network, history, best_epoch, reason } = outcome;
+        let reason = REASONS.iter().position(|known| known == reason).unwrap_or(REASONS.len());
+        let mut values = vec![reason as f64, *best_epoch as f64];
+        for EpochRecord { train_loss, validation_loss, learning_rate, seconds, .. } in history {
+            values.extend([train_loss, validation_loss, learning_rate, seconds]);
+        }
+        values.resize(2 + 4 * self.epochs, f64::NAN);
+        values.extend(network.parameters().iter().copied().map(f64::from));
+        if self.journal.get(&[instant as f64]).is_none() {
+            self.journal.keep(&[instant as f64], &values)?;
+        }
+        Ok(())
+    }
+
+    fn get(&self, instant: usize) -> Option<Outcome> {
+        let values = self.journal.get(&[instant as f64])?;
+        let (&[reason, best_epoch], values) = values.split_first_chunk()?;
+        let (epochs, parameters) = values.split_at_checked(4 * self.epochs)?;
+        let mut history: Vec<EpochRecord> = Vec::new();
+        for (epoch, &[train_loss, validation_loss, learning_rate, seconds]) in (1..).zip(epochs.as_chunks().0) {
+            if seconds.is_nan() {
+                break;
+            }
+            let best = history.iter().all(|earlier| validation_loss < earlier.validation_loss);
+            history.push(EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best });
+        }
+        let mut layers = self.prepared[instant].network.to_layers();
+        let mut parameters = parameters.iter().map(|&value| value as f32);
+        for layer in &mut layers {
+            layer.weight.iter_mut().chain(&mut layer.bias).zip(&mut parameters).for_each(|(to, from)| *to = from);
+        }
+        let network = Network::from_layers(&layers, self.prepared[instant].network.activation()).ok()?;
+        let reason = *REASONS.get(reason as usize)?;
+        Some(Outcome { network, history, best_epoch: best_epoch as usize, reason })
+    }
+}
+
+/// Those of trainings that came to their end, by the numbers they have in the journal.
+const REASONS: [StopReason; 3] = [StopReason::Finished, StopReason::Patience, StopReason::Diverged];

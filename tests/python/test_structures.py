@@ -1,0 +1,142 @@
+"""A network for each instant: `network.structure = "fixed"`."""
+
+import json
+import os
+import random
+import subprocess
+import time
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from conftest import METAFMU, OUTPUTS, PARAMETERS, changed, kill_after, losses, metafmu
+from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
+from safetensors.numpy import load_file
+
+KILLS = 8
+STEP = 0.05
+INSTANTS = 21
+# its bytes hold no wall times
+RESULTS = ["study-fmi2.fmu", "study-fmi3.fmu", "study.safetensors"]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    text = changed(
+        "paper/single-pendulum-fixed.toml",
+        ('name = "single-pendulum-fixed"', 'name = "study"'),
+        ('method = "mesh"', 'method = "sobol"'),
+        ("levels = 11 ", "runs = 300 "),
+        ("test_runs = 200", "test_runs = 20"),
+        ("stop = 2.0", "stop = 1.0"),
+        ("step = 0.01", f"step = {STEP}"),
+        ("hidden = [128, 128]", "hidden = [48]"),
+        ('"relu"', '"tanh"'),
+        ('"adam"', '"soap"'),
+        ('"constant"', '"cosine"'),
+        ("learning_rate = 0.001", "learning_rate = 0.01"),
+        ("epochs = 400", "epochs = 300"),
+        ('fmi = "2"', 'fmi = "both"'),
+    )
+    path = tmp_path_factory.mktemp("structures") / "study.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def fixed(study):
+    """Its folder, and how long it took; `build` ends with 0 only if validation finds no problem."""
+    folder = study.parent / "fixed"
+    begin = time.monotonic()
+    metafmu("build", study, "--out", folder)
+    return folder, time.monotonic() - begin
+
+
+def results(folder):
+    return {name: (folder / name).read_bytes() for name in RESULTS}
+
+
+def test_it_is_accurate_on_unseen_runs_and_knows_the_initial_values(fixed):
+    metrics = json.loads((fixed[0] / "metrics.json").read_text())
+    assert all(metrics["outputs"][output]["r2"] > 0.999 for output in OUTPUTS), metrics["outputs"]
+    tensors = load_file(fixed[0] / "study.safetensors")
+    np.testing.assert_allclose(tensors["instants"], np.linspace(0, 1, INSTANTS), rtol=1e-15)
+    # theta(0) is the same in every run
+    assert not tensors["layers.1.weight"][0, 0].any() and tensors["layers.1.weight"][1:, 0].any(axis=1).all()
+    assert tensors["output_mean"][0, 0] == pytest.approx(np.pi / 2, rel=1e-13)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_computes_what_numpy_reads_from_the_file(fixed, version):
+    fmu = fixed[0] / f"study-fmi{version}.fmu"
+    assert validate_fmu(str(fmu)) == []
+    case = (0.1583, 0.055, 2.0)
+    tensors = load_file(fixed[0] / "study.safetensors")
+    hidden = (np.array(case) - tensors["input_mean"]) / tensors["input_scale"]
+    for layer in range(2):
+        weight, bias = (tensors[f"layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
+        hidden = np.einsum("toi,ti->to", weight, hidden) + bias
+        hidden = np.tanh(hidden) if layer == 0 else hidden
+    at_instants = tensors["output_mean"] + tensors["output_scale"] * hidden
+    start_values = dict(zip(PARAMETERS, case))
+    # past the last instant its outputs are kept
+    result = simulate_fmu(str(fmu), start_values=start_values, output=OUTPUTS, stop_time=1.1, output_interval=0.02)
+    for column, output in enumerate(OUTPUTS):
+        expected = np.interp(result["time"], tensors["instants"], at_instants[:, column])
+        np.testing.assert_allclose(result[output], expected, rtol=1e-10, atol=1e-10)
+
+
+def test_the_number_of_threads_changes_nothing(study, fixed):
+    folder = study.parent / "one-thread"
+    environment = os.environ | {"RAYON_NUM_THREADS": "1"}
+    subprocess.run([METAFMU, "build", study, "--out", folder], check=True, capture_output=True, env=environment)
+    assert results(folder) == results(fixed[0])
+
+
+def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, fixed):
+    moments = random.Random(1)
+    went_on = 0
+    for number in range(KILLS):
+        folder = study.parent / f"killed-{number}"
+        kill_after(moments.uniform(0.2, 0.9) * fixed[1], "build", study, "--out", folder)
+        went_on += (folder / "unfinished-networks.bin").exists()
+        metafmu("build", study, "--out", folder, "--resume")
+        assert results(folder) == results(fixed[0]), number
+        assert losses(folder) == losses(fixed[0]), number
+        assert not (folder / "unfinished-networks.bin").exists()
+    assert went_on >= KILLS / 4, went_on
+
+
+def test_the_model_card_says_what_it_is_and_source_code_is_refused(study, fixed):
+    with ZipFile(fixed[0] / "study-fmi2.fmu") as archive:
+        card = archive.read("documentation/index.html").decode()
+    assert f"48 tanh nodes in each of {INSTANTS} networks" in card
+    refused = metafmu("export", study, "--out", fixed[0], "--sources", check=False)
+    assert refused.returncode == 2 and "source code is written of a single network only" in refused.stderr
+
+
+def test_recorded_runs_with_other_times_are_refused(tmp_path):
+    (tmp_path / "runs.csv").write_text(
+        "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\n"
+        "c,0,0.15,6\nc,0.5,0.15,6\nc,1,0.15,7\nd,0,0.16,6\nd,1,0.16,7\n"
+    )
+    study = tmp_path / "study.toml"
+    study.write_text(
+        'name = "s"\n[source]\ntable = "runs.csv"\n[time]\nstop = 1\nstep = 0.5\n'
+        "[parameters]\nL = { min = 0.1, max = 0.2 }\n[outputs]\ntheta = {}\n[sampling]\ntest_runs = 1\n"
+        '[network]\nstructure = "fixed"\n'
+    )
+    refused = metafmu("build", study, "--out", tmp_path / "out", check=False)
+    assert refused.returncode == 2
+    assert 'study.toml:15: network.structure: "fixed" needs the same times in every run' in refused.stderr
+
+
+def test_a_search_compares_the_structures(study):
+    text = study.read_text().replace("runs = 300 ", "runs = 60 ").replace("epochs = 300", "epochs = 20")
+    search = '\n[search]\nmethod = "grid"\n[search.space]\n"network.structure" = ["full", "fixed"]\n'
+    both = study.with_stem("both")
+    both.write_text(text.replace('structure = "fixed"', 'structure = "full"') + search)
+    metafmu("search", both, "--out", study.parent / "search")
+    rows = (study.parent / "search" / "search.csv").read_text().splitlines()
+    assert [row.split(",")[1:3] for row in rows[1:]] == [["full", "finished"], ["fixed", "finished"]]
