@@ -4,8 +4,8 @@
     .venv/bin/python scripts/compare-structures.py [--epochs-share 0.25] [--out out/structures]
 
 Both structures get the same runs, by two recipes: that of Choi et al. 2021, and ours. Prints the tables of docs/structures.md
-and writes its figure, docs/structures.svg. Needs target/release/metafmu and matplotlib; scripts/venv.sh makes .venv, without the latter. All jobs run one after
-the other; processor seconds are those of the child processes.
+and writes its figure, docs/structures.svg. Needs target/release/metafmu; scripts/venv.sh makes .venv, into which `pip install matplotlib` has to
+follow. All jobs run one after the other; processor seconds are those of the child processes.
 
 Smoothness: the root mean square of the second differences of the prediction's error, e(t-h) - 2 e(t) + e(t+h), over all unseen
 runs, relative to that of the truth. Zero is as smooth as the truth; a prediction whose second differences are pure noise of
@@ -184,7 +184,7 @@ def figure(results, unseen, path):
             axis.plot(times, expected[0, :, index], color="0.6", linewidth=3, label="truth")
             axis.plot(times, found[:, index], color="C0", linewidth=1, label=name)
             axis.set_ylabel(f"{output} [{unit}]")
-        axes[0, column].set_title(f"{name}: L = {CASE[0]} m, c = {CASE[1]}, thetad0 = {CASE[2]} rad/s")
+        axes[0, column].set_title(name)
         axes[0, column].legend(loc="upper right")
         axes[3, column].plot(times, found[:, 2] - expected[0, :, 2], color="C3", linewidth=0.8)
         axes[3, column].set_ylabel("error of thetadd")
@@ -192,6 +192,7 @@ def figure(results, unseen, path):
     limit = max(abs(limit) for axis in axes[3] for limit in axis.get_ylim())
     for axis in axes[3]:
         axis.set_ylim(-limit, limit)
+    drawing.suptitle(f"L = {CASE[0]} m, c = {CASE[1]} kg·m/s, thetad0 = {CASE[2]} rad/s")
     drawing.savefig(path, metadata={"Date": None})
 
 

@@ -129,7 +129,7 @@ def test_recorded_runs_with_other_times_are_refused(tmp_path):
     )
     refused = metafmu("build", study, "--out", tmp_path / "out", check=False)
     assert refused.returncode == 2
-    assert 'study.toml:15: network.structure: "fixed" needs the same times in every run' in refused.stderr
+    assert 'study.toml:14: network.structure: "fixed" needs the same times in every run' in refused.stderr
 
 
 def test_a_search_compares_the_structures(study):

@@ -223,7 +223,7 @@ fn error_bounds_are_read_as_in_the_library() {
     let mut metadata = example::with_bounds().metadata().clone();
     metadata.arrays.clear();
     let example = example::surrogate();
-    let surrogate = Surrogate::new(metadata, example.scaling().clone(), example.layers().to_vec()).unwrap();
+    let surrogate = Surrogate::new(metadata, example.model().clone()).unwrap();
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let folder = tempfile::tempdir().unwrap();
         let fmu = c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version);

@@ -1,4 +1,5 @@
 use super::*;
+use metafmu_runtime::Precision;
 
 #[test]
 fn outputs_are_right_at_every_point_where_a_host_may_look() {
@@ -154,14 +155,20 @@ fn states_and_their_bytes_continue_to_the_last_bit() {
 
 #[test]
 fn a_step_with_its_outputs_allocates_nothing() {
-    let host = Host::of(&example::with_network(&[128, 128], Activation::Tanh), Use::Steps);
-    assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
-    let size = 1e-4;
-    let before = allocations().0;
-    for step in 0..1_000 {
-        assert_eq!(host.step(f64::from(step) * size, size), Status::Ok);
-        assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Ok);
-        assert!(host.outputs()[0].is_finite() && host.in_domain() == 1);
+    for precision in [Precision::Double, Precision::Single] {
+        for surrogate in
+            [example::with_precision, example::series].map(|of| of(&[128, 128], Activation::Tanh, precision))
+        {
+            let host = Host::of(&surrogate, Use::Steps);
+            assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
+            let size = 1e-3;
+            let before = allocations().0;
+            for step in 0..1_000 {
+                assert_eq!(host.step(f64::from(step) * size, size), Status::Ok);
+                assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Ok);
+                assert!(host.outputs()[0].is_finite() && host.in_domain() == 1);
+            }
+            assert_eq!(allocations().0, before);
+        }
     }
-    assert_eq!(allocations().0, before);
 }
