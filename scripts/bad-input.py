@@ -31,9 +31,26 @@ INDEX = RECORDED.replace('table = "runs.csv"', 'index = "index.csv"')
 LIST = STUDY.replace('"sobol"\nruns = 8', '"list"\nfile = "points.csv"')
 MECHANISM = STUDY.replace('system = "single-pendulum"', 'mechanism = "m.toml"')
 FOUR_BAR = MECHANISM.replace("L = {", "crank_length = {").replace("max = 0.2", "max = 0.25")
+FMU_STUDY = STUDY.replace('system = "single-pendulum"', 'fmu = "model.fmu"').replace("L = { min = 0.1, max = 0.2, unit = \"m\" }", "mu = { min = 0.5, max = 1 }")
+FMU_STUDY = FMU_STUDY.replace('theta = { unit = "rad" }', "x0 = {}")
 RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\nc,0,0.15,6\nc,1,0.15,7\n"
 PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
 LINKAGE = (ROOT / "examples" / "mechanisms" / "four-bar.toml").read_text()
+
+
+OSCILLATOR = (ROOT / "examples" / "fmu-source" / "van-der-pol" / "modelDescription.xml").read_text()
+BINARY = {"binaries/linux64/van_der_pol.so": "no machine code"}
+
+
+def fmu(old="", new="", more=BINARY):
+    """An archive with a changed model description."""
+    assert old in OSCILLATOR, old
+    return {"model.fmu": {"modelDescription.xml": OSCILLATOR.replace(old, new, 1) if old else OSCILLATOR, **more}}
+
+
+def of_fmu(old, new, **changes):
+    """A study of an FMU."""
+    return {**study(old, new, FMU_STUDY), **fmu(**changes)}
 
 
 def study(old, new, text=STUDY):
@@ -115,8 +132,31 @@ SECTIONS = {
     },
     "FMUs": {
         "no FMU": {"model.fmu": "hello"},
-        "an archive without a model description": {"model.fmu": None},
+        "an archive without a model description": {"model.fmu": {"readme.txt": "hello"}},
         "a file that is not there": {},
+        "a model description that is no XML": {"model.fmu": {"modelDescription.xml": "hello"}},
+        "a model description that ends early": fmu("</ModelVariables>", "<!--"),
+        "FMI 1.0": fmu('fmiVersion="2.0"', 'fmiVersion="1.0"'),
+        "no interface": fmu("<CoSimulation", "<Simulation"),
+        "no binary for this platform": fmu(more={"binaries/win64/van_der_pol.dll": ""}),
+        "a file that leads out of the archive": fmu(more={**BINARY, "../escape": "hello"}),
+        "a value reference that is no number": fmu('valueReference="0"', 'valueReference="mu"'),
+        "a start value that is no number": fmu('start="1"', 'start="one"'),
+    },
+    "Studies of FMUs": {
+        "no file": {"study.toml": FMU_STUDY},
+        "no FMU": {"study.toml": FMU_STUDY, "model.fmu": "hello"},
+        "no binary for this platform": of_fmu("mu", "mu", more={}),
+        "a parameter the FMU has not": of_fmu("\nmu =", "\nnu ="),
+        "a parameter that is calculated": of_fmu("\nmu =", '\n"der(x1)" ='),
+        "an output the FMU has not": of_fmu("x0 =", "x2 ="),
+        "an output that is a parameter": of_fmu("x0 =", "x0_start ="),
+        "a range beyond the FMU's": of_fmu("max = 1 ", "max = 3 "),
+        "another unit than the FMU's": of_fmu("x0 = {}", 'x0 = { unit = "m" }'),
+        "a parameter that is constant as well": of_fmu("[time]", "constants = { mu = 1 }\n[time]"),
+        "a step that does not divide that between rows": of_fmu("[time]", "step = 0.3\n[time]"),
+        "a share of failed runs that is none": of_fmu("[time]", "max_failed = 10\n[time]"),
+        "a time limit without an FMU": study("[time]", "time_limit = 10\n[time]"),
     },
 }
 
@@ -124,9 +164,10 @@ SECTIONS = {
 def message(folder, files, arguments):
     """What the command says about the files, without `error: `."""
     for name, text in files.items():
-        if text is None:
+        if isinstance(text, dict):
             with zipfile.ZipFile(folder / name, "w") as archive:
-                archive.writestr("readme.txt", "hello")
+                for entry, content in text.items():
+                    archive.writestr(entry, content)
         else:
             (folder / name).write_text(text)
     command = [ROOT / "target" / "release" / "metafmu", *arguments]

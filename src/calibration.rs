@@ -68,7 +68,7 @@ mod tests {
         let evaluator = Evaluator::new(&surrogate);
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let mut uniform = move || (generator.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let variable = |name: &str| Variable::new(name, "", "");
         let runs = (0..count).map(|_| {
             let rows = 5 + (20.0 * uniform()) as usize;
             let times = (0..rows).map(|row| 0.01 * row as f64).collect();

@@ -1,7 +1,7 @@
 //! The command line: definitions only.
 
-use clap::{Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use metafmu::source::systems::SYSTEMS;
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
+use metafmu::source::{fmu::worker, systems::SYSTEMS};
 use std::path::PathBuf;
 
 /// Turns a multibody model into a small, fast, trustworthy FMU.
@@ -27,8 +27,10 @@ pub enum Command {
     #[command(after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
+  metafmu new my-surrogate --fmu model.fmu
 
-With a mechanism, its parameters that have a `min` and a `max` become the study's, and so do all its outputs.")]
+With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
+FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
@@ -87,19 +89,26 @@ Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offe
   metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg
   metafmu simulate plant.fmu --input force.csv --interface me")]
     Simulate(SimulateArgs),
+    /// Run an FMU for another process of this program
+    #[command(name = worker::ARGUMENT, hide = true)]
+    FmuWorker,
 }
 
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source").required(true)))]
 pub struct NewArgs {
     /// Name of the study; the file is NAME.toml
     pub name: String,
     /// Built-in system to sample
     #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]
-    #[arg(required_unless_present = "mechanism", conflicts_with = "mechanism")]
+    #[arg(group = "source")]
     pub system: Option<String>,
     /// Mechanism file to sample
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
+    /// FMU to sample: FMI 2.0 or 3.0, of any tool
+    #[arg(long, value_name = "FILE.fmu", group = "source")]
+    pub fmu: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -228,7 +237,7 @@ pub struct SimulateArgs {
 }
 
 fn name_and_value(text: &str) -> Result<(String, f64), String> {
-    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE")?;
+    let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
     let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
     Ok((name.trim().to_owned(), number))
 }

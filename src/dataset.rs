@@ -3,7 +3,7 @@
 //! The table is CSV, one row per time of a run: `run,time,<parameters>,<outputs>`. Numbers are the shortest decimals that
 //! read back as the same doubles.
 
-use crate::{Error, Result, files, variable::Variable};
+use crate::{Error, Result, files, table::header_field, variable::Variable};
 use std::{io::Write, path::Path, sync::Arc};
 
 /// One simulation: its parameters, and its outputs at each time.
@@ -53,7 +53,8 @@ impl Dataset {
     /// [`Error::Io`].
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         files::write_with(path, |file| {
-            writeln!(file, "{}", self.columns().join(","))?;
+            let header: Vec<String> = self.columns().iter().map(|name| header_field(name)).collect();
+            writeln!(file, "{}", header.join(","))?;
             for (index, run) in self.runs.iter().enumerate() {
                 let parameters: String = run.parameters.iter().map(|value| format!("{value:?},")).collect();
                 for (time, outputs) in run.rows() {
@@ -161,7 +162,7 @@ mod tests {
     use super::*;
 
     fn variable(name: &str) -> Variable {
-        Variable { name: name.into(), unit: String::new(), description: String::new() }
+        Variable::new(name, "", "")
     }
 
     fn example() -> Dataset {
@@ -183,6 +184,17 @@ mod tests {
         dataset.write_csv(&path).unwrap();
         assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
         assert_eq!(dataset.row_count(), 6);
+    }
+
+    #[test]
+    fn names_with_separators_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("train.csv");
+        let mut dataset = example();
+        dataset.parameters[0].name = "body.r[1,2]".into();
+        dataset.outputs[1].name = "der(\"x\"; y)".into();
+        dataset.write_csv(&path).unwrap();
+        assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
     }
 
     #[test]

@@ -33,6 +33,31 @@ pub enum Error {
         /// What happened.
         message: String,
     },
+    /// More runs of an FMU failed than may.
+    #[error(
+        "{failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one with \
+         {parameters}: {reason}"
+    )]
+    FailedRuns {
+        /// How many, so far.
+        failed: usize,
+        /// Of how many.
+        total: usize,
+        /// How many may.
+        allowed: usize,
+        /// The share that may.
+        share: f64,
+        /// The parameter values of the last one that failed.
+        parameters: String,
+        /// Why it did.
+        reason: String,
+    },
+    /// The process that runs an FMU could not begin.
+    #[error("{message}")]
+    Worker {
+        /// Why.
+        message: String,
+    },
     /// Stopped by the user.
     #[error("stopped")]
     Interrupted,
@@ -178,7 +203,7 @@ pub enum Error {
         expected: String,
     },
     /// The binary of an FMU cannot be loaded.
-    #[error("{}: `{binary}` cannot be loaded: {source}", path.display())]
+    #[error("{}: `{binary}` cannot be loaded: {source}{}", path.display(), cause(source))]
     Library {
         /// The FMU.
         path: PathBuf,
@@ -249,6 +274,11 @@ fn list_or_none(items: &[String]) -> String {
         count if count > shown.len() => format!("{} and {} more", shown.join(", "), count - shown.len()),
         _ => shown.join(", "),
     }
+}
+
+/// What is behind an error.
+fn cause(error: &dyn std::error::Error) -> String {
+    error.source().map_or(String::new(), |source| format!(": {source}"))
 }
 
 fn after_colon(messages: &[String]) -> String {

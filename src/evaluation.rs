@@ -110,7 +110,7 @@ mod tests {
     fn errors_put_into_the_labels_are_found_again() {
         let surrogate = example::surrogate();
         let evaluator = Evaluator::new(&surrogate);
-        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let variable = |name: &str| Variable::new(name, "", "");
         let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
             .map(|parameters| {
                 let times: std::sync::Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();

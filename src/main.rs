@@ -5,6 +5,7 @@ mod commands;
 
 use clap::Parser;
 use cli::Command;
+use metafmu::source::fmu::worker;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -18,6 +19,7 @@ fn main() -> ExitCode {
         Command::Export(args) => commands::export::run(&args),
         Command::Validate(args) => commands::validate::run(&args),
         Command::Simulate(args) => commands::simulate::run(&args),
+        Command::FmuWorker => worker::serve().map(|()| commands::Outcome::Fine),
     };
     match result {
         Ok(commands::Outcome::Fine) => ExitCode::SUCCESS,

@@ -95,7 +95,9 @@ impl Origin {
         let Ok(root) = DeTable::parse(&self.text) else { return 0 };
         let (mut table, mut rest, mut offset) = (root.get_ref(), key, 0);
         // variable names may contain dots, so whole names are tried instead of splitting
-        while let Some((name, value)) = table.iter().find(|(name, _)| begins_with(rest, name.get_ref())) {
+        loop {
+            let names = table.iter().filter(|(name, _)| begins_with(rest, name.get_ref()));
+            let Some((name, value)) = names.max_by_key(|(name, _)| name.get_ref().len()) else { break };
             offset = name.span().start;
             rest = rest[name.get_ref().len()..].trim_start_matches('.');
             match Spanned::get_ref(value) {

@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn standardised_columns_have_mean_zero_and_deviation_one() {
-        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let variable = |name: &str| Variable::new(name, "", "");
         let run = |p: f64| Run {
             parameters: vec![p],
             times: Arc::new([0.0, 0.5, 1.0, 1.5]),

@@ -71,7 +71,8 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     // the study has been read already
     let mut root: toml::Table = text.parse().unwrap_or_default();
     root.remove("search");
-    for (section, key) in [("source", "mechanism"), ("sampling", "file")] {
+    let files = ["mechanism", "fmu", "table", "index"].map(|key| ("source", key));
+    for (section, key) in files.into_iter().chain([("sampling", "file")]) {
         let folder = path.parent().unwrap_or(Path::new(""));
         if let Some(Value::String(file)) = root.get_mut(section).and_then(|section| section.get_mut(key)) {
             let absolute = std::path::absolute(folder.join(&*file)).map_err(Error::io(path, "resolve"))?;

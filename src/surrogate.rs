@@ -1,6 +1,12 @@
 //! Where training and FMI meet: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
 
-use crate::{Error, Result, dataset::Dataset, files::write_whole, study::Study, variable::Variable};
+use crate::{
+    Error, Result,
+    dataset::Dataset,
+    files::write_whole,
+    study::{ParameterOptions, Study},
+    variable::Variable,
+};
 use metafmu_runtime::{Bounds, Input, Metadata, Model, Output, OutputArray, Provenance, Role, Surrogate};
 use std::path::Path;
 
@@ -11,14 +17,18 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Surrogate`] if the parts do not fit each other.
 pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Model) -> Result<Surrogate> {
-    let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| Input {
-        name: variable.name.clone(),
-        role: Role::Parameter(range.variability),
-        unit: variable.unit.clone(),
-        description: variable.description.clone(),
-        min: range.min,
-        max: range.max,
-        start: 0.5 * (range.min + range.max),
+    let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| {
+        let original_start = variable.original.and_then(|original| original.start);
+        let original_start = original_start.filter(|start| (range.min..=range.max).contains(start));
+        Input {
+            name: variable.name.clone(),
+            role: role(variable, range),
+            unit: variable.unit.clone(),
+            description: variable.description.clone(),
+            min: range.min,
+            max: range.max,
+            start: original_start.unwrap_or(0.5 * (range.min + range.max)),
+        }
     });
     let time = Input {
         name: "time".into(),
@@ -32,7 +42,7 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Mode
     let outputs = dataset.outputs.iter().enumerate().map(|(column, variable)| {
         let values = dataset.runs.iter().flat_map(|run| run.outputs.iter().skip(column).step_by(dataset.outputs.len()));
         let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &y| (min.min(y), max.max(y)));
-        let Variable { name, unit, description } = variable.clone();
+        let Variable { name, unit, description, .. } = variable.clone();
         Output { name, unit, description, min, max }
     });
     let metadata = Metadata {
@@ -55,6 +65,15 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Mode
     };
     let surrogate = Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?;
     seal(surrogate)
+}
+
+/// The study decides about the variability of parameters; else they stay what they were.
+fn role(variable: &Variable, options: &ParameterOptions) -> Role {
+    match (variable.original.map(|original| original.role), options.variability) {
+        (Some(Role::Input), _) => Role::Input,
+        (Some(Role::Parameter(variability)), None) => Role::Parameter(variability),
+        (_, variability) => Role::Parameter(variability.unwrap_or_default()),
+    }
 }
 
 fn output_array((name, outputs): (&String, &Vec<String>)) -> OutputArray {

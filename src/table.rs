@@ -23,6 +23,12 @@ pub struct Column {
     pub unit: Option<String>,
 }
 
+/// A name as a field of a header: quoted if it has a separator, as in `a[1,2]`.
+pub fn header_field(name: &str) -> String {
+    let is_plain = !name.contains([',', ';', '\t', '"', '\n', '\r']) && !name.starts_with('#') && name.trim() == name;
+    if is_plain { name.to_owned() } else { format!("\"{}\"", name.replace('"', "\"\"")) }
+}
+
 /// A table that is being read.
 #[derive(Debug)]
 pub struct Table {

@@ -2,6 +2,7 @@
 
 use super::train::TrainingRecord;
 use crate::cli::StudyArgs;
+use indexmap::IndexMap;
 use metafmu::{
     Error, Result, dataset::Dataset, evaluation::Accuracy, files, sampling::Sets, source::Source, study::Study,
     surrogate,
@@ -32,6 +33,22 @@ pub struct SamplesRecord {
     #[serde(default)]
     pub calibration_runs: usize,
     pub sample_seconds: f64,
+    /// Runs of the plan that failed and are not in the tables.
+    #[serde(default)]
+    pub failed_runs: usize,
+    #[serde(default)]
+    pub failed: Vec<FailedRun>,
+}
+
+/// A run that is not in the tables.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct FailedRun {
+    /// `train`, `test` or `calibration`.
+    pub set: String,
+    /// Its number in that part of the plan, as `sample --dry-run` prints it.
+    pub run: usize,
+    pub parameters: IndexMap<String, f64>,
+    pub reason: String,
 }
 
 impl Job {

@@ -1,5 +1,7 @@
 //! `metafmu new`: writes a commented study file.
 
+mod fmu;
+
 use super::{Outcome, print};
 use crate::cli::NewArgs;
 use metafmu::{Error, Result, files, multibody::Mechanism, source::systems::SYSTEMS, study::Study};
@@ -10,9 +12,10 @@ use std::{
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
     let path = PathBuf::from(format!("{}.toml", args.name));
-    let text = match &args.mechanism {
-        Some(file) => of_mechanism(&args.name, file)?,
-        None => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
+    let text = match (&args.mechanism, &args.fmu) {
+        (Some(file), _) => of_mechanism(&args.name, file)?,
+        (None, Some(file)) => fmu::study(&args.name, file)?,
+        (None, None) => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
     };
     Study::parse(&text, &path)?;
     if path.exists() {
@@ -80,12 +83,23 @@ runs = 1000
 test_runs = 200             # random runs that are never part of training
 
 ";
-    // from here on the built-in systems' studies say nothing of their own
+    Ok(text + rest())
+}
+
+/// From `[network]` on, where the built-in systems' studies say nothing of their own.
+fn rest() -> &'static str {
     let template = SYSTEMS[0].study;
-    Ok(text + template.find("[network]").map_or("", |start| &template[start..]))
+    template.find("[network]").map_or("", |start| &template[start..])
+}
+
+/// A TOML key.
+fn key(name: &str) -> String {
+    let is_bare = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    if is_bare { name.to_owned() } else { quoted(name) }
 }
 
 /// A TOML string.
 fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', " "))
+    let plain = text.replace(char::is_control, " ");
+    format!("\"{}\"", plain.replace('\\', "\\\\").replace('"', "\\\""))
 }

@@ -1,13 +1,19 @@
 //! `metafmu sample`: simulates the training and test runs and writes their tables.
 
-use super::{Outcome, interrupt, job::Job, job::SamplesRecord, print, print_json, progress::Progress};
+use super::{
+    interrupt,
+    job::{FailedRun, Job, SamplesRecord},
+    print, print_json,
+    progress::Progress,
+};
 use crate::cli::SampleArgs;
 use metafmu::{
-    Result,
+    Error, Result,
     dataset::Dataset,
     files,
     sampling::{Plan, Sets},
-    source::{Journal, Source},
+    source::{Journal, Source, simulation::Outcome},
+    table::header_field,
 };
 use std::{fmt::Write, time::Instant};
 
@@ -17,11 +23,11 @@ pub struct Samples {
     pub record: SamplesRecord,
 }
 
-pub fn run(args: &SampleArgs) -> Result<Outcome> {
+pub fn run(args: &SampleArgs) -> Result<super::Outcome> {
     let job = Job::new(&args.study)?;
     if args.dry_run {
         print(&plan_table(&job)?)?;
-        return Ok(Outcome::Fine);
+        return Ok(super::Outcome::Fine);
     }
     job.prepare_folder()?;
     let samples = stage(&job)?;
@@ -31,7 +37,7 @@ pub fn run(args: &SampleArgs) -> Result<Outcome> {
         let tables = samples.sets.named().into_iter().filter(|(_, dataset)| !dataset.runs.is_empty());
         print(&tables.map(|(set, _)| format!("{}\n", job.table(set).display())).collect::<String>())?;
     }
-    Ok(Outcome::Fine)
+    Ok(super::Outcome::Fine)
 }
 
 /// The plan as CSV: `set,run,<parameters>`.
@@ -43,7 +49,8 @@ fn plan_table(job: &Job) -> Result<String> {
             recorded.sample(interrupt::flag())?.try_map(points)?
         }
     };
-    let names: String = job.source.parameters().iter().map(|parameter| format!(",{}", parameter.name)).collect();
+    let names: String =
+        job.source.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect();
     let mut text = format!("set,run{names}\n");
     for (set, points) in plan.named() {
         for (run, point) in points.iter().enumerate() {
@@ -61,10 +68,49 @@ pub fn kept(job: &Job) -> Option<Samples> {
     Some(Samples { sets: job.load_tables().ok()?, record })
 }
 
+/// The runs that failed.
+fn failures(job: &Job, plan: &Plan, outcomes: &[Outcome]) -> Vec<FailedRun> {
+    let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
+    let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &Outcome)| {
+        let names = job.source.parameters().iter().map(|parameter| parameter.name.clone());
+        let reason = outcome.as_ref().err()?.clone();
+        Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
+    };
+    runs.zip(outcomes).filter_map(failure).collect()
+}
+
+/// Says how many runs failed and why the first few did.
+fn tell(job: &Job, progress: &Progress, failed: &[FailedRun], total: usize) {
+    const SHOWN: usize = 3;
+    if failed.is_empty() {
+        return;
+    }
+    progress.warn(&format!("{} of {total} runs failed and are left out", failed.len()));
+    for FailedRun { set, run, parameters, reason } in failed.iter().take(SHOWN) {
+        let values: Vec<String> = parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        progress.warn(&format!("{set} run {run} with {}: {reason}", values.join(", ")));
+    }
+    if failed.len() > SHOWN {
+        progress.warn(&format!("{} has the others", job.samples_record().display()));
+    }
+}
+
+/// Refuses what is left if nothing can be trained or tested with it.
+fn enough(sets: &Sets<Dataset>, failed: &[FailedRun]) -> Result<()> {
+    let (found, expected) =
+        ((sets.train.runs.len(), sets.test.runs.len()), "expected at least 2 to train and 1 to test");
+    if found.0 >= 2 && found.1 >= 1 {
+        return Ok(());
+    }
+    let reason = failed.first().map_or("", |failure| &failure.reason);
+    let message = format!("{} training and {} test runs did not fail, {expected}: {reason}", found.0, found.1);
+    Err(Error::Worker { message })
+}
+
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
     let start = Instant::now();
-    let mut journal = None;
+    let (mut journal, mut failed) = (None, Vec::new());
     let (progress, sets) = match &job.source {
         Source::Simulation(simulation) => {
             let plan = Plan::new(&job.study);
@@ -73,9 +119,14 @@ pub fn stage(job: &Job) -> Result<Samples> {
             if !kept.is_empty() {
                 progress.note(&format!("{} runs are there from a sampling that was not finished", kept.len()));
             }
-            let run_all =
-                |points: Vec<_>| simulation.run_all(&points, &kept, interrupt::flag(), || progress.advance(1));
-            let sets = plan.try_map(run_all)?;
+            let points = plan.named().map(|(_, points)| points.as_slice()).concat();
+            let outcomes = simulation.run_all(&points, &kept, interrupt::flag(), || progress.advance(1))?;
+            failed = failures(job, &plan, &outcomes);
+            tell(job, &progress, &failed, points.len());
+            let mut outcomes = outcomes.into_iter();
+            let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
+            let sets = plan.try_map(next)?;
+            enough(&sets, &failed)?;
             journal = Some(kept);
             (progress, sets)
         }
@@ -92,6 +143,8 @@ pub fn stage(job: &Job) -> Result<Samples> {
         test_rows: sets.test.row_count(),
         calibration_runs: sets.calibration.runs.len(),
         sample_seconds: start.elapsed().as_secs_f64(),
+        failed_runs: failed.len(),
+        failed,
     };
     let SamplesRecord { train_runs, train_rows, test_runs, sample_seconds, .. } = record;
     progress.finish(&format!(

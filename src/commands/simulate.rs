@@ -6,6 +6,7 @@ use metafmu::{
     Error, Result, files,
     fmu::host::{Fmu, Inputs, InterfaceKind, SimulationOptions, Table, simulate},
     report::{Curve, time_series_svg},
+    table::header_field,
 };
 use std::{fmt::Write, path::Path};
 
@@ -22,6 +23,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         start_values: args.start.clone(),
         inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
         record: Vec::new(),
+        record_only: false,
     };
     let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;
     match (&args.output, &args.plot) {
@@ -37,7 +39,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
 
 /// `time` and the recorded variables; numbers are the shortest decimals that read back as the same doubles.
 fn csv(table: &Table) -> String {
-    let names: Vec<String> = table.columns.iter().map(|column| quoted(&column.name)).collect();
+    let names: Vec<String> = table.columns.iter().map(|column| header_field(&column.name)).collect();
     let mut text = format!("time,{}\n", names.join(","));
     for (time, row) in table.times.iter().zip(&table.rows) {
         let _ = write!(text, "{time:?}");
@@ -47,11 +49,6 @@ fn csv(table: &Table) -> String {
         text.push('\n');
     }
     text
-}
-
-/// Names of other tools' variables may contain commas, as in `a[1,2]`.
-fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
 }
 
 fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {

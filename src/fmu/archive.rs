@@ -115,12 +115,7 @@ impl Archive {
     /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML or of another FMI version.
     pub fn document(&mut self) -> Result<Document> {
         let bytes = self.read("modelDescription.xml", MAX_DESCRIPTION)?;
-        xml::read(&bytes).map_err(|problem| self.description_error(&problem))
-    }
-
-    /// The error that a problem of the description is to someone who wants to use the FMU.
-    pub(super) fn description_error(&self, problem: &xml::Problem) -> Error {
-        Error::Description { path: self.path.clone(), line: problem.line, problem: problem.message.clone() }
+        xml::read(&bytes).map_err(|problem| description_error(&self.path, &problem))
     }
 
     /// Unpacks everything into a folder.
@@ -178,6 +173,11 @@ impl Archive {
     fn archive_error(&self) -> impl Fn(zip::result::ZipError) -> Error {
         move |source| Error::Archive { path: self.path.clone(), source }
     }
+}
+
+/// Something wrong in the modelDescription.xml of the FMU at `path`.
+pub(super) fn description_error(path: &Path, problem: &xml::Problem) -> Error {
+    Error::Description { path: path.to_owned(), line: problem.line, problem: problem.message.clone() }
 }
 
 /// Why an entry of that name may not be unpacked.

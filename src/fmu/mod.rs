@@ -17,7 +17,7 @@ mod platform;
 mod reference;
 pub mod sources;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 pub mod unit;
 pub mod validate;
 pub mod xml;

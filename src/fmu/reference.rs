@@ -5,6 +5,7 @@
 //! `reference_options.json` says what to run, `reference_result.csv` holds the outputs.
 
 use super::describe::nominal;
+use crate::table::header_field;
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Precision, Role, Surrogate};
 use serde::{Deserialize, Serialize};
@@ -68,7 +69,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     };
     let evaluator = Evaluator::new(surrogate);
     let (mut scratch, mut outputs) = (evaluator.scratch(), vec![0.0; surrogate.outputs().len()]);
-    let names: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
+    let names: Vec<String> = surrogate.outputs().iter().map(|output| header_field(&output.name)).collect();
     let mut csv = format!("time,{}\n", names.join(","));
     for row in 0..=steps {
         let now = start + row as f64 * step;

@@ -46,7 +46,7 @@ impl Mechanism {
                 problems.push((format!("outputs.{name}.unit"), format!("`{found}`, expected `{unit}`")));
             }
             let description = output.description.clone();
-            outputs.push(Variable { name: name.clone(), unit: unit.into(), description });
+            outputs.push(Variable::new(name, unit, &description));
         }
         if let Err(message) = model.initial_state(0.0) {
             let sets = [&model.constraints, &model.initial_positions, &model.initial_velocities];

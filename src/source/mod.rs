@@ -1,5 +1,6 @@
 //! Sources of training data.
 
+pub mod fmu;
 mod journal;
 pub mod recorded;
 pub mod simulation;
@@ -13,7 +14,7 @@ pub use simulation::Simulation;
 /// Where a study's runs come from, its parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub enum Source {
-    /// A system or mechanism that is simulated here.
+    /// A system or mechanism that is simulated here, or an FMU that is run.
     Simulation(Simulation),
     /// Tables of runs that were simulated elsewhere.
     Recorded(Recorded),
@@ -65,10 +66,6 @@ fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<(String,
     let found = found.filter(|&found| found != expected)?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
     Some((format!("{key}.unit"), format!("`{found}`, expected {expected}: values are in the source's unit")))
-}
-
-fn variable(name: &str, unit: &str, description: &str) -> Variable {
-    Variable { name: name.into(), unit: unit.into(), description: description.into() }
 }
 
 fn list<T: AsRef<str>>(names: impl Iterator<Item = T>) -> String {

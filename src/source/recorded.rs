@@ -7,7 +7,7 @@
 //!
 //! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
 
-use super::{list, variable};
+use super::list;
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
@@ -336,7 +336,7 @@ fn resolve(table: &Table, column: &str, name: &str, unit: Option<&str>, descript
     let position = table.column(column)?;
     table.check_unit(position, unit)?;
     let unit = unit.or(table.columns()[position].unit()).unwrap_or_default();
-    Ok(variable(name, unit, description.unwrap_or_default()))
+    Ok(Variable::new(name, unit, description.unwrap_or_default()))
 }
 
 fn time_column(table: &Table, name: &str) -> Result<usize> {
@@ -543,11 +543,11 @@ third,1,3,-0.5,8
             ("table = \"missing.csv\"", "missing.csv: cannot read"),
             (
                 "table = \"i.csv\"\nindex = \"i.csv\"",
-                "s.toml:2: source: expected one of `system`, `mechanism`, `table`",
+                "s.toml:2: source: expected one of `system`, `mechanism`, `fmu`, `table`",
             ),
             (
                 "table = \"i.csv\"\nconstants = { m = 1 }",
-                "s.toml:4: source.constants: belongs to `system` and `mechanism`",
+                "s.toml:4: source.constants: belongs to `system`, `mechanism` and `fmu`",
             ),
             (
                 "table = \"1.csv\"\ncolumns = { z = \"y\" }",

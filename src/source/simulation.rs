@@ -2,10 +2,11 @@
 
 use super::{
     Journal,
+    fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
     list,
     systems::{SYSTEMS, System},
-    variable, wrong_unit,
+    wrong_unit,
 };
 use crate::{
     Error, Result,
@@ -24,41 +25,179 @@ use std::{
     time::Instant,
 };
 
-/// A system or mechanism with the study's parameters and outputs resolved.
+/// What is simulated, with the study's parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub struct Simulation {
-    /// Name for messages.
-    name: String,
     model: Model,
-    /// Value of each of the model's quantities; those of parameters are overwritten for each run.
-    quantities: Vec<f64>,
-    /// Position of each parameter among the quantities.
-    parameter_positions: Vec<usize>,
-    /// Position of each output among the model's outputs.
-    output_positions: Vec<usize>,
     parameters: Vec<Variable>,
     outputs: Vec<Variable>,
     times: Arc<[f64]>,
 }
 
-/// What is simulated.
+/// Who simulates.
 #[derive(Clone, Debug)]
 enum Model {
+    /// This program.
+    Equations(Equations),
+    /// An FMU.
+    Fmu(FmuModel),
+}
+
+/// A run, or why it failed.
+pub type Outcome = std::result::Result<Run, String>;
+
+impl Simulation {
+    /// Finds the study's system, mechanism or FMU and in it the study's parameters, constants and outputs.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every name the source does not know and every unit that is not the source's; the errors of an
+    /// FMU that cannot be read.
+    pub fn new(study: &Study) -> Result<Self> {
+        let times = study.time.grid().into();
+        if let Some(file) = &study.source.fmu {
+            let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
+            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times });
+        }
+        let (equations, parameters, outputs) = Equations::new(study)?;
+        Ok(Self { model: Model::Equations(equations), parameters, outputs, times })
+    }
+
+    /// The parameters, in the study's order.
+    pub fn parameters(&self) -> &[Variable] {
+        &self.parameters
+    }
+
+    /// The outputs, in the study's order.
+    pub fn outputs(&self) -> &[Variable] {
+        &self.outputs
+    }
+
+    /// The times of a run's rows, in seconds.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Simulates one run.
+    ///
+    /// # Errors
+    /// [`Error::Run`] with the parameter values if the simulation fails; of an FMU as [`FmuModel::run_all`].
+    pub fn run(&self, parameters: &[f64]) -> Result<Run> {
+        match &self.model {
+            Model::Equations(equations) => {
+                let outputs = equations.run(parameters, &self.times);
+                let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
+                Ok(self.made(parameters, outputs))
+            }
+            Model::Fmu(model) => {
+                let mut outcomes = model.run_all(&[parameters.to_vec()], None, &AtomicBool::new(false), || ())?;
+                let outputs = outcomes.pop().unwrap_or_else(|| Err("no run".into()));
+                Ok(self.made(parameters, outputs.map_err(|message| self.failure("the FMU", parameters, message))?))
+            }
+        }
+    }
+
+    fn failure(&self, system: &str, parameters: &[f64], message: String) -> Error {
+        Error::Run { system: system.into(), values: self.values(parameters), message }
+    }
+
+    /// The parameters with their values, for messages.
+    pub fn values(&self, parameters: &[f64]) -> String {
+        list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name)))
+    }
+
+    fn made(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
+        Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs }
+    }
+
+    /// The journal of a sampling of the study, in a file.
+    ///
+    /// # Errors
+    /// As [`Journal::open`].
+    pub fn journal(&self, path: &Path, study: &Study) -> Result<Journal> {
+        let outputs = self.times.len() * self.outputs.len();
+        Journal::open(path, &study.sampling_digest(), self.parameters.len(), outputs)
+    }
+
+    /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
+    /// from there. `done` is called after each run; when `stop` turns true, the rest is left out. Only runs of an FMU may
+    /// fail without an end to everything, and only some of them.
+    ///
+    /// # Errors
+    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`], [`Error::Io`] of the journal; of an FMU
+    /// as [`FmuModel::run_all`].
+    pub fn run_all(
+        &self,
+        points: &[Vec<f64>],
+        journal: &Journal,
+        stop: &AtomicBool,
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<Outcome>> {
+        if let Model::Fmu(model) = &self.model {
+            let outcomes = model.run_all(points, Some(journal), stop, done)?;
+            let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.made(point, outputs));
+            return Ok(outcomes.into_iter().zip(points).map(made).collect());
+        }
+        let run = |point: &Vec<f64>| {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let run = match journal.get(point) {
+                Some(outputs) => self.made(point, outputs.to_vec()),
+                None => {
+                    let begin = Instant::now();
+                    let run = self.run(point)?;
+                    if begin.elapsed() > WORTH_KEEPING {
+                        journal.keep(point, &run.outputs)?;
+                    }
+                    run
+                }
+            };
+            done();
+            Ok(Ok(run))
+        };
+        let outcomes: Vec<Result<Outcome>> = points.par_iter().map(run).collect();
+        outcomes.into_iter().collect()
+    }
+
+    /// Runs with the names of their columns; those that failed are left out.
+    pub fn dataset(&self, outcomes: Vec<Outcome>) -> Dataset {
+        let runs = outcomes.into_iter().filter_map(std::result::Result::ok).collect();
+        Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs }
+    }
+}
+
+/// A system or mechanism, the study's names found in it.
+#[derive(Clone, Debug)]
+struct Equations {
+    /// Name for messages.
+    name: String,
+    of: Of,
+    /// Value of each quantity; those of parameters are overwritten for each run.
+    quantities: Vec<f64>,
+    /// Position of each parameter among the quantities.
+    parameter_positions: Vec<usize>,
+    /// Position of each output among those of a simulation's rows.
+    output_positions: Vec<usize>,
+}
+
+/// Where equations come from.
+#[derive(Clone, Debug)]
+enum Of {
     System(&'static System),
     Mechanism(Arc<Mechanism>),
 }
 
-impl Model {
+impl Of {
     /// Every quantity that may be a parameter or a constant, with its default.
     fn quantities(&self) -> Vec<(Variable, f64)> {
         match self {
             Self::System(system) => {
                 let quantities = system.quantities.iter();
-                quantities.map(|q| (variable(q.name, q.unit, q.description), q.default)).collect()
+                quantities.map(|q| (Variable::new(q.name, q.unit, q.description), q.default)).collect()
             }
             Self::Mechanism(mechanism) => {
                 let parameters = mechanism.parameters().iter();
-                parameters.map(|(name, p)| (variable(name, &p.unit, &p.description), p.default)).collect()
+                parameters.map(|(name, p)| (Variable::new(name, &p.unit, &p.description), p.default)).collect()
             }
         }
     }
@@ -67,7 +206,8 @@ impl Model {
     fn outputs(&self) -> Vec<Variable> {
         match self {
             Self::System(system) => {
-                system.outputs.iter().map(|output| variable(output.name, output.unit, output.description)).collect()
+                let outputs = system.outputs.iter();
+                outputs.map(|output| Variable::new(output.name, output.unit, output.description)).collect()
             }
             Self::Mechanism(mechanism) => mechanism.outputs().to_vec(),
         }
@@ -88,14 +228,11 @@ impl Model {
     }
 }
 
-impl Simulation {
-    /// Finds the study's system or mechanism and in it the study's parameters, constants and outputs.
-    ///
-    /// # Errors
-    /// [`Error::Study`] with every name the source does not know and every unit that is not the source's.
-    pub fn new(study: &Study) -> Result<Self> {
-        let (name, model) = match (study.mechanism(), &study.source.system) {
-            (Some(mechanism), _) => ("the mechanism".to_owned(), Model::Mechanism(Arc::clone(mechanism))),
+impl Equations {
+    /// Also the variables of the study's parameters and outputs.
+    fn new(study: &Study) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
+        let (name, of) = match (study.mechanism(), &study.source.system) {
+            (Some(mechanism), _) => ("the mechanism".to_owned(), Of::Mechanism(Arc::clone(mechanism))),
             (None, name) => {
                 let name = name.as_deref().unwrap_or_default();
                 let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
@@ -103,28 +240,33 @@ impl Simulation {
                     let message = format!("no system `{name}`, expected one of {known}");
                     return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
                 };
-                (name.to_owned(), Model::System(system))
+                (name.to_owned(), Of::System(system))
             }
         };
-        let mut simulation = Self {
-            name,
-            quantities: model.quantities().iter().map(|(_, default)| *default).collect(),
-            model,
-            parameter_positions: Vec::new(),
-            output_positions: Vec::new(),
-            parameters: Vec::new(),
-            outputs: Vec::new(),
-            times: study.time.grid().into(),
-        };
-        let mut problems = simulation.resolve_inputs(study);
-        problems.extend(simulation.resolve_outputs(study));
+        let quantities = of.quantities().iter().map(|(_, default)| *default).collect();
+        let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
+        let mut equations = Self { name, of, quantities, parameter_positions, output_positions };
+        let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
+        let mut problems = equations.resolve_inputs(study, &mut parameters);
+        problems.extend(equations.resolve_outputs(study, &mut outputs));
         study.refuse(problems)?;
-        Ok(simulation)
+        Ok((equations, parameters, outputs))
     }
 
-    fn resolve_inputs(&mut self, study: &Study) -> Vec<(String, String)> {
+    /// Outputs of a run, row by row, in the study's order.
+    fn run(&self, parameters: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
+        let mut quantities = self.quantities.clone();
+        for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
+            quantities[position] = value;
+        }
+        let rows = self.of.simulate(&quantities, times)?;
+        let rows = rows.chunks(self.of.output_count());
+        Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
+    }
+
+    fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<Variable>) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let quantities: Vec<Variable> = self.model.quantities().into_iter().map(|(quantity, _)| quantity).collect();
+        let quantities: Vec<Variable> = self.of.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
             let known = list(quantities.iter().map(|quantity| &quantity.name));
             format!("{} has no quantity `{name}`, expected one of {known}", self.name)
@@ -149,16 +291,16 @@ impl Simulation {
                     problems.extend(wrong_unit(&key, parameter.unit.as_deref(), &quantity.unit));
                     self.parameter_positions.push(position);
                     let description = parameter.description.as_deref().unwrap_or(&quantity.description);
-                    self.parameters.push(variable(name, &quantity.unit, description));
+                    parameters.push(Variable::new(name, &quantity.unit, description));
                 }
             }
         }
         problems
     }
 
-    fn resolve_outputs(&mut self, study: &Study) -> Vec<(String, String)> {
+    fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<Variable>) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let known = self.model.outputs();
+        let known = self.of.outputs();
         for (name, output) in &study.outputs {
             let key = format!("outputs.{name}");
             match known.iter().position(|known| known.name == *name) {
@@ -171,94 +313,11 @@ impl Simulation {
                     problems.extend(wrong_unit(&key, output.unit.as_deref(), &known[position].unit));
                     self.output_positions.push(position);
                     let description = output.description.as_deref().unwrap_or(&known[position].description);
-                    self.outputs.push(variable(name, &known[position].unit, description));
+                    outputs.push(Variable::new(name, &known[position].unit, description));
                 }
             }
         }
         problems
-    }
-
-    /// The parameters, in the study's order.
-    pub fn parameters(&self) -> &[Variable] {
-        &self.parameters
-    }
-
-    /// The outputs, in the study's order.
-    pub fn outputs(&self) -> &[Variable] {
-        &self.outputs
-    }
-
-    /// The times of a run's rows, in seconds.
-    pub fn times(&self) -> &[f64] {
-        &self.times
-    }
-
-    /// Simulates one run.
-    ///
-    /// # Errors
-    /// [`Error::Run`] with the parameter values if the simulation fails.
-    pub fn run(&self, parameters: &[f64]) -> Result<Run> {
-        let mut quantities = self.quantities.clone();
-        for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
-            quantities[position] = value;
-        }
-        let rows = self.model.simulate(&quantities, &self.times).map_err(|message| Error::Run {
-            system: self.name.clone(),
-            values: list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name))),
-            message,
-        })?;
-        let outputs = rows
-            .chunks(self.model.output_count())
-            .flat_map(|row| self.output_positions.iter().map(|&position| row[position]))
-            .collect();
-        Ok(Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs })
-    }
-
-    /// The journal of a sampling of the study, in a file.
-    ///
-    /// # Errors
-    /// As [`Journal::open`].
-    pub fn journal(&self, path: &Path, study: &Study) -> Result<Journal> {
-        let outputs = self.times.len() * self.outputs.len();
-        Journal::open(path, &study.sampling_digest(), self.parameters.len(), outputs)
-    }
-
-    /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
-    /// from there. `done` is called after each run; when `stop` turns true, the rest is left out.
-    ///
-    /// # Errors
-    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`], [`Error::Io`] of the journal.
-    pub fn run_all(
-        &self,
-        points: &[Vec<f64>],
-        journal: &Journal,
-        stop: &AtomicBool,
-        done: impl Fn() + Sync,
-    ) -> Result<Dataset> {
-        let run = |point: &Vec<f64>| {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
-            let run = match journal.get(point) {
-                Some(outputs) => {
-                    let times = Arc::clone(&self.times);
-                    Run { parameters: point.clone(), times, outputs: outputs.to_vec() }
-                }
-                None => {
-                    let begin = Instant::now();
-                    let run = self.run(point)?;
-                    if begin.elapsed() > WORTH_KEEPING {
-                        journal.keep(point, &run.outputs)?;
-                    }
-                    run
-                }
-            };
-            done();
-            Ok(run)
-        };
-        let runs: Vec<Result<Run>> = points.par_iter().map(run).collect();
-        let runs = runs.into_iter().collect::<Result<_>>()?;
-        Ok(Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
     }
 }
 

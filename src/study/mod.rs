@@ -9,6 +9,7 @@
 //! [source]
 //! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them; or
 //! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file; or
+//! # fmu = "model.fmu"                   # an FMU of any tool (see `source::fmu`); or
 //! # table = "runs.csv"                  # recorded runs (see `source::recorded`), or an `index` of files
 //! constants = { m = 0.3 }               # quantities that are no parameters; there are defaults
 //!
@@ -103,10 +104,13 @@ pub struct Study {
     /// The points of the method "list".
     #[serde(skip)]
     points: Option<Arc<Vec<Vec<f64>>>>,
-    /// Digest of the tables of recorded runs.
+    /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
-    recorded: Option<String>,
+    source_files: Option<String>,
 }
+
+/// Communication steps of a run of an FMU.
+const MAX_STEPS: f64 = 1e8;
 
 fn default_seed() -> u64 {
     1
@@ -136,7 +140,7 @@ impl Study {
         if let Some(file) = &study.source.mechanism {
             study.mechanism = Some(Arc::new(Mechanism::load(&study.beside(file))?));
         }
-        study.recorded = study.digest_tables()?;
+        study.source_files = study.digest_source_files()?;
         if let Some(file) = &study.sampling.file {
             study.points = Some(Arc::new(sampling::read_points(&study.beside(file), &study.parameters)?));
         }
@@ -148,11 +152,11 @@ impl Study {
         self.origin.folder().join(file)
     }
 
-    /// SHA-256 of the tables of recorded runs, if there are any.
-    fn digest_tables(&self) -> Result<Option<String>> {
-        let SourceOptions { table, index, columns, .. } = &self.source;
-        if let Some(table) = table {
-            return Ok(Some(files::digest(&self.beside(table))?));
+    /// SHA-256 of the FMU or of the tables of recorded runs, if there are any.
+    fn digest_source_files(&self) -> Result<Option<String>> {
+        let SourceOptions { fmu, table, index, columns, .. } = &self.source;
+        if let Some(file) = fmu.as_ref().or(table.as_ref()) {
+            return Ok(Some(files::digest(&self.beside(file))?));
         }
         let Some(index) = index else { return Ok(None) };
         let path = self.beside(index);
@@ -191,7 +195,7 @@ impl Study {
     pub fn sampling_digest(&self) -> String {
         let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
         let mechanism = self.mechanism.as_ref().map(|mechanism| mechanism.description());
-        match (mechanism, self.points(), &self.recorded) {
+        match (mechanism, self.points(), &self.source_files) {
             (None, None, None) if self.bounds.is_none() => digest(&study),
             files => digest(&(study, files, self.calibration_runs())),
         }
@@ -213,6 +217,7 @@ impl Study {
             problems.add("name", format!("`{}` is no name: {expected}", self.name));
         }
         self.source_problems(&mut problems);
+        self.fmu_problems(&mut problems);
         self.time_problems(&mut problems);
         self.variable_problems(&mut problems);
         self.sampling_problems(&mut problems);
@@ -225,14 +230,42 @@ impl Study {
     }
 
     fn source_problems(&self, problems: &mut Problems) {
-        let SourceOptions { system, mechanism, table, index, columns, constants } = &self.source;
-        let given = [system.is_some(), mechanism.is_some(), table.is_some(), index.is_some()];
+        let SourceOptions { system, mechanism, fmu, table, index, columns, constants, .. } = &self.source;
+        let given = [system.is_some(), mechanism.is_some(), fmu.is_some(), table.is_some(), index.is_some()];
         if given.iter().filter(|&&given| given).count() != 1 {
-            problems.add("source", "expected one of `system`, `mechanism`, `table` and `index`".into());
+            problems.add("source", "expected one of `system`, `mechanism`, `fmu`, `table` and `index`".into());
         } else if !self.source.is_recorded() && !columns.is_empty() {
             problems.add("source.columns", "belongs to `table` and `index`".into());
         } else if self.source.is_recorded() && !constants.is_empty() {
-            problems.add("source.constants", "belongs to `system` and `mechanism`".into());
+            problems.add("source.constants", "belongs to `system`, `mechanism` and `fmu`".into());
+        }
+    }
+
+    fn fmu_problems(&self, problems: &mut Problems) {
+        let SourceOptions { fmu, step, time_limit, retries, max_failed, .. } = self.source.clone();
+        let keys = [
+            ("step", step.is_some()),
+            ("time_limit", time_limit.is_some()),
+            ("retries", retries.is_some()),
+            ("max_failed", max_failed.is_some()),
+        ];
+        for (key, _) in keys.into_iter().filter(|(_, given)| *given && fmu.is_none()) {
+            problems.add(&format!("source.{key}"), "belongs to `fmu`".into());
+        }
+        if let Some(limit) = time_limit {
+            problems.expect_positive("source.time_limit", limit);
+        }
+        if let Some(share) = max_failed.filter(|share| !(0.0..1.0).contains(share)) {
+            problems.add("source.max_failed", format!("{share}, expected a share of at least 0 and below 1"));
+        }
+        let Some(step) = step else { return };
+        problems.expect_positive("source.step", step);
+        let steps = self.time.step / step;
+        if steps > 0.0 && (steps < 0.5 || (steps.round() - steps).abs() > 1e-9 * steps) {
+            let message = format!("{step} s does not divide the time between two rows, {} s", self.time.step);
+            problems.add("source.step", message);
+        } else if self.time.stop / step > MAX_STEPS {
+            problems.add("source.step", format!("{} steps a run, expected at most 100 million", self.time.stop / step));
         }
     }
 
@@ -255,19 +288,20 @@ impl Study {
         if self.outputs.is_empty() {
             problems.add("outputs", "no output, expected at least one".into());
         }
+        let of_fmu = self.source.fmu.is_some();
         for name in self.parameters.keys() {
-            problems.expect_variable_name(&format!("parameters.{name}"), name);
+            problems.expect_variable_name(&format!("parameters.{name}"), name, of_fmu);
         }
         for name in self.outputs.keys() {
             let key = format!("outputs.{name}");
-            problems.expect_variable_name(&key, name);
+            problems.expect_variable_name(&key, name, of_fmu);
             if self.parameters.contains_key(name) {
                 problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
             }
         }
         for (name, outputs) in &self.arrays {
             let key = format!("arrays.{name}");
-            problems.expect_variable_name(&key, name);
+            problems.expect_variable_name(&key, name, of_fmu);
             if self.parameters.contains_key(name) || self.outputs.contains_key(name) {
                 problems
                     .add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
@@ -424,10 +458,15 @@ impl Problems {
         }
     }
 
-    /// Names are kept to what every host and every language takes: some hosts refuse dots and brackets.
-    fn expect_variable_name(&mut self, key: &str, name: &str) {
+    /// Names are kept to what every host and every language takes: some hosts refuse dots and brackets. Those of an FMU
+    /// are what they are, which is any text on one line.
+    fn expect_variable_name(&mut self, key: &str, name: &str, of_fmu: bool) {
         let first = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-        if !first || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        if of_fmu {
+            if name.is_empty() || name.contains(char::is_control) {
+                self.add(key, format!("`{}` is no name of a variable", name.escape_debug()));
+            }
+        } else if !first || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
             let expected = "expected a letter or `_`, then letters, digits and `_`";
             self.add(key, format!("`{name}` is no FMI variable name that every host takes: {expected}"));
         }

@@ -14,6 +14,21 @@ pub struct SourceOptions {
     /// A mechanism file, relative to the study's folder. Its content counts for digests, not where it lies.
     #[serde(skip_serializing)]
     pub mechanism: Option<PathBuf>,
+    /// An FMU to run, relative to the study's folder. Its content counts for digests, not where it lies.
+    #[serde(skip_serializing)]
+    pub fmu: Option<PathBuf>,
+    /// Communication step size of the FMU in seconds, a whole part of `time.step`; without it, `time.step`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<f64>,
+    /// Seconds after which a run of the FMU, or its loading, is given up. Like the next two it does not count for digests.
+    #[serde(skip_serializing)]
+    pub time_limit: Option<f64>,
+    /// How often a run of the FMU that failed is tried again, in a fresh process.
+    #[serde(skip_serializing)]
+    pub retries: Option<usize>,
+    /// Share of the runs of the FMU that may fail; they are left out. If more do, the sampling fails.
+    #[serde(skip_serializing)]
+    pub max_failed: Option<f64>,
     /// A table of recorded runs, relative to the study's folder. Its content counts for digests, not where it lies.
     #[serde(skip_serializing)]
     pub table: Option<PathBuf>,
@@ -67,9 +82,8 @@ pub struct ParameterOptions {
     pub description: Option<String>,
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
     pub levels: Option<usize>,
-    /// When the FMU's host may change it.
-    #[serde(default)]
-    pub variability: Variability,
+    /// When the host of the surrogate's FMU may change it; without it, what the source says, else tunable.
+    pub variability: Option<Variability>,
 }
 
 /// An entry of `[outputs]`.

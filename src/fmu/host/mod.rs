@@ -13,6 +13,7 @@ mod grid;
 mod inputs;
 mod instance;
 mod journal;
+pub mod process;
 mod recorder;
 mod simulate;
 mod state;
@@ -24,17 +25,20 @@ pub use exchange::{CompletedStep, DiscreteStates};
 pub use inputs::Inputs;
 pub use instance::{Instance, Step};
 pub use journal::LogMessage;
-pub use recorder::Column;
+pub use recorder::{Column, element_names};
 pub use simulate::{SimulationOptions, Table, simulate};
 pub use state::State;
 pub(super) use {grid::Grid, recorder::Recorder, simulate::exchange_step};
 
 use super::{
     Archive, ModelDescription, Platform,
+    archive::description_error,
     model_description::{CoSimulation, FmiVersion, Interface},
+    xml::{self, Document},
 };
 use crate::{Error, Result};
 use libloading::Library;
+use serde::{Deserialize, Serialize};
 use std::{
     ffi::{CStr, CString, c_char},
     fmt,
@@ -43,7 +47,7 @@ use std::{
 use tempfile::TempDir;
 
 /// Who advances the time of an FMU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum InterfaceKind {
     /// The FMU itself, step by step.
     CoSimulation,
@@ -77,7 +81,79 @@ pub struct Fmu {
     resources: CString,
     // dropped in this order: the library is unloaded before its file is removed
     library: Library,
-    _folder: TempDir,
+    _folder: Option<TempDir>,
+}
+
+/// An FMU's files in a temporary folder, which is removed when the value is dropped. Nothing of it is loaded.
+#[derive(Debug)]
+pub struct Unpacked {
+    path: PathBuf,
+    description: ModelDescription,
+    interface: InterfaceKind,
+    folder: TempDir,
+}
+
+impl Unpacked {
+    /// Opens and unpacks an FMU for one interface; else for co-simulation or, if it does not offer that, for model exchange.
+    ///
+    /// # Errors
+    /// As [`Fmu::open`], but for what concerns the content of the binary.
+    pub fn open(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
+        let (mut archive, description, interface) = inspect(path, wanted)?;
+        let folder = tempfile::Builder::new()
+            .prefix("metafmu-")
+            .tempdir()
+            .map_err(Error::io(&std::env::temp_dir(), "create a folder in"))?;
+        archive.unpack(folder.path())?;
+        Ok(Self { path: path.to_owned(), description, interface, folder })
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn load(self) -> Result<Fmu> {
+        let fmu = Fmu::of_folder(&self.path, self.folder.path(), self.description, self.interface)?;
+        Ok(Fmu { _folder: Some(self.folder), ..fmu })
+    }
+}
+
+/// Opens an archive and reads what is in it, the interface to use and a binary for this platform included.
+///
+/// # Errors
+/// As [`Fmu::open`], but for what concerns the content of the binary.
+pub fn describe(path: &Path, wanted: Option<InterfaceKind>) -> Result<(ModelDescription, InterfaceKind)> {
+    inspect(path, wanted).map(|(_, description, interface)| (description, interface))
+}
+
+fn inspect(path: &Path, wanted: Option<InterfaceKind>) -> Result<(Archive, ModelDescription, InterfaceKind)> {
+    let mut archive = Archive::open(path)?;
+    let (description, interface) = usable(path, archive.document()?, wanted)?;
+    let binary = binary(&description, interface);
+    if !archive.contains(&binary) && !archive.contains(&binary.replace('/', "\\")) {
+        return Err(Error::NoBinary { path: path.to_owned(), found: platforms(&archive)?, expected: binary });
+    }
+    Ok((archive, description, interface))
+}
+
+/// What an FMU says about itself, if it can be used, and the interface to use.
+fn usable(path: &Path, document: Document, wanted: Option<InterfaceKind>) -> Result<(ModelDescription, InterfaceKind)> {
+    if let Some(problem) = document.problems.iter().find(|problem| problem.unusable) {
+        return Err(description_error(path, problem));
+    }
+    let interface = choose(&document.description, wanted).map_err(|(found, expected)| Error::Interface {
+        path: path.to_owned(),
+        found,
+        expected,
+    })?;
+    Ok((document.description, interface))
+}
+
+/// Entry of the binary for this platform.
+fn binary(description: &ModelDescription, interface: InterfaceKind) -> String {
+    let identifier = description.interface(interface).map_or("", |interface| &interface.model_identifier);
+    Platform::CURRENT.binary(description.fmi_version, identifier)
 }
 
 impl Fmu {
@@ -103,31 +179,26 @@ impl Fmu {
     }
 
     fn load(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
-        let mut archive = Archive::open(path)?;
-        let document = archive.document()?;
-        if let Some(problem) = document.problems.iter().find(|problem| problem.unusable) {
-            return Err(archive.description_error(problem));
-        }
-        let description = document.description;
-        let interface = choose(&description, wanted).map_err(|(found, expected)| Error::Interface {
-            path: path.to_owned(),
-            found,
-            expected,
-        })?;
-        let identifier = description.interface(interface).map_or("", |interface| &interface.model_identifier);
-        let binary = Platform::CURRENT.binary(description.fmi_version, identifier);
-        if !archive.contains(&binary) && !archive.contains(&binary.replace('/', "\\")) {
-            return Err(Error::NoBinary { path: path.to_owned(), found: platforms(&archive)?, expected: binary });
-        }
-        let folder = tempfile::Builder::new()
-            .prefix("metafmu-")
-            .tempdir()
-            .map_err(Error::io(&std::env::temp_dir(), "create a folder in"))?;
-        archive.unpack(folder.path())?;
-        let resources = folder.path().join("resources");
-        std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
+        Unpacked::open(path, wanted)?.load()
+    }
 
-        let file = folder.path().join(&binary);
+    /// Loads an FMU that another process has [unpacked](Unpacked) into a folder; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Fmu::open`].
+    pub fn open_unpacked(path: &Path, folder: &Path, interface: InterfaceKind) -> Result<Self> {
+        let file = folder.join("modelDescription.xml");
+        let text = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
+        let document = xml::read(&text).map_err(|problem| description_error(path, &problem))?;
+        let (description, interface) = usable(path, document, Some(interface))?;
+        Self::of_folder(path, folder, description, interface)
+    }
+
+    fn of_folder(path: &Path, folder: &Path, description: ModelDescription, interface: InterfaceKind) -> Result<Self> {
+        let resources = folder.join("resources");
+        std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
+        let binary = binary(&description, interface);
+        let file = folder.join(&binary);
         let bytes = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
         if let Some(problem) = elf::cut_short(&bytes) {
             return Err(Error::ArchiveEntry { path: path.to_owned(), entry: binary, problem });
@@ -139,7 +210,7 @@ impl Fmu {
                 (Functions::V3(fmi3::Functions::find(&library, path, interface)?), folder_path(&resources))
             }
         };
-        Ok(Self { path: path.to_owned(), description, interface, functions, resources, library, _folder: folder })
+        Ok(Self { path: path.to_owned(), description, interface, functions, resources, library, _folder: None })
     }
 
     /// The file it was loaded from.

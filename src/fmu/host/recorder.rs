@@ -28,11 +28,11 @@ pub struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// Records all outputs that are numbers, then the named variables.
-    pub fn new(instance: &'a Instance<'a>, more: &[String]) -> Result<Self> {
+    /// Records all outputs that are numbers, unless it is `only` those named, then the named variables.
+    pub fn new(instance: &'a Instance<'a>, more: &[String], only: bool) -> Result<Self> {
         let description = instance.fmu().description();
         let mut variables: Vec<&ScalarVariable> =
-            description.outputs().filter(|output| output.kind.is_number()).collect();
+            description.outputs().filter(|output| output.kind.is_number() && !only).collect();
         for name in more {
             let variable = find(instance, name)?;
             if !variable.kind.is_number() {
@@ -82,7 +82,7 @@ impl<'a> Recorder<'a> {
 }
 
 /// `name`, or `name[1,1]`, `name[1,2]` and so on, the last index first to change.
-fn element_names(name: &str, shape: &[u64]) -> Vec<String> {
+pub fn element_names(name: &str, shape: &[u64]) -> Vec<String> {
     let mut indices = vec![String::new()];
     for &size in shape {
         let longer = |index: &String| {

@@ -21,6 +21,8 @@ pub struct SimulationOptions {
     pub inputs: Inputs,
     /// Names of further variables to record.
     pub record: Vec<String>,
+    /// Whether they are all that is recorded, without the outputs.
+    pub record_only: bool,
 }
 
 /// The result of a run: a row for each communication point, the start included.
@@ -57,7 +59,7 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
         return Err(Error::NeedsIntegrator { states, indicators });
     }
     let grid = Grid::new(fmu, options)?;
-    let recorder = Recorder::new(instance, &options.record)?;
+    let recorder = Recorder::new(instance, &options.record, options.record_only)?;
     let driven = options.inputs.variables(fmu.description())?;
     for (name, value) in &options.start_values {
         set_start(instance, name, *value)?;

@@ -86,7 +86,7 @@ pub fn attempt(fmu: &Fmu, report: &mut Report, what: &str, check: impl FnOnce() 
 fn in_initialization_mode(fmu: &Fmu, start: f64) -> Result<Option<&'static str>> {
     let instance = fmu.instantiate("initialization", true)?;
     instance.enter_initialization_mode(start, None)?;
-    let row = Recorder::new(&instance, &[])?.row()?;
+    let row = Recorder::new(&instance, &[], false)?.row()?;
     instance.exit_initialization_mode()?;
     Ok(row.iter().any(|value| !value.is_finite()).then_some("one is not a finite number"))
 }

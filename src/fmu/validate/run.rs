@@ -41,7 +41,7 @@ impl<'a> Run<'a> {
 
     /// The outputs now.
     pub fn row(&self) -> Result<Vec<f64>> {
-        Recorder::new(self.instance, &[])?.row()
+        Recorder::new(self.instance, &[], false)?.row()
     }
 
     /// Goes on by one step of the experiment.
@@ -54,7 +54,7 @@ impl<'a> Run<'a> {
 
     /// Rows after each step, up to that in which the FMU ends the simulation.
     pub fn steps(&mut self, range: Range<usize>) -> Result<Vec<Vec<f64>>> {
-        let recorder = Recorder::new(self.instance, &[])?;
+        let recorder = Recorder::new(self.instance, &[], false)?;
         let mut rows = Vec::new();
         for index in range {
             let end = self.step(index)?;

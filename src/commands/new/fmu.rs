@@ -1,0 +1,252 @@
+//! A study of an FMU, from what the FMU says about itself.
+
+use super::{key, quoted, rest};
+use metafmu::{
+    Error, Result,
+    fmu::{
+        ModelDescription,
+        host::describe,
+        model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable},
+    },
+    source::fmu::variables::{elements, range, recordable, varied},
+};
+use std::{fmt::Write, path::Path};
+
+/// A run has at most this many rows unless the study is changed.
+const MAX_ROWS: usize = 500;
+/// Rows of a run if the FMU's step size does not say.
+const ROWS: usize = 200;
+/// How many parameters with a range are varied, and without.
+const VARIED: (usize, usize) = (8, 4);
+/// Half the width of a range that the FMU does not give, relative to the start value.
+const AROUND: f64 = 0.1;
+/// How many variables are listed that the study does not use.
+const LISTED: usize = 40;
+
+pub fn study(name: &str, file: &Path) -> Result<String> {
+    let (description, _) = describe(file, None)?;
+    let (parameters, outputs) = (parameters(&description), outputs(&description));
+    let what = match (&parameters, outputs.is_empty()) {
+        (None, _) => "neither a real parameter with a start value nor an input with a range: there is nothing to vary",
+        (_, true) => "no real variable to be an output",
+        _ => "",
+    };
+    let Some(parameters) = parameters.filter(|_| what.is_empty()) else {
+        return Err(Error::Stale { path: file.to_owned(), message: format!("the FMU has {what}") });
+    };
+    let file = file.display().to_string();
+    let Times { stop, step, communication_step } = Times::new(description.default_experiment.unwrap_or_default());
+    let communication = communication_step.map_or(String::new(), |step| {
+        format!("step = {step:?}                # s, between two communication points; what the FMU suggests\n")
+    });
+    let text = format!(
+        "# Made by `metafmu new {name} --fmu {file}`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+description = {}
+seed = 1                    # everything random follows from it
+
+[source]
+fmu = {}    # relative to this file
+{communication}# time_limit = 60           # s; a run that takes longer, crashes or fails
+# retries = 1               # is tried again so often, then left out and reported
+# max_failed = 0.1          # share of the runs that may fail
+# constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
+
+[time]                      # rows of a run: 0, step, 2 step, ..., stop
+stop = {stop:?}                  # s
+step = {step:?}                 # s
+
+[parameters]                # inputs of the surrogate, beside the time: parameters and inputs of the FMU, constant during a run
+{}
+[outputs]
+{}{}
+[sampling]
+method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
+runs = 1000
+test_runs = 200             # random runs that are never part of training
+
+",
+        quoted(description.description.as_deref().unwrap_or_default()),
+        quoted(&file),
+        parameters,
+        outputs,
+        arrays(&description),
+    );
+    Ok(match description.fmi_version {
+        FmiVersion::V2 => text + rest(),
+        // it is to take the FMU's place
+        FmiVersion::V3 => text + &rest().replacen("fmi = \"2\"", "fmi = \"3\"", 1),
+    })
+}
+
+/// Times of a run.
+struct Times {
+    stop: f64,
+    step: f64,
+    /// If it is not the step between two rows.
+    communication_step: Option<f64>,
+}
+
+impl Times {
+    fn new(experiment: DefaultExperiment) -> Self {
+        let stop = experiment.stop.unwrap_or(1.0) - experiment.start.unwrap_or(0.0);
+        let stop = if stop > 0.0 && stop.is_finite() { stop } else { 1.0 };
+        let coarse = Self { stop, step: short(stop / ROWS as f64), communication_step: None };
+        let Some(step) = experiment.step_size.filter(|step| *step > 0.0 && *step <= stop) else { return coarse };
+        let steps = (stop / step).round();
+        if (steps * step - stop).abs() > 1e-9 * stop || steps > 1e8 {
+            return coarse;
+        }
+        let steps = steps as usize;
+        let per_row = (steps.div_ceil(MAX_ROWS)..=steps).find(|count| steps.is_multiple_of(*count)).unwrap_or(1);
+        let communication_step = (per_row > 1).then_some(step);
+        Self { stop, step: short(step * per_row as f64), communication_step }
+    }
+}
+
+/// A number without the digits that rounding has left.
+fn short(number: f64) -> f64 {
+    format!("{number:.11e}").parse().unwrap_or(number)
+}
+
+/// Those with a range, else the first ones, are varied; the others are listed.
+fn parameters(description: &ModelDescription) -> Option<String> {
+    let offered = |variable: &&ScalarVariable| {
+        matches!(variable.causality, Causality::Parameter | Causality::Input) && varied(variable).is_ok()
+    };
+    let all: Vec<&ScalarVariable> = description.variables.iter().filter(offered).collect();
+    let with_range = |variable: &&&ScalarVariable| known_range(description, variable).is_some();
+    let guessed = |variable: &&&ScalarVariable| {
+        variable.causality == Causality::Parameter && around_start(description, variable).is_some()
+    };
+    let mut chosen: Vec<&ScalarVariable> = all.iter().filter(with_range).copied().take(VARIED.0).collect();
+    if chosen.is_empty() {
+        chosen = all.iter().filter(guessed).copied().take(VARIED.1).collect();
+    }
+    if chosen.is_empty() {
+        return None;
+    }
+    let (mut text, mut listed) = (String::new(), 0);
+    for variable in &all {
+        let is_chosen = chosen.iter().any(|other| other.name == variable.name);
+        listed += usize::from(!is_chosen);
+        if !is_chosen && listed > LISTED {
+            continue;
+        }
+        let unit = description.unit_of(variable).map_or(String::new(), |unit| format!(", unit = {}", quoted(unit)));
+        let start = variable.kind.as_real().and_then(|real| real.start);
+        let mut about = Vec::new();
+        let bounds = known_range(description, variable).or_else(|| {
+            about.push(match start {
+                Some(0.0) => "the FMU gives no range and starts with 0: a guess".to_owned(),
+                _ => "the FMU gives no range: a tenth around its start value".to_owned(),
+            });
+            around_start(description, variable)
+        });
+        let bounds = match bounds {
+            Some((min, max)) => format!("min = {min:?}, max = {max:?}"),
+            None => {
+                about = vec!["the FMU gives neither a range nor a start value".to_owned()];
+                "min = ..., max = ...".into()
+            }
+        };
+        if variable.causality == Causality::Input {
+            about.push("an input".into());
+        }
+        about.extend(variable.description.iter().filter(|text| !text.is_empty()).map(|text| one_line(text)));
+        let mark = if is_chosen { "" } else { "# " };
+        let about = if about.is_empty() { String::new() } else { format!("    # {}", about.join("; ")) };
+        // writing to a string does not fail
+        let _ = writeln!(text, "{mark}{} = {{ {bounds}{unit} }}{about}", key(&variable.name));
+    }
+    more(&mut text, listed);
+    Some(text)
+}
+
+/// The outputs, else what is internal, of real numbers; arrays as their elements.
+fn outputs(description: &ModelDescription) -> String {
+    let fitting = description.variables.iter().filter(|variable| recordable(variable).is_ok());
+    let all: Vec<&ScalarVariable> = fitting.collect();
+    let is_output = |variable: &ScalarVariable| variable.causality == Causality::Output;
+    let without_outputs = !all.iter().any(|variable| is_output(variable));
+    let (mut text, mut listed) = (String::new(), 0);
+    for (position, variable) in all.iter().enumerate() {
+        // a study has at least one
+        let is_chosen = is_output(variable) || (without_outputs && position == 0);
+        let unit = description.unit_of(variable).unwrap_or_default();
+        let mark = if is_chosen { "" } else { "# " };
+        let about = variable.description.as_deref().filter(|text| !text.is_empty());
+        let about = about.map_or(String::new(), |text| format!("    # {}", one_line(text)));
+        for name in elements(description, variable) {
+            listed += usize::from(!is_chosen);
+            if is_chosen || listed <= LISTED {
+                let _ = writeln!(text, "{mark}{} = {{ unit = {} }}{about}", key(&name), quoted(unit));
+            }
+        }
+    }
+    more(&mut text, listed);
+    text
+}
+
+/// Outputs that are arrays in the FMU, as arrays of the surrogate's.
+fn arrays(description: &ModelDescription) -> String {
+    let mut text = String::new();
+    for variable in description.outputs().filter(|variable| recordable(variable).is_ok()) {
+        let names: Vec<String> = elements(description, variable).iter().map(|name| quoted(name)).collect();
+        if variable.dimensions.len() == 1 && names.len() > 1 {
+            let _ = writeln!(text, "{} = [{}]", key(&variable.name), names.join(", "));
+        }
+    }
+    if text.is_empty() {
+        text
+    } else {
+        format!("\n[arrays]                    # outputs that FMI 3.0 offers as arrays as well\n{text}")
+    }
+}
+
+fn more(text: &mut String, listed: usize) {
+    if listed > LISTED {
+        let _ = writeln!(text, "# and {} more in the FMU", listed - LISTED);
+    }
+}
+
+/// The range that the FMU gives.
+fn known_range(description: &ModelDescription, variable: &ScalarVariable) -> Option<(f64, f64)> {
+    let (min, max) = range(description, variable);
+    min.zip(max).filter(|(min, max)| min.is_finite() && max.is_finite() && min < max && max - min < 1e300)
+}
+
+/// A tenth around the start value, of zero 1, within what the FMU takes.
+fn around_start(description: &ModelDescription, variable: &ScalarVariable) -> Option<(f64, f64)> {
+    let start = variable.kind.as_real().and_then(|real| real.start)?;
+    let (min, max) = range(description, variable);
+    let width = if start == 0.0 { 1.0 } else { AROUND * start.abs() };
+    let ends = (short(start - width), short(start + width));
+    let ends = (ends.0.max(min.unwrap_or(f64::MIN)), ends.1.min(max.unwrap_or(f64::MAX)));
+    Some(ends).filter(|(min, max)| min.is_finite() && max.is_finite() && min < max)
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_follow_the_suggested_experiment_with_few_rows() {
+        let times = |stop: Option<f64>, step_size: Option<f64>| {
+            let Times { stop, step, communication_step } =
+                Times::new(DefaultExperiment { start: None, stop, step_size, tolerance: None });
+            (stop, step, communication_step)
+        };
+        assert_eq!(times(Some(2.0), Some(0.01)), (2.0, 0.01, None));
+        assert_eq!(times(Some(2.0), Some(0.001)), (2.0, 0.004, Some(0.001)));
+        assert_eq!(times(Some(0.3), Some(0.1)), (0.3, 0.1, None));
+        assert_eq!(times(Some(5.0), None), (5.0, 0.025, None));
+        assert_eq!(times(None, None), (1.0, 0.005, None));
+        assert_eq!(times(Some(1.0), Some(0.3)), (1.0, 0.005, None));
+    }
+}

@@ -1,0 +1,241 @@
+//! Runs of an FMU of any tool: FMI 2.0 or 3.0, co-simulation, or model exchange.
+//!
+//! Somebody else's machine code may crash or hang, so it is run by worker processes, one for each thread: `metafmu` itself,
+//! started again. Each run has an instance of its own. A run that fails, ends its process or takes longer than
+//! `source.time_limit` is tried again `source.retries` times, in a fresh process; then it is left out and reported. Which
+//! process makes which run does not matter to the results, unless the FMU keeps something from instance to instance.
+
+mod process;
+pub mod variables;
+pub mod worker;
+
+use super::{Journal, journal::WORTH_KEEPING};
+use crate::{
+    Error, Result,
+    fmu::host::{Unpacked, describe},
+    study::Study,
+    variable::Variable,
+};
+use process::{Answer, Worker};
+use std::{
+    borrow::Cow,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+    time::{Duration, Instant},
+};
+use variables::{Resolved, resolve};
+use worker::{Reply, Setup, Task};
+
+/// Seconds of a run unless `source.time_limit` says otherwise.
+const TIME_LIMIT: f64 = 60.0;
+/// `source.retries` unless given.
+const RETRIES: usize = 1;
+/// `source.max_failed` unless given.
+const MAX_FAILED: f64 = 0.1;
+
+/// A run's outputs, row by row, or why it failed.
+pub type Outcome = std::result::Result<Vec<f64>, String>;
+
+/// An FMU and what its runs are.
+#[derive(Clone, Debug)]
+pub struct FmuModel {
+    task: Arc<Task>,
+    /// Numbers of a run.
+    values: usize,
+    /// Whether a process may make one run only.
+    one_run_per_process: bool,
+    time_limit: Duration,
+    retries: usize,
+    max_failed: f64,
+}
+
+impl FmuModel {
+    /// Finds the study's parameters, constants and outputs in the FMU at `path`; loads nothing. Also the variables of the
+    /// parameters and outputs, in the study's order.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every name the FMU has not, or not for that purpose, and every unit that is not the FMU's; the
+    /// errors of an FMU that cannot be read.
+    pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
+        let (description, interface) = describe(path, None)?;
+        let Resolved { parameters, outputs, mut task } = resolve(study, &description)?;
+        let options = &study.source;
+        let rows = (study.time.stop / study.time.step).round() as usize;
+        task.path = path.to_owned();
+        task.interface = interface;
+        task.stop = study.time.stop;
+        // of whole steps, so that the last one ends at the stop time
+        task.steps_per_row = options.step.map_or(1, |step| (study.time.step / step).round() as usize);
+        task.step = study.time.stop / (rows * task.steps_per_row) as f64;
+        let capabilities = description.interface(interface);
+        let model = Self {
+            values: (rows + 1) * task.outputs.len(),
+            task: Arc::new(task),
+            one_run_per_process: capabilities.is_some_and(|interface| interface.only_once_per_process),
+            time_limit: Duration::from_secs_f64(options.time_limit.unwrap_or(TIME_LIMIT).min(1e9)),
+            retries: options.retries.unwrap_or(RETRIES),
+            max_failed: options.max_failed.unwrap_or(MAX_FAILED),
+        };
+        Ok((model, parameters, outputs))
+    }
+
+    /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
+    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up.
+    ///
+    /// # Errors
+    /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Worker`] if the FMU cannot be loaded,
+    /// [`Error::Interrupted`], [`Error::Io`] of the journal or the processes, the errors of an FMU that cannot be unpacked.
+    pub fn run_all(
+        &self,
+        points: &[Vec<f64>],
+        journal: Option<&Journal>,
+        stop: &AtomicBool,
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<Outcome>> {
+        let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
+        let mut outcomes: Vec<Option<Outcome>> = points.iter().map(|point| kept(point).map(Ok)).collect();
+        let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
+        (missing.len()..points.len()).for_each(|_| done());
+        if !missing.is_empty() {
+            let unpacked = Unpacked::open(&self.task.path, Some(self.task.interface))?;
+            let setup = Setup { folder: unpacked.folder().to_owned(), task: Cow::Borrowed(&self.task) };
+            let campaign = Campaign {
+                model: self,
+                setup: serde_json::to_string(&setup)
+                    .map_err(std::io::Error::from)
+                    .map_err(Error::io(&self.task.path, "describe"))?,
+                points,
+                missing: &missing,
+                next: AtomicUsize::new(0),
+                failed: AtomicUsize::new(0),
+                allowed: (self.max_failed * points.len() as f64).floor() as usize,
+                journal,
+                stop,
+                halt: AtomicBool::new(false),
+                done: &done,
+            };
+            for (index, outcome) in campaign.run()? {
+                outcomes[index] = Some(outcome);
+            }
+        }
+        outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
+    }
+}
+
+/// Runs on their way.
+struct Campaign<'a> {
+    model: &'a FmuModel,
+    setup: String,
+    points: &'a [Vec<f64>],
+    /// Positions of the points that are to be run, and which of these is next.
+    missing: &'a [usize],
+    next: AtomicUsize,
+    failed: AtomicUsize,
+    allowed: usize,
+    journal: Option<&'a Journal>,
+    stop: &'a AtomicBool,
+    /// Another thread met an error.
+    halt: AtomicBool,
+    done: &'a (dyn Fn() + Sync),
+}
+
+impl Campaign<'_> {
+    fn run(&self) -> Result<Vec<(usize, Outcome)>> {
+        let threads = rayon::current_num_threads().min(self.missing.len());
+        let results: Vec<Result<Vec<_>>> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|p| std::panic::resume_unwind(p))).collect()
+        });
+        // threads that were halted have nothing to say about why
+        let mut outcomes = Vec::new();
+        for result in results {
+            outcomes.extend(result?);
+        }
+        if self.stop.load(Ordering::Relaxed) && outcomes.len() < self.missing.len() {
+            return Err(Error::Interrupted);
+        }
+        Ok(outcomes)
+    }
+
+    /// Makes one run after the other with a process of its own.
+    fn work(&self) -> Result<Vec<(usize, Outcome)>> {
+        let (mut outcomes, mut worker) = (Vec::new(), None);
+        while !self.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
+            let Some(&index) = self.missing.get(self.next.fetch_add(1, Ordering::Relaxed)) else { break };
+            match self.attempt(&self.points[index], &mut worker) {
+                Ok(Some(outcome)) => outcomes.push((index, outcome)),
+                Ok(None) => break,
+                Err(error) => {
+                    self.halt.store(true, Ordering::Relaxed);
+                    return Err(error);
+                }
+            }
+            (self.done)();
+        }
+        Ok(outcomes)
+    }
+
+    /// One run, with as many tries as it may have; none if the program is to stop.
+    fn attempt(&self, point: &[f64], worker: &mut Option<Worker>) -> Result<Option<Outcome>> {
+        let mut reason = String::new();
+        for _ in 0..=self.model.retries {
+            let begin = Instant::now();
+            let Some(process) = self.ready(worker)? else { return Ok(None) };
+            let mut answer = process.ask(point, self.model.time_limit, self.stop);
+            if !matches!(&answer, Answer::Reply(Reply::Done(count), _) if *count == self.model.values)
+                || self.model.one_run_per_process
+            {
+                // a process in which something went wrong is not trusted any more
+                *worker = None;
+            }
+            reason = match &mut answer {
+                Answer::Reply(Reply::Done(count), outputs) if *count == self.model.values => {
+                    let outputs = std::mem::take(outputs);
+                    if let Some(journal) = self.journal.filter(|_| begin.elapsed() > WORTH_KEEPING) {
+                        journal.keep(point, &outputs)?;
+                    }
+                    return Ok(Some(Ok(outputs)));
+                }
+                Answer::Reply(Reply::Failed(reason), _) | Answer::Died(reason) => std::mem::take(reason),
+                Answer::Reply(..) => "the worker's reply made no sense".into(),
+                Answer::TimedOut => format!("took longer than {:?} (source.time_limit)", self.model.time_limit),
+                Answer::Stopped => return Ok(None),
+            };
+        }
+        let failed = self.failed.fetch_add(1, Ordering::Relaxed) + 1;
+        if failed > self.allowed {
+            let Self { points, allowed, .. } = *self;
+            let (total, share, parameters) = (points.len(), self.model.max_failed, self.named(point));
+            return Err(Error::FailedRuns { failed, total, allowed, share, parameters, reason });
+        }
+        Ok(Some(Err(reason)))
+    }
+
+    fn named(&self, point: &[f64]) -> String {
+        super::list(self.model.task.variables.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
+    }
+
+    /// A process that has loaded the FMU; none if the program is to stop.
+    fn ready<'w>(&self, worker: &'w mut Option<Worker>) -> Result<Option<&'w mut Worker>> {
+        let path = &self.model.task.path;
+        let mut process = match worker.take() {
+            Some(process) => return Ok(Some(worker.insert(process))),
+            None => Worker::start(&self.setup).map_err(Error::io(path, "start a worker for"))?,
+        };
+        let message = match process.answer(self.model.time_limit, self.stop) {
+            Answer::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
+            Answer::Stopped => return Ok(None),
+            // it names the FMU
+            Answer::Reply(Reply::Failed(message), _) => return Err(Error::Worker { message }),
+            Answer::Reply(..) => "the worker's reply made no sense".into(),
+            Answer::Died(reason) => format!("when it was loaded, {reason}"),
+            Answer::TimedOut => {
+                format!("loading it took longer than {:?} (source.time_limit)", self.model.time_limit)
+            }
+        };
+        Err(Error::Worker { message: format!("{}: {message}", path.display()) })
+    }
+}

@@ -1,0 +1,305 @@
+//! Which of an FMU's variables can be what in a study.
+
+use super::{super::wrong_unit, worker::Task};
+use crate::{
+    Result,
+    fmu::{
+        ModelDescription,
+        host::{InterfaceKind, element_names},
+        model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
+    },
+    study::Study,
+    variable::{Original, Variable},
+};
+use metafmu_runtime::{Role, Variability};
+
+/// A study's names found in an FMU.
+pub struct Resolved {
+    /// In the study's order.
+    pub parameters: Vec<Variable>,
+    /// In the study's order.
+    pub outputs: Vec<Variable>,
+    /// What is set and recorded; the rest is not filled in.
+    pub task: Task,
+}
+
+/// Finds a study's parameters, constants and outputs.
+///
+/// # Errors
+/// [`Error::Study`](crate::Error::Study) with every problem.
+pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved> {
+    let task = Task {
+        path: Default::default(),
+        interface: InterfaceKind::CoSimulation,
+        stop: 0.0,
+        step: 0.0,
+        steps_per_row: 1,
+        variables: Vec::new(),
+        is_input: Vec::new(),
+        constants: Vec::new(),
+        recorded: Vec::new(),
+        outputs: Vec::new(),
+    };
+    let mut resolver = Resolver { study, description, parameters: Vec::new(), outputs: Vec::new(), task };
+    let mut problems = resolver.parameters();
+    problems.extend(resolver.constants());
+    problems.extend(resolver.outputs());
+    study.refuse(problems)?;
+    let Resolver { parameters, outputs, task, .. } = resolver;
+    Ok(Resolved { parameters, outputs, task })
+}
+
+struct Resolver<'a> {
+    study: &'a Study,
+    description: &'a ModelDescription,
+    parameters: Vec<Variable>,
+    outputs: Vec<Variable>,
+    task: Task,
+}
+
+type Problems = Vec<(String, String)>;
+
+impl Resolver<'_> {
+    fn parameters(&mut self) -> Problems {
+        let mut problems = Vec::new();
+        let description = self.description;
+        for (name, options) in &self.study.parameters {
+            let key = format!("parameters.{name}");
+            let mut add = |message: String| problems.push((key.clone(), message));
+            let Some(variable) = description.variable(name) else {
+                add(unknown(description, name, "variable to be set", |variable| varied(variable).is_ok()));
+                continue;
+            };
+            let role = match varied(variable) {
+                Ok(role) => role,
+                Err(reason) => {
+                    add(reason);
+                    continue;
+                }
+            };
+            let (min, max) = range(description, variable);
+            if options.min < min.unwrap_or(f64::NEG_INFINITY) || options.max > max.unwrap_or(f64::INFINITY) {
+                let end = |end: Option<f64>| end.map_or("any".into(), |end: f64| end.to_string());
+                let (from, to) = (end(min), end(max));
+                add(format!("range from {} to {}, the FMU takes {from} to {to}", options.min, options.max));
+            }
+            if role == Role::Input && options.variability.is_some() {
+                problems.push((format!("{key}.variability"), "is an input of the FMU: belongs to parameters".into()));
+            }
+            let unit = description.unit_of(variable).unwrap_or_default();
+            problems.extend(wrong_unit(&key, options.unit.as_deref(), unit));
+            self.task.variables.push(name.clone());
+            self.task.is_input.push(role == Role::Input);
+            let start = variable.kind.as_real().and_then(|real| real.start);
+            self.parameters.push(Variable {
+                original: Some(Original { role, start }),
+                ..named(name, unit, options.description.as_deref(), variable)
+            });
+        }
+        problems
+    }
+
+    fn constants(&mut self) -> Problems {
+        let mut problems = Vec::new();
+        for (name, &value) in &self.study.source.constants {
+            let mut add = |message: String| problems.push((format!("source.constants.{name}"), message));
+            let Some(variable) = self.description.variable(name) else {
+                add(unknown(self.description, name, "variable to be set", |variable| settable(variable).is_ok()));
+                continue;
+            };
+            match settable(variable) {
+                Err(reason) => add(reason),
+                Ok(()) if self.study.parameters.contains_key(name) => {
+                    add("is a parameter: a quantity is either constant or varied".into());
+                }
+                Ok(()) if !value.is_finite() => add(format!("{value} is not finite")),
+                Ok(()) => {
+                    self.task.variables.push(name.clone());
+                    // of an array all elements start with it
+                    let scalar = variable.dimensions.is_empty();
+                    self.task.is_input.push(scalar && variable.causality == Causality::Input);
+                    self.task.constants.push(value);
+                }
+            }
+        }
+        problems
+    }
+
+    fn outputs(&mut self) -> Problems {
+        let mut problems = Vec::new();
+        for (name, options) in &self.study.outputs {
+            let key = format!("outputs.{name}");
+            let Some(variable) = recorded_as(self.description, name) else {
+                let message =
+                    unknown(self.description, name, "variable to be recorded", |variable| recordable(variable).is_ok());
+                problems.push((key, message));
+                continue;
+            };
+            if let Err(reason) = recordable(variable) {
+                problems.push((key, reason));
+                continue;
+            }
+            if variable.name == *name && !variable.dimensions.is_empty() {
+                let elements = elements(self.description, variable);
+                let some: Vec<&str> = elements.iter().take(3).map(String::as_str).collect();
+                problems.push((key, format!("is an array, expected its elements: {}", some.join(", "))));
+                continue;
+            }
+            let unit = self.description.unit_of(variable).unwrap_or_default();
+            problems.extend(wrong_unit(&key, options.unit.as_deref(), unit));
+            if !self.task.recorded.contains(&variable.name) {
+                self.task.recorded.push(variable.name.clone());
+            }
+            // a name may be an alias; columns have the variable's own
+            let own = if variable.dimensions.is_empty() { &variable.name } else { name };
+            self.task.outputs.push(own.clone());
+            self.outputs.push(named(name, unit, options.description.as_deref(), variable));
+        }
+        problems
+    }
+}
+
+fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVariable) -> Variable {
+    Variable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
+}
+
+/// What a variable that a study varies is to a host, or why it cannot be varied.
+pub fn varied(variable: &ScalarVariable) -> std::result::Result<Role, String> {
+    settable(variable)?;
+    if !matches!(variable.kind, VariableType::Real(_)) {
+        let what = variable.kind.name(fmi::FmiVersion::V2);
+        return Err(format!(
+            "is of type {what}: only real numbers are varied; it may have a value in source.constants"
+        ));
+    }
+    if !variable.dimensions.is_empty() {
+        return Err("is an array: only scalars are varied; all elements may have one value in source.constants".into());
+    }
+    Ok(match (variable.causality, variable.variability) {
+        (Causality::Input, _) => Role::Input,
+        (Causality::Parameter, fmi::Variability::Tunable) => Role::Parameter(Variability::Tunable),
+        // the start value of a state, too, counts at the beginning only
+        _ => Role::Parameter(Variability::Fixed),
+    })
+}
+
+/// Whether a variable may be given a value before the simulation, or why not.
+pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
+    let starts = matches!(variable.initial, Some(Initial::Exact | Initial::Approx)) && variable.kind.has_start();
+    let problem = match variable.causality {
+        _ if !variable.kind.is_number() => "is no number",
+        _ if variable.variability == fmi::Variability::Constant => "is constant in the FMU",
+        Causality::Independent => "is the time",
+        Causality::StructuralParameter => "is a structural parameter: they keep their values here",
+        Causality::Parameter | Causality::Input => return Ok(()),
+        Causality::CalculatedParameter | Causality::Output | Causality::Local if starts => return Ok(()),
+        _ => "is calculated by the FMU",
+    };
+    Err(problem.into())
+}
+
+/// Whether a variable may be an output of a study, or why not.
+pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), String> {
+    let problem = match (&variable.kind, variable.causality) {
+        (VariableType::Real(_), Causality::Output | Causality::Local | Causality::CalculatedParameter) => return Ok(()),
+        (VariableType::Real(_), causality) => format!("is no output: its causality is {}", fmi::Named::name(causality)),
+        (kind, _) => format!("is of type {}: only real numbers are predicted", kind.name(fmi::FmiVersion::V2)),
+    };
+    Err(problem)
+}
+
+/// The smallest and largest value that an FMU takes, its own or that of its type.
+pub fn range(description: &ModelDescription, variable: &ScalarVariable) -> (Option<f64>, Option<f64>) {
+    let own = variable.kind.as_real();
+    let of_type = description.type_of(variable).and_then(|definition| definition.kind.as_real());
+    let bound = |get: fn(&Real) -> Option<f64>| own.and_then(get).or(of_type.and_then(get));
+    (bound(|real| real.min), bound(|real| real.max))
+}
+
+/// Names of the elements of a variable; of a scalar its own.
+pub fn elements(description: &ModelDescription, variable: &ScalarVariable) -> Vec<String> {
+    element_names(&variable.name, &description.shape(variable).unwrap_or_default())
+}
+
+/// The variable of a name, or the array that has an element of that name.
+fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a ScalarVariable> {
+    description.variable(name).or_else(|| {
+        let (array, _) = name.strip_suffix(']')?.rsplit_once('[')?;
+        let variable = description.variable(array).filter(|variable| !variable.dimensions.is_empty())?;
+        elements(description, variable).iter().any(|element| element == name).then_some(variable)
+    })
+}
+
+/// What to say about a name that is not there: those like it, else the first ones.
+fn unknown(description: &ModelDescription, name: &str, what: &str, fits: impl Fn(&ScalarVariable) -> bool) -> String {
+    const SHOWN: usize = 8;
+    let known: Vec<&str> = description.variables.iter().filter(|v| fits(v)).map(|v| v.name.as_str()).collect();
+    let lower = name.to_lowercase();
+    let like = |known: &&&str| known.to_lowercase().contains(&lower) || lower.contains(&known.to_lowercase());
+    let mut shown: Vec<&str> = known.iter().filter(like).copied().take(SHOWN).collect();
+    if shown.is_empty() {
+        shown = known.iter().copied().take(SHOWN).collect();
+    }
+    let more = match known.len() - shown.len() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let shown = if shown.is_empty() { "none".to_owned() } else { shown.join(", ") };
+    format!("the FMU has no {what} `{name}`, expected one of {shown}{more}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmu::{FmiVersion, testing};
+    use std::path::Path;
+
+    /// A study of the example's FMU, whose `speed` is an input and whose `length` is tunable.
+    fn resolved(from: &str, to: &str) -> Result<Resolved> {
+        const STUDY: &str = "name = \"s\"\n[source]\nfmu = \"example.fmu\"\n[time]\nstop = 1\nstep = 0.5\n[parameters]\n\
+            length = { min = 0.12, max = 0.2 }\nspeed = { min = 0, max = 5 }\n[outputs]\nangle = {}\n\
+            [sampling]\nmethod = \"sobol\"\nruns = 2\n";
+        assert!(STUDY.contains(from), "{from}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = testing::fmu_with_input(folder.path(), FmiVersion::V3);
+        let (description, _) = crate::fmu::host::describe(&path, None)?;
+        let text = STUDY.replacen(from, to, 1);
+        resolve(&Study::parse(&text, &folder.path().join(Path::new("s.toml")))?, &description)
+    }
+
+    #[test]
+    fn parameters_keep_what_they_are_and_where_they_start() {
+        let Resolved { parameters, outputs, task } = resolved("stop = 1", "stop = 1").unwrap();
+        let roles: Vec<Role> = parameters.iter().map(|p| p.original.unwrap().role).collect();
+        assert_eq!(roles, [Role::Parameter(Variability::Tunable), Role::Input]);
+        assert_eq!(task.is_input, [false, true]);
+        assert!(parameters.iter().all(|p| p.original.unwrap().start.is_some() && !p.unit.is_empty()));
+        assert_eq!((outputs[0].unit.as_str(), task.recorded.as_slice()), ("rad", &["angle".to_owned()][..]));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_said() {
+        for (from, to, says) in [
+            (
+                "length =",
+                "domain_policy =",
+                "parameters.domain_policy: is of type Integer: only real numbers are varied",
+            ),
+            ("length =", "time =", "parameters.time"),
+            ("length =", "velocity =", "parameters.velocity: is calculated by the FMU"),
+            ("min = 0.12", "min = 0.0", "parameters.length: range from 0 to 0.2, the FMU takes 0.1 to 0.2"),
+            (
+                "max = 5 }\n[out",
+                "max = 5, variability = \"fixed\" }\n[out",
+                "parameters.speed.variability: is an input",
+            ),
+            ("angle =", "in_domain =", "outputs.in_domain: is of type Boolean"),
+            ("angle =", "angel =", "outputs.angel: the FMU has no variable to be recorded `angel`, expected one of "),
+            ("angle = {}", "angle = { unit = \"deg\" }", "outputs.angle.unit: `deg`, expected `rad`"),
+            ("[time]", "constants = { speed = 1 }\n[time]", "source.constants.speed: is a parameter"),
+        ] {
+            let message = resolved(from, to).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(message.contains(says), "{to}: {message}");
+        }
+    }
+}

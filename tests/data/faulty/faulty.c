@@ -1,0 +1,143 @@
+/*
+ * An FMI 2.0 co-simulation FMU that goes wrong for some parameter values: y = k1 cos(2 t) + k2 and z = t k1.
+ *
+ * At 0.5 s it ends its process by SIGSEGV for k1 in [0.1, 0.15) and by abort() for k1 in [0.3, 0.35), it hangs for k1 in
+ * [0.5, 0.55), says fmi2Error for k1 in [0.7, 0.75) and computes NaN for k1 in [0.8, 0.85); it ends the simulation for k1 in
+ * [0.95, 0.97). For k1 in [0.9, 0.92) it aborts once: the folder that FAULTY_MARKS names remembers. It prints what nobody
+ * asked for, and SLOW makes a run last so many milliseconds.
+ */
+#define _POSIX_C_SOURCE 199309L
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#define API __attribute__((visibility("default")))
+typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
+typedef struct {
+    void (*logger)(void *, const char *, Status, const char *, const char *, ...);
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void (*step_finished)(void *, Status);
+    void *environment;
+} Callbacks;
+/* value references: k1, k2, y, z */
+typedef struct {
+    const Callbacks *callbacks;
+    double k1, k2, time;
+    int ended;
+} Model;
+
+static int *volatile nowhere;
+
+static int within(double value, double from, double to) { return value >= from && value < to; }
+
+static void go_wrong(const Model *model) {
+    if (within(model->k1, 0.1, 0.15)) *nowhere = 1;
+    if (within(model->k1, 0.3, 0.35)) {
+        fprintf(stderr, "faulty: assertion failed\n");
+        abort();
+    }
+    if (within(model->k1, 0.5, 0.55)) {
+        for (;;) sleep(1);
+    }
+    if (within(model->k1, 0.9, 0.92) && getenv("FAULTY_MARKS")) {
+        char name[4096];
+        snprintf(name, sizeof name, "%s/%.17g", getenv("FAULTY_MARKS"), model->k1);
+        if (open(name, O_CREAT | O_EXCL, 0600) != -1) abort();
+    }
+}
+
+API const char *fmi2GetTypesPlatform(void) { return "default"; }
+API const char *fmi2GetVersion(void) { return "2.0"; }
+
+API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *callbacks,
+                          int visible, int logging) {
+    (void)name, (void)type, (void)guid, (void)resources, (void)visible, (void)logging;
+    Model *model = calloc(1, sizeof *model);
+    if (!model) return NULL;
+    model->callbacks = callbacks;
+    model->k1 = 0.6;
+    model->k2 = 0.5;
+    printf("{\"Done\": 3}\nhello from the FMU\n");
+    fflush(stdout);
+    return model;
+}
+
+API void fmi2FreeInstance(void *model) { free(model); }
+API Status fmi2SetDebugLogging(void *m, int on, size_t n, const char *const *names) {
+    (void)m, (void)on, (void)n, (void)names;
+    return OK;
+}
+API Status fmi2SetupExperiment(void *m, int has, double tolerance, double start, int has_stop, double stop) {
+    (void)has, (void)tolerance, (void)has_stop, (void)stop;
+    ((Model *)m)->time = start;
+    return OK;
+}
+API Status fmi2EnterInitializationMode(void *m) { return m ? OK : ERROR; }
+API Status fmi2ExitInitializationMode(void *m) { return m ? OK : ERROR; }
+API Status fmi2Terminate(void *m) { return m ? OK : ERROR; }
+API Status fmi2Reset(void *m) { return m ? OK : ERROR; }
+
+API Status fmi2GetReal(void *m, const unsigned *references, size_t n, double *values) {
+    const Model *model = m;
+    for (size_t i = 0; i < n; i++) {
+        const double all[] = {model->k1, model->k2, model->k1 * cos(2 * model->time) + model->k2,
+                              model->time * model->k1};
+        values[i] = all[references[i]];
+        if (model->time >= 0.5 && within(model->k1, 0.8, 0.85)) values[i] = NAN;
+    }
+    return OK;
+}
+
+API Status fmi2SetReal(void *m, const unsigned *references, size_t n, const double *values) {
+    Model *model = m;
+    for (size_t i = 0; i < n; i++) *(references[i] == 0 ? &model->k1 : &model->k2) = values[i];
+    return OK;
+}
+
+API Status fmi2DoStep(void *m, double time, double step, int no_state_prior) {
+    (void)no_state_prior;
+    Model *model = m;
+    if (getenv("SLOW")) {
+        const double seconds = atof(getenv("SLOW")) / 1000.0 * step;
+        const struct timespec pause = {(time_t)seconds, (long)(fmod(seconds, 1.0) * 1e9)};
+        nanosleep(&pause, NULL);
+    }
+    if (time + step >= 0.5) {
+        go_wrong(model);
+        if (within(model->k1, 0.7, 0.75)) {
+            model->callbacks->logger(model->callbacks->environment, "faulty", ERROR, "logStatusError", "no solution for %g",
+                                     0.5);
+            return ERROR;
+        }
+        if (within(model->k1, 0.95, 0.97)) {
+            model->ended = 1;
+            return DISCARD;
+        }
+    }
+    model->time = time + step;
+    return OK;
+}
+
+API Status fmi2GetBooleanStatus(void *m, int kind, int *value) {
+    (void)kind;
+    *value = ((Model *)m)->ended;
+    return OK;
+}
+API Status fmi2GetRealStatus(void *m, int kind, double *value) {
+    (void)kind;
+    *value = ((Model *)m)->time;
+    return OK;
+}
+
+/* what has to be there and is not called */
+#define UNUSED(name) API Status name(void *m) { return m ? ERROR : FATAL; }
+UNUSED(fmi2GetInteger) UNUSED(fmi2GetBoolean) UNUSED(fmi2GetString) UNUSED(fmi2SetInteger) UNUSED(fmi2SetBoolean)
+UNUSED(fmi2SetString) UNUSED(fmi2GetFMUstate) UNUSED(fmi2SetFMUstate) UNUSED(fmi2FreeFMUstate)
+UNUSED(fmi2SerializedFMUstateSize) UNUSED(fmi2SerializeFMUstate) UNUSED(fmi2DeSerializeFMUstate)
+UNUSED(fmi2GetDirectionalDerivative) UNUSED(fmi2SetRealInputDerivatives) UNUSED(fmi2GetRealOutputDerivatives)
+UNUSED(fmi2CancelStep) UNUSED(fmi2GetStatus) UNUSED(fmi2GetIntegerStatus) UNUSED(fmi2GetStringStatus)

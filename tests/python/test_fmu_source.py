@@ -1,0 +1,329 @@
+"""FMUs as sources: campaigns over one that crashes, hangs and fails, and surrogates of the FMUs in examples/fmu-source."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import METAFMU, ROOT, metafmu
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+sys.path.insert(0, str(ROOT / "examples" / "fmu-source"))
+import build
+
+# where faulty.c goes wrong: range of k[1], and how
+FAULTS = [
+    (0.1, 0.15, "signal: 11 (SIGSEGV)"),
+    (0.3, 0.35, "signal: 6 (SIGABRT)"),
+    (0.5, 0.55, "took longer than 1s"),
+    (0.7, 0.75, "fmi2DoStep returned error: no solution for 0.5"),
+    (0.8, 0.85, "output `tip.y[1,2]` is NaN at 0.5 s"),
+    (0.95, 0.97, "the FMU ended the simulation at 0.45 s"),
+]
+STUDY = """name = "campaign"
+[source]
+fmu = "faulty.fmu"
+time_limit = 1
+max_failed = 0.5
+[time]
+stop = 1
+step = 0.05
+[parameters]
+"rod.k[1]" = { min = 0, max = 1, unit = "N/m" }
+"rod.k[2,1]" = { min = 0, max = 2 }
+[outputs]
+"tip.y[1,2]" = { unit = "m" }
+"der(z)" = {}
+[sampling]
+method = "sobol"
+runs = 60
+test_runs = 10
+[network]
+hidden = [8]
+[training]
+epochs = 2
+"""
+
+
+def fault(k1):
+    return next((reason for low, high, reason in FAULTS if low <= k1 < high), None)
+
+
+@pytest.fixture()
+def folder(tmp_path):
+    build.build_c(ROOT / "tests" / "data" / "faulty" / "faulty.c", tmp_path / "faulty.fmu")
+    (tmp_path / "campaign.toml").write_text(STUDY)
+    # what a campaign unpacks is looked for here
+    (tmp_path / "temporary").mkdir()
+    return tmp_path
+
+
+def environment(folder, **variables):
+    return {**os.environ, "TMPDIR": str(folder / "temporary"), **variables}
+
+
+def sample(folder, *arguments, out="out", **variables):
+    command = [METAFMU, "sample", "campaign.toml", "--out", out, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment(folder, **variables), capture_output=True, text=True)
+
+
+def rows(path):
+    with open(path) as file:
+        return list(csv.DictReader(file))
+
+
+def children(process):
+    """Process ids of the workers."""
+    tasks = Path(f"/proc/{process.pid}/task").iterdir()
+    return [int(child) for task in tasks for child in (task / "children").read_text().split()]
+
+
+def is_alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for(condition, seconds=20):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_campaign_over_a_crashing_and_hanging_fmu_completes_and_reports(folder):
+    marks = folder / "marks"
+    marks.mkdir()
+    result = sample(folder, FAULTY_MARKS=str(marks))
+    assert result.returncode == 0, result.stderr
+    plan = list(csv.DictReader(sample(folder, "--dry-run").stdout.splitlines()))
+    bad = [run for run in plan if fault(float(run["rod.k[1]"]))]
+    assert {fault(float(run["rod.k[1]"])) for run in bad} == {reason for _, _, reason in FAULTS}
+
+    record = json.loads((folder / "out" / "samples.json").read_text())
+    assert record["failed_runs"] == len(record["failed"]) == len(bad)
+    assert f"warning: {len(bad)} of 70 runs failed and are left out" in result.stderr
+    for run, failed in zip(bad, record["failed"], strict=True):
+        assert (failed["set"], str(failed["run"])) == (run["set"], run["run"])
+        assert failed["parameters"] == {name: float(run[name]) for name in ("rod.k[1]", "rod.k[2,1]")}
+        assert fault(float(run["rod.k[1]"])) in failed["reason"]
+    assert any("faulty: assertion failed" in failed["reason"] for failed in record["failed"])
+    # an abort that happens once is made good by the second try
+    assert list(marks.iterdir())
+
+    for part in ("train", "test"):
+        good = [run for run in plan if run["set"] == part and not fault(float(run["rod.k[1]"]))]
+        table = rows(folder / "out" / f"{part}.csv")
+        assert len(table) == 21 * len(good)
+        for row in table:
+            k1, k2, t = (float(row[name]) for name in ("rod.k[1]", "rod.k[2,1]", "time"))
+            assert abs(float(row["tip.y[1,2]"]) - (k1 * np.cos(2 * t) + k2)) < 1e-12
+            assert abs(float(row["der(z)"]) - k1 * t) < 1e-12
+        assert {row["rod.k[1]"] for row in table} == {run["rod.k[1]"] for run in good}
+
+    # one worker or two: the same
+    assert sample(folder, out="alone", RAYON_NUM_THREADS="1", FAULTY_MARKS=str(marks)).returncode == 0
+    for name in ("train.csv", "test.csv"):
+        assert (folder / "alone" / name).read_bytes() == (folder / "out" / name).read_bytes()
+    assert not list((folder / "temporary").iterdir())
+
+
+def test_too_many_failures_end_the_campaign_and_what_was_done_counts_when_more_are_allowed(folder):
+    study = folder / "campaign.toml"
+    study.write_text(STUDY.replace("max_failed = 0.5", "max_failed = 0.02"))
+    result = sample(folder, SLOW="300")
+    assert result.returncode == 2 and "error: 2 of 70 runs failed, at most 1 may (source.max_failed = 0.02)" in result.stderr
+    assert "rod.k[1] = " in result.stderr and not (folder / "out" / "train.csv").exists()
+    study.write_text(STUDY)
+    result = sample(folder)
+    assert result.returncode == 0 and "runs are there from a sampling that was not finished" in result.stderr
+
+
+def test_a_campaign_that_is_killed_loses_no_finished_run_and_leaves_nothing_behind(folder):
+    (folder / "campaign.toml").write_text(STUDY.replace("min = 0, max = 1,", "min = 0.56, max = 1,"))
+    command = [METAFMU, "sample", "campaign.toml", "--out", "out"]
+    log = subprocess.PIPE
+    process = subprocess.Popen(command, cwd=folder, env=environment(folder, SLOW="100"), stderr=log)
+    journal = folder / "out" / "unfinished-runs.bin"
+    size = 8 * (2 + 2 * 21) + 8
+    wait_for(lambda: journal.exists() and journal.stat().st_size > 32 + 5 * size)
+    workers = children(process)
+    assert workers
+    process.kill()
+    process.communicate()
+    finished = (journal.stat().st_size - 32) // size
+    wait_for(lambda: not any(map(is_alive, workers)))
+    wait_for(lambda: not list((folder / "temporary").iterdir()))
+    result = sample(folder)
+    assert f"{finished} runs are there from a sampling that was not finished" in result.stderr
+    assert sample(folder, out="undisturbed").returncode == 0
+    for name in ("train.csv", "test.csv"):
+        assert (folder / "out" / name).read_bytes() == (folder / "undisturbed" / name).read_bytes()
+    assert not journal.exists()
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
+def test_a_hanging_fmu_ends_with_the_program(folder, end):
+    text = STUDY.replace("min = 0, max = 1,", "min = 0.5, max = 0.549,").replace("time_limit = 1", "time_limit = 600")
+    (folder / "campaign.toml").write_text(text)
+    command = [METAFMU, "sample", "campaign.toml", "--out", "out"]
+    process = subprocess.Popen(command, cwd=folder, env=environment(folder), stderr=subprocess.PIPE)
+    wait_for(lambda: children(process))
+    time.sleep(0.3)
+    workers = children(process)
+    process.send_signal(end)
+    _, message = process.communicate(timeout=10)
+    if end == signal.SIGINT:
+        assert (process.returncode, message) == (130, b"error: stopped\n")
+    wait_for(lambda: not any(map(is_alive, workers)))
+    wait_for(lambda: not list((folder / "temporary").iterdir()))
+
+
+def test_a_search_leaves_failed_runs_out(folder):
+    # nothing hangs there
+    text = STUDY.replace("min = 0, max = 1,", "min = 0.6, max = 1,")
+    text += "[search]\nmethod = 'grid'\n[search.space]\n'network.hidden' = [[4], [5]]\n'sampling.runs' = [60, 40]\n"
+    (folder / "campaign.toml").write_text(text)
+    command = [METAFMU, "search", "campaign.toml", "--out", "out"]
+    result = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert [row["status"] for row in rows(folder / "out" / "search.csv")] == ["finished"] * 4
+    # the best study lies elsewhere and finds the FMU
+    assert subprocess.run([METAFMU, "sample", "out/campaign-best.toml"], cwd=folder, env=environment(folder)).returncode == 0
+
+
+# ---- Surrogates that take the place of their FMUs -------------------------------------------------------------------
+
+
+def surrogate_of(fmu, folder, env=None, runs=120, **changes):
+    """The two commands, with fewer runs and a smaller network than `metafmu new` proposes."""
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=folder, env=env, capture_output=True, text=True)
+    result = run("new", "x", "--fmu", fmu)
+    assert result.returncode == 0, result.stderr
+    text = (folder / "x.toml").read_text()
+    smaller = {
+        "runs = 1000": f"runs = {runs}",
+        "test_runs = 200": "test_runs = 10",
+        "hidden = [128, 128]": "hidden = [48, 48]",
+        "batch = 1024": "batch = 256",
+        "epochs = 150": "epochs = 15",
+    }
+    for old, new in {**smaller, **changes}.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    (folder / "x.toml").write_text(text)
+    result = run("build", "x.toml", "--out", "out")
+    assert result.returncode == 0, result.stderr
+    assert validate_fmu(folder / "out" / "x.fmu") == []
+    return folder / "out" / "x.fmu", json.loads((folder / "out" / "metrics.json").read_text())
+
+
+def variables(fmu):
+    return {variable.name: variable for variable in read_model_description(fmu).modelVariables}
+
+
+def expect_same(found, expected, names):
+    """Names, units and what they are to a host."""
+    for name in names:
+        new, old = found[name], expected[name]
+        for attribute in ("causality", "variability", "unit", "type", *([] if old.dimensions else ["description"])):
+            assert getattr(new, attribute) == getattr(old, attribute), (name, attribute)
+
+
+def test_an_oscillator_of_c_becomes_a_surrogate_that_takes_its_place(tmp_path):
+    fmu = build.build_c(ROOT / "examples" / "fmu-source" / "van-der-pol" / "van_der_pol.c", tmp_path / "van_der_pol.fmu")
+    surrogate, metrics = surrogate_of(fmu, tmp_path)
+    assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
+    found = variables(surrogate)
+    expect_same(found, variables(fmu), ["mu", "x0_start", "x0", "x1"])
+    assert float(found["x0_start"].start) == 2.0 and float(found["mu"].start) == 1.0
+    # the table is the oscillator's: scipy solves its equation
+    table = rows(tmp_path / "out" / "test.csv")
+    run = [row for row in table if row["run"] == "3"]
+    mu, start = (float(run[0][name]) for name in ("mu", "x0_start"))
+    times = [float(row["time"]) for row in run]
+    rates = lambda _, x: [x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]
+    expected = solve_ivp(rates, (0, 5), [start, 0.0], "DOP853", times, rtol=1e-10, atol=1e-10).y
+    assert np.allclose([[float(row["x0"]), float(row["x1"])] for row in run], expected.T, atol=1e-7)
+    # and so is the surrogate
+    start_values = {"mu": mu, "x0_start": start}
+    options = {"start_values": start_values, "output": ["x0", "x1"], "stop_time": 5.0, "output_interval": 0.02}
+    ours, theirs = (simulate_fmu(file, **options) for file in (surrogate, fmu))
+    for name in ("x0", "x1"):
+        assert np.sqrt(np.mean((ours[name] - theirs[name]) ** 2)) < 0.15 * np.std(theirs[name])
+
+
+def test_an_fmi_3_fmu_with_an_input_and_an_array_keeps_them(tmp_path):
+    fmu = build.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", tmp_path / "chain.fmu")
+    surrogate, metrics = surrogate_of(fmu, tmp_path, **{"# constants = { NAME = VALUE }": "constants = { mass = 2 }"})
+    assert read_model_description(surrogate).fmiVersion == "3.0"
+    assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
+    found, expected = variables(surrogate), variables(fmu)
+    expect_same(found, expected, ["spring.stiffness", "spring.damping", "force", "position", "energy"])
+    assert found["position"].dimensions[0].start == 3 and "position[2]" in found
+    # the table is that of the linear system: the matrix exponential solves it
+    run = [row for row in rows(tmp_path / "out" / "test.csv") if row["run"] == "1"]
+    k, d, force = (float(run[0][name]) for name in ("spring.stiffness", "spring.damping", "force"))
+    coupling = np.array([[-2.0, 1, 0], [1, -2, 1], [0, 1, -1]]) / 2.0
+    system = np.zeros((7, 7))
+    system[:3, 3:6], system[3:6, :3], system[3:6, 3:6] = np.eye(3), k * coupling, d * coupling
+    system[5, 6] = force / 2.0
+    for row in run:
+        state = expm(system * float(row["time"])) @ [0, 0, 0, 0, 0, 0, 1]
+        assert np.allclose([float(row[f"position[{i}]"]) for i in (1, 2, 3)], state[:3], atol=1e-9)
+
+
+def test_a_pendulum_of_mujoco_becomes_a_surrogate(tmp_path):
+    """PythonFMU around MuJoCo: nobody here wrote the simulator, nor what makes an FMU of it."""
+    fmu = build.build_python(ROOT / "examples" / "fmu-source" / "pendulum.py", tmp_path)
+    surrogate, metrics = surrogate_of(fmu, tmp_path, build.python_environment(), runs=60, **{"epochs = 150": "epochs = 60"})
+    assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
+    expect_same(variables(surrogate), variables(fmu), ["upper.length", "damping"])
+    assert float(variables(surrogate)["upper.angle0"].start) == 1.2
+    # MuJoCo itself, without any FMU
+    from pendulum import OUTPUTS, Pendulum
+
+    run = [row for row in rows(tmp_path / "out" / "test.csv") if row["run"] == "2"]
+    pendulum = Pendulum(instance_name="x")
+    pendulum.values = {name: float(run[0][name]) for name in pendulum.values}
+    pendulum.enter_initialization_mode()
+    for index, row in enumerate(run):
+        found = [float(row[name]) for name in OUTPUTS]
+        assert np.allclose(found, [pendulum.output(i) for i in range(4)], rtol=0, atol=1e-12), index
+        pendulum.do_step(0.01 * index, 0.01)
+
+
+def test_variables_that_cannot_be_used_are_refused_with_the_reason(folder):
+    for old, new, says in [
+        ('"rod.k[1]" =', '"rod.k" =', "parameters.rod.k: the FMU has no variable to be set `rod.k`, expected one of rod.k[1], rod.k[2,1]"),
+        ('"rod.k[1]" =', "count =", "parameters.count: is of type Integer: only real numbers are varied"),
+        ("max = 1,", "max = 1.5,", "parameters.rod.k[1]: range from 0 to 1.5, the FMU takes 0 to 1"),
+        ('unit = "N/m"', 'unit = "N/mm"', "parameters.rod.k[1].unit: `N/mm`, expected `N/m`"),
+        ('"der(z)" =', '"count" =', "outputs.count: is of type Integer: only real numbers are predicted"),
+        ("time_limit = 1", "time_limit = 0", "source.time_limit: 0, expected a positive number"),
+        ("time_limit = 1", 'constants = { "der(z)" = 1 }', "source.constants.der(z): is calculated by the FMU"),
+        ("time_limit = 1", "step = 0.02", "source.step: 0.02 s does not divide the time between two rows, 0.05 s"),
+    ]:
+        assert old in STUDY
+        (folder / "campaign.toml").write_text(STUDY.replace(old, new, 1))
+        result = sample(folder)
+        assert result.returncode == 2 and says in result.stderr, (new, result.stderr)
+    # what is found only when it is loaded
+    (folder / "campaign.toml").write_text(STUDY)
+    source = folder / "broken.c"
+    source.write_text("extern int nowhere;\nint *fmi2GetVersion = &nowhere;\n")
+    description = (ROOT / "tests" / "data" / "faulty" / "modelDescription.xml").read_text()
+    (folder / "modelDescription.xml").write_text(description.replace('"faulty"', '"broken"'))
+    build.build_c(source, folder / "faulty.fmu")
+    result = sample(folder)
+    assert result.returncode == 2 and "undefined symbol: nowhere" in result.stderr, result.stderr
