@@ -1,7 +1,10 @@
 //! The command line: definitions only.
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use metafmu::source::{fmu::worker, systems::SYSTEMS};
+use metafmu::{
+    baseline::Kind,
+    source::{fmu::worker, systems::SYSTEMS},
+};
 use std::path::PathBuf;
 
 /// Turns a multibody model into a small, fast, trustworthy FMU.
@@ -72,6 +75,25 @@ Trials are compared by 1 - R² on held-out runs. One that fails is a row of the 
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
     Evaluate(StudyArgs),
+    /// Fit simpler models to the same rows and write comparison.json and comparison.csv
+    #[command(after_help = "Examples:
+  metafmu compare examples/single-pendulum.toml
+  metafmu compare examples/single-pendulum.toml --model ridge --model random-forest
+
+The table has accuracy on the unseen runs, time and memory of the network and of each model. `[baselines]` in the study has
+their options, for instance:
+
+  [baselines]
+  models = [\"ridge\", \"svr\"]   # all twelve unless given
+  build = []                    # those that `metafmu build` fits as well
+  time_budget = 60              # seconds for each
+  svr = { rows = 2000, c = 100.0 }
+
+A model that fails or takes too long is a row that says so. `metafmu export STUDY --model ridge` makes an FMU of one.")]
+    Compare(CompareArgs),
+    /// Fit one baseline; `compare` runs this
+    #[command(hide = true)]
+    FitBaseline,
     /// Package NAME.safetensors as NAME.fmu
     #[command(after_help = "Examples:
   metafmu export examples/single-pendulum.toml
@@ -140,6 +162,15 @@ pub struct SearchArgs {
     /// Keep the trials that a stopped search has finished, and go on from the checkpoints of the others
     #[arg(long)]
     pub resume: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Fit only this model; may be given several times [default: the study's, else all]
+    #[arg(long, value_name = "MODEL")]
+    pub model: Vec<Kind>,
 }
 
 #[derive(Debug, Args)]

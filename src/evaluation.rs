@@ -70,8 +70,14 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
 pub fn evaluate(surrogate: &Surrogate, test: &Dataset) -> Vec<OutputMetrics> {
     let evaluator = Evaluator::new(surrogate);
     let predictions: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect();
-    let bound = |column: usize| surrogate.bounds().map(|bounds| bounds.half_widths[column]);
-    (0..test.outputs.len()).map(|column| output_metrics(test, &predictions, column, bound(column))).collect()
+    let bounds = surrogate.bounds().map(|bounds| bounds.half_widths.as_slice());
+    compare(test, &predictions, bounds)
+}
+
+/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output.
+pub fn compare(test: &Dataset, predictions: &[Vec<f64>], bounds: Option<&[f64]>) -> Vec<OutputMetrics> {
+    let bound = |column: usize| bounds.map(|bounds| bounds[column]);
+    (0..test.outputs.len()).map(|column| output_metrics(test, predictions, column, bound(column))).collect()
 }
 
 fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound: Option<f64>) -> OutputMetrics {

@@ -61,6 +61,8 @@ pub enum Stream {
     Search = 4,
     /// Placing the runs that error bounds are measured on.
     Calibration = 5,
+    /// Choosing rows for baselines that take not all of them.
+    Baselines = 6,
 }
 
 /// The random numbers of a seed for one purpose: the same on every platform.

@@ -1,8 +1,9 @@
 //! The table of models side by side: `comparison.json` and `comparison.csv`.
 
 use crate::evaluation::OutputMetrics;
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use serde::{Deserialize, Serialize};
+use std::fmt::Write;
 
 /// Name of the network's row.
 pub const NETWORK: &str = "network";
@@ -76,6 +77,87 @@ impl From<&OutputMetrics> for ModelAccuracy {
     }
 }
 
+impl Status {
+    /// As in `comparison.json`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fine => "fine",
+            Self::Failed => "failed",
+            Self::TooSlow => "too slow",
+            Self::Stopped => "stopped",
+        }
+    }
+}
+
+impl ModelRow {
+    /// The smallest coefficient of determination of an output.
+    pub fn worst_r2(&self) -> Option<f64> {
+        self.outputs.values().filter_map(|accuracy| accuracy.r2).reduce(f64::min)
+    }
+
+    /// One line for people.
+    pub fn summary(&self) -> String {
+        let Self { model, status, note, .. } = self;
+        match (self.worst_r2(), self.fit_seconds) {
+            (Some(r2), Some(seconds)) => format!("{model}: smallest R² {r2:.5}, fitted in {seconds:.2} s"),
+            _ => format!("{model}: {}: {note}", status.name()),
+        }
+    }
+}
+
+impl Comparison {
+    /// The rows as a table for people.
+    pub fn table(&self) -> String {
+        let Self { name, test_runs, test_rows, models } = self;
+        let outputs: Vec<&String> =
+            models.iter().flat_map(|row| row.outputs.keys()).collect::<IndexSet<_>>().into_iter().collect();
+        let mut text = format!("{name} on {test_runs} unseen runs, {test_rows} rows\n\n{:<18}", "R² of");
+        // writing to a string does not fail
+        let _ = outputs.iter().try_for_each(|output| write!(text, " {output:>9.9}"));
+        let _ = writeln!(text, " {:>9} {:>11} {:>9}  note", "fit", "prediction", "memory");
+        for row in models {
+            let _ = write!(text, "{:<18}", row.model);
+            if row.status != Status::Fine {
+                let _ = writeln!(text, " {}: {}", row.status.name(), row.note);
+                continue;
+            }
+            for output in &outputs {
+                let r2 = row.outputs.get(*output).and_then(|accuracy| accuracy.r2);
+                let _ = write!(text, " {:>9}", r2.map_or("constant".into(), |r2| format!("{r2:.6}")));
+            }
+            let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2} s"));
+            let point =
+                row.predict_seconds_per_point.map_or(String::new(), |seconds| format!("{:.2} us", seconds * 1e6));
+            let memory = row.memory_bytes.map_or(String::new(), |bytes| format!("{:.1} kB", bytes as f64 / 1e3));
+            let _ = writeln!(text, " {fit:>9} {point:>11} {memory:>9}  {}", row.note);
+        }
+        text
+    }
+
+    /// The rows as CSV: a line for each output of a model, or one without an output.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "model,status,output,r2,mse,max_abs_error,rows,fit_seconds,predict_seconds_per_point,memory_bytes,exportable,note\n",
+        );
+        let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:?}"));
+        for row in &self.models {
+            let before = format!("{},{}", row.model, row.status.name());
+            let memory = row.memory_bytes.map_or(String::new(), |bytes| bytes.to_string());
+            let times = [row.fit_seconds, row.predict_seconds_per_point].map(number).join(",");
+            let note = row.note.replace('"', "\"\"").replace('\n', " ");
+            let after = format!("{},{times},{memory},{},\"{note}\"", row.rows, row.exportable);
+            for (output, ModelAccuracy { r2, mse, max_abs_error }) in &row.outputs {
+                let r2 = number(*r2);
+                let _ = writeln!(text, "{before},{output},{r2},{mse:?},{max_abs_error:?},{after}");
+            }
+            if row.outputs.is_empty() {
+                let _ = writeln!(text, "{before},,,,,{after}");
+            }
+        }
+        text
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -110,5 +192,16 @@ mod tests {
         assert!(text.contains(r#""status":"too slow""#), "{text}");
         assert!(text.contains(r#""theta":{"r2":0.99,"mse":0.3333333333333333,"max_abs_error":0.5}"#), "{text}");
         assert_eq!(serde_json::from_str::<Comparison>(&text).unwrap(), comparison);
+        assert!(
+            comparison.table().contains("forest             too slow: not done after 60 s"),
+            "{}",
+            comparison.table()
+        );
+        let csv = comparison.csv();
+        assert!(
+            csv.contains("\nnetwork,fine,theta,0.99,0.3333333333333333,0.5,267531,58.0,1e-6,72000,true,\"\"\n"),
+            "{csv}"
+        );
+        assert!(csv.ends_with("\nforest,too slow,,,,,267531,,,,true,\"not done after 60 s\"\n"), "{csv}");
     }
 }

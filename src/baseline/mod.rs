@@ -1,5 +1,9 @@
-//! Simpler models beside the network, on the same rows: whether it is worth it.
+//! Simpler models beside the network, on the same rows: whether it is worth it. The models are those of
+//! [`metafmu_baselines`], whose names stand here as well.
 
 pub mod comparison;
+mod prepare;
 
 pub use comparison::{Comparison, ModelAccuracy, ModelRow, Status};
+pub use metafmu_baselines::*;
+pub use prepare::{choose_rows, rows};

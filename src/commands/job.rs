@@ -118,6 +118,14 @@ impl Job {
         self.folder.join("metrics.json")
     }
 
+    pub fn comparison(&self) -> PathBuf {
+        self.folder.join("comparison.json")
+    }
+
+    pub fn comparison_table(&self) -> PathBuf {
+        self.folder.join("comparison.csv")
+    }
+
     pub fn fmu(&self, suffix: &str) -> PathBuf {
         self.folder.join(format!("{}{suffix}.fmu", self.study.name))
     }

@@ -1,6 +1,7 @@
 //! One file a verb. The only code that prints.
 
 pub mod build;
+pub mod compare;
 pub mod evaluate;
 pub mod export;
 mod instants;

@@ -1,7 +1,7 @@
 //! From a study and its runs to what a training begins with.
 
 use metafmu::{
-    Result,
+    Result, baseline,
     dataset::{Dataset, Run},
     network::Network,
     sampling::{self, Stream},
@@ -67,6 +67,12 @@ fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
     });
     study.refuse(problem.into_iter().collect())?;
     Ok(Arc::clone(&first.times))
+}
+
+/// The rows a baseline may be fitted to: those the network is trained on.
+pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::Rows {
+    let (training_runs, _) = split(&dataset.runs, study.training.validation, study.seed);
+    baseline::rows(dataset, &training_runs)
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

@@ -35,6 +35,11 @@ impl Progress {
         Self::new(count as u64, &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{eta}} left"))
     }
 
+    /// Counts baselines; the message is the one at hand.
+    pub fn baselines(count: usize) -> Self {
+        Self::new(count as u64, "comparing {bar:30} {pos}/{len} models, {msg}, {elapsed}")
+    }
+
     fn new(length: u64, template: &str) -> Self {
         let bar = ProgressBar::new(length);
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));

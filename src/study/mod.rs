@@ -33,14 +33,16 @@
 //! test_runs = 200
 //! ```
 //!
-//! `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is [`ExportOptions`], `[search]` is
-//! [`SearchOptions`].
+//! `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is
+//! [`ExportOptions`], `[baselines]` is [`Baselines`], `[search]` is [`SearchOptions`].
 
 mod options;
 mod search;
 
 use crate::{
-    Error, Result, calibration, files,
+    Error, Result,
+    baseline::{Baselines, Kind},
+    calibration, files,
     multibody::Mechanism,
     origin::Origin,
     sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
@@ -95,6 +97,9 @@ pub struct Study {
     /// What the FMU says about itself.
     #[serde(default)]
     pub export: ExportOptions,
+    /// Models that are compared with the network.
+    #[serde(default)]
+    pub baselines: Baselines,
     /// Studies like this one that are tried in search of the best.
     pub search: Option<SearchOptions>,
     #[serde(skip)]
@@ -191,6 +196,19 @@ impl Study {
         }
     }
 
+    /// Like [`Study::digest`], of what decides a baseline that is exported.
+    pub fn baseline_digest(&self, kind: Kind) -> String {
+        let options = serde_json::to_value(&self.baselines).unwrap_or_default();
+        digest(&(
+            kind,
+            options.get(kind.name()),
+            &self.name,
+            &self.arrays,
+            self.training.validation,
+            self.sampling_digest(),
+        ))
+    }
+
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
     pub fn sampling_digest(&self) -> String {
         let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
@@ -224,6 +242,8 @@ impl Study {
         self.bounds_problems(&mut problems);
         self.network_problems(&mut problems);
         self.training_problems(&mut problems);
+        let baselines = self.baselines.problems().into_iter();
+        problems.0.extend(baselines.map(|(key, message)| (format!("baselines.{key}"), message)));
         let search = self.search.as_ref().map(SearchOptions::problems).unwrap_or_default();
         problems.0.extend(search.into_iter().map(|(key, message)| (format!("search.{key}"), message)));
         problems.0

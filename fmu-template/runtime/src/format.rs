@@ -192,6 +192,26 @@ pub enum FormatError {
         /// Those of the first instant.
         expected: Vec<usize>,
     },
+    /// An index that points at nothing.
+    #[error("tensor `{name}`, element {index}: {found}, expected less than {limit}")]
+    Index {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        found: u64,
+        /// How many there are.
+        limit: u64,
+    },
+    /// A tree that does not lead downwards.
+    #[error("tensor `forest.below`: node {below} is below node {node}, expected one after it")]
+    Upwards {
+        /// The node.
+        node: usize,
+        /// What should be below it.
+        below: u32,
+    },
     /// An array of fewer than two outputs.
     #[error("array `{array}` has {count} elements, expected at least 2")]
     ShortArray {
@@ -329,7 +349,7 @@ impl Surrogate {
 }
 
 /// Name, type, shape and content.
-type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
+pub(crate) type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
 type Column = fn(&Scaling) -> &Vec<f64>;
 
@@ -405,7 +425,7 @@ fn part<'a>(view: &'a TensorView, index: usize, count: usize) -> &'a [u8] {
     &view.data()[index * length..][..length]
 }
 
-fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
+pub(crate) fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
     values.iter().flat_map(|&value| to(value)).collect()
 }
 
@@ -422,8 +442,11 @@ fn parse_metadata(text: &str) -> Result<Metadata, FormatError> {
     serde_json::from_value(value).map_err(FormatError::Metadata)
 }
 
-fn take<'a>(
-    tensors: &mut HashMap<String, TensorView<'a>>,
+/// Tensors of a file that have not been read yet.
+pub(crate) type Views<'a> = HashMap<String, TensorView<'a>>;
+
+pub(crate) fn take<'a>(
+    tensors: &mut Views<'a>,
     name: &str,
     expected: Dtype,
     dimensions: usize,
@@ -441,7 +464,7 @@ fn take<'a>(
     Ok(view)
 }
 
-fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
+pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }
 

@@ -3,6 +3,7 @@
 //! - [`Surrogate`]: the variables and the [`Model`] of a surrogate, as they stand in the model file.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
 //! - [`Evaluator`]: the surrogate prepared for evaluation, with exact derivatives.
+//! - [`regression`]: models that are a formula in double precision, such as polynomials and forests.
 //! - [`Domain`]: the ranges the surrogate was trained in.
 //! - [`extra`]: the variables every FMU adds to those of the surrogate.
 //!
@@ -27,8 +28,10 @@ mod evaluator;
 pub mod example;
 pub mod extra;
 pub mod format;
+mod jet;
 mod layers;
 mod network;
+pub mod regression;
 mod series;
 mod simd;
 mod surrogate;

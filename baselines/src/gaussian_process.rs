@@ -1,0 +1,169 @@
+//! Gaussian process regression (kriging).
+
+use crate::{Baseline, Fitted, Rows, at_least, for_each_output, positive};
+use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
+use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
+use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
+use serde::{Deserialize, Serialize};
+
+/// `[baselines.gaussian-process]`: a squared exponential kernel with a length of its own for each standardised input.
+/// Amplitude, lengths and noise are those of the greatest likelihood of a few rows; the model is that of more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GaussianProcess {
+    /// At most so many rows: time grows with their cube.
+    pub rows: usize,
+    /// How many of them decide the kernel.
+    pub kernel_rows: usize,
+    /// Steps of the search for the greatest likelihood.
+    pub steps: usize,
+    /// Standard deviation of the noise, in those of the outputs, where the search begins.
+    pub noise: f64,
+}
+
+impl Default for GaussianProcess {
+    fn default() -> Self {
+        Self { rows: 1000, kernel_rows: 300, steps: 100, noise: 0.05 }
+    }
+}
+
+impl Baseline for GaussianProcess {
+    fn most_rows(&self) -> Option<usize> {
+        Some(self.rows)
+    }
+
+    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+        let machines = for_each_output(rows, |output| machine(&self.process(rows, output), rows, output))?;
+        let function = Function::Kernel(KernelMachines { machines });
+        Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
+    }
+
+    fn problems(&self) -> Vec<(&'static str, String)> {
+        let counts = [("rows", self.rows, 2), ("kernel_rows", self.kernel_rows, 2), ("steps", self.steps, 1)];
+        let counts = counts.into_iter().filter_map(|(key, value, least)| at_least(key, value, least));
+        counts.chain(positive("noise", self.noise)).collect()
+    }
+}
+
+impl GaussianProcess {
+    fn process(&self, rows: &Rows, output: usize) -> Process<SquaredExponential, ConstantPrior> {
+        let kernel = SquaredExponential(vec![1.0; rows.inputs + 1]);
+        let few = self.kernel_rows.min(rows.len());
+        let (x, y) = (inputs(rows, few), DVector::from_vec(rows.output(output)));
+        let first = Process::builder(x, y.rows(0, few).into_owned())
+            .set_kernel(kernel)
+            .set_noise(self.noise)
+            .set_prior(ConstantPrior::new(0.0))
+            // no early end: the first steps of the search are often small
+            .set_fit_parameters(self.steps, 0.0)
+            .fit_kernel()
+            .train();
+        Process::new(ConstantPrior::new(0.0), first.kernel, first.noise, None, inputs(rows, rows.len()), y)
+    }
+}
+
+fn inputs(rows: &Rows, count: usize) -> DMatrix<f64> {
+    DMatrix::from_row_slice(count, rows.inputs, &rows.x[..count * rows.inputs])
+}
+
+/// The mean of the process as a sum of kernels around the rows, with weights `(K + noise^2 I)^-1 y`.
+fn machine(
+    process: &Process<SquaredExponential, ConstantPrior>,
+    rows: &Rows,
+    output: usize,
+) -> Result<KernelMachine, String> {
+    let (kernel, count) = (&process.kernel, rows.len());
+    let x = inputs(rows, count);
+    let noise = process.noise * process.noise;
+    let covariance =
+        DMatrix::from_fn(count, count, |a, b| kernel.kernel(&x.row(a), &x.row(b)) + if a == b { noise } else { 0.0 });
+    let singular = "the covariance of the rows is singular: raise `noise`";
+    let weights = covariance.cholesky().ok_or(singular)?.solve(&DVector::from_vec(rows.output(output)));
+    let (amplitude, lengths) = kernel.0.split_first().ok_or("a kernel without parameters")?;
+    Ok(KernelMachine {
+        lengths: lengths.iter().map(|length| length.abs()).collect(),
+        centres: rows.x.clone(),
+        weights: weights.iter().map(|weight| weight * amplitude * amplitude).collect(),
+        bias: 0.0,
+    })
+}
+
+/// `a^2 exp(-1/2 sum_i ((x_i - y_i) / l_i)^2)` with the parameters `a, l_1, l_2, ...`: those of friedrich have one length
+/// for all inputs.
+#[derive(Clone, Debug, Default)]
+struct SquaredExponential(Vec<f64>);
+
+type Row<S> = Matrix<f64, Const<1>, Dyn, S>;
+
+impl Kernel for SquaredExponential {
+    fn nb_parameters(&self) -> usize {
+        self.0.len()
+    }
+
+    fn kernel<A, B>(&self, x: &Row<A>, y: &Row<B>) -> f64
+    where
+        A: Storage<f64, Const<1>, Dyn>,
+        B: Storage<f64, Const<1>, Dyn>,
+    {
+        let differences = x.iter().zip(y.iter()).zip(&self.0[1..]);
+        let square: f64 = differences.map(|((x, y), length)| ((x - y) / length).powi(2)).sum();
+        self.0[0] * self.0[0] * (-0.5 * square).exp()
+    }
+
+    fn gradient<A, B>(&self, x: &Row<A>, y: &Row<B>) -> Vec<f64>
+    where
+        A: Storage<f64, Const<1>, Dyn>,
+        B: Storage<f64, Const<1>, Dyn>,
+    {
+        let value = self.kernel(x, y);
+        let differences = x.iter().zip(y.iter()).zip(&self.0[1..]);
+        let by_lengths = differences.map(|((x, y), length)| value * (x - y).powi(2) / length.powi(3));
+        [2.0 * value / self.0[0]].into_iter().chain(by_lengths).collect()
+    }
+
+    fn get_parameters(&self) -> Vec<f64> {
+        self.0.clone()
+    }
+
+    fn set_parameters(&mut self, parameters: &[f64]) {
+        // the noise stands behind them
+        let count = self.0.len();
+        self.0.clone_from_slice(&parameters[..count]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{formula_at, r2, wavy_rows};
+
+    #[test]
+    fn the_formula_is_the_librarys_own_prediction_and_fits_a_smooth_function() {
+        let rows = wavy_rows(120);
+        let model = GaussianProcess { steps: 60, kernel_rows: 60, ..GaussianProcess::default() };
+        let fitted = model.fit(&rows, 1).unwrap();
+        for output in 0..rows.outputs {
+            let points: Vec<Vec<f64>> = rows.x.chunks(3).map(<[f64]>::to_vec).collect();
+            for (row, predicted) in model.process(&rows, output).predict(&points).iter().enumerate() {
+                assert!((formula_at(&fitted, &rows, row)[output] - predicted).abs() < 1e-9, "row {row}");
+            }
+            assert!(r2(&fitted, &rows, output) > 0.99);
+        }
+    }
+
+    #[test]
+    fn the_gradient_of_the_kernel_is_that_of_differences() {
+        let (x, y) = (DMatrix::from_row_slice(1, 2, &[0.3, -0.7]), DMatrix::from_row_slice(1, 2, &[0.1, 0.4]));
+        let value = |parameters: &[f64]| SquaredExponential(parameters.to_vec()).kernel(&x.row(0), &y.row(0));
+        let parameters = [1.3, 0.6, 0.9];
+        let gradient = SquaredExponential(parameters.to_vec()).gradient(&x.row(0), &y.row(0));
+        for (index, slope) in gradient.iter().enumerate() {
+            let at = |step: f64| {
+                let mut parameters = parameters;
+                parameters[index] += step;
+                value(&parameters)
+            };
+            assert!((slope - (at(1e-6) - at(-1e-6)) / 2e-6).abs() < 1e-9);
+        }
+    }
+}

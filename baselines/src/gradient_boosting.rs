@@ -1,0 +1,87 @@
+//! Gradient boosting: trees that each correct the sum of those before.
+
+use crate::{Baseline, Fitted, LibraryModel, Rows, at_least, expect, for_each_output, knn::interleave, svr::matrix};
+use serde::{Deserialize, Serialize};
+use smartcore::{
+    linalg::basic::matrix::DenseMatrix,
+    xgboost::xgb_regressor::{XGRegressor, XGRegressorParameters},
+};
+
+/// `[baselines.gradient-boosting]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GradientBoosting {
+    /// Number of trees of each output.
+    pub trees: usize,
+    /// Most splits from the root to a leaf.
+    pub depth: u16,
+    /// How much of its correction a tree makes.
+    pub learning_rate: f64,
+    /// At most so many rows.
+    pub rows: usize,
+}
+
+impl Default for GradientBoosting {
+    fn default() -> Self {
+        Self { trees: 100, depth: 6, learning_rate: 0.3, rows: 50_000 }
+    }
+}
+
+impl Baseline for GradientBoosting {
+    fn most_rows(&self) -> Option<usize> {
+        Some(self.rows)
+    }
+
+    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
+        let inputs = rows.inputs;
+        let x = matrix(rows.len(), inputs, rows.x.clone())?;
+        let fitted: Vec<XGRegressor<f64, f64, DenseMatrix<f64>, Vec<f64>>> = for_each_output(rows, |output| {
+            let parameters = XGRegressorParameters::default()
+                .with_n_estimators(self.trees)
+                .with_max_depth(self.depth)
+                .with_learning_rate(self.learning_rate)
+                .with_base_score(0.0)
+                .with_seed(seed);
+            XGRegressor::fit(&x, &rows.output(output), parameters).map_err(|error| error.to_string())
+        })?;
+        let predict = move |x: &[f64]| {
+            let x = matrix(x.len() / inputs, inputs, x.to_vec())?;
+            let outputs: Result<Vec<Vec<f64>>, _> = fitted.iter().map(|regressor| regressor.predict(&x)).collect();
+            Ok(interleave(&outputs.map_err(|error| error.to_string())?))
+        };
+        // full trees, each node with two numbers, a column and two links: the library does not tell how many it has
+        let nodes = rows.outputs * self.trees * ((2 << self.depth.min(20)) - 1).min(2 * rows.len());
+        Ok(Fitted::Library(LibraryModel {
+            predict: Box::new(predict),
+            memory_bytes: (nodes * 5 * size_of::<f64>()) as u64,
+            not_exportable: "smartcore gives no access to its trees",
+        }))
+    }
+
+    fn problems(&self) -> Vec<(&'static str, String)> {
+        let share = self.learning_rate > 0.0 && self.learning_rate <= 1.0;
+        let share = expect(share, "learning_rate", &self.learning_rate, "above 0, at most 1");
+        let depth = at_least("depth", self.depth.into(), 1);
+        at_least("trees", self.trees, 1)
+            .into_iter()
+            .chain(depth)
+            .chain(share)
+            .chain(at_least("rows", self.rows, 2))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{r2, wavy_rows};
+
+    #[test]
+    fn more_trees_fit_the_rows_better() {
+        let rows = wavy_rows(300);
+        let quality =
+            |trees| r2(&GradientBoosting { trees, ..GradientBoosting::default() }.fit(&rows, 1).unwrap(), &rows, 0);
+        let (one, ten, hundred) = (quality(1), quality(10), quality(100));
+        assert!(one < ten && ten < hundred && hundred > 0.99, "{one} {ten} {hundred}");
+    }
+}

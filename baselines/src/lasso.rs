@@ -1,0 +1,44 @@
+//! Lasso: least squares with a penalty on the sizes of the weights, which makes some of them zero.
+
+use crate::{Baseline, ElasticNet, Fitted, Rows, not_negative};
+use serde::{Deserialize, Serialize};
+
+/// `[baselines.lasso]`: the elastic net with `l1_ratio = 1`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Lasso {
+    /// Strength of the penalty.
+    pub alpha: f64,
+}
+
+impl Default for Lasso {
+    fn default() -> Self {
+        Self { alpha: 1e-3 }
+    }
+}
+
+impl Baseline for Lasso {
+    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
+        ElasticNet { alpha: self.alpha, l1_ratio: 1.0 }.fit(rows, seed)
+    }
+
+    fn problems(&self) -> Vec<(&'static str, String)> {
+        not_negative("alpha", self.alpha).into_iter().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{formula_weights, wavy_rows};
+
+    #[test]
+    fn a_strong_penalty_leaves_the_mean() {
+        let rows = wavy_rows(400);
+        let fitted = Lasso { alpha: 10.0 }.fit(&rows, 1).unwrap();
+        let weights = formula_weights(&fitted, 0);
+        let mean = rows.output(0).iter().sum::<f64>() / 400.0;
+        assert!(weights[1..].iter().all(|&weight| weight == 0.0), "{weights:?}");
+        assert!((weights[0] - mean).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,203 @@
+//! `[baselines]` of the study.
+
+use crate::{
+    Baseline, DecisionTree, ElasticNet, ExtraTrees, GaussianProcess, GradientBoosting, Knn, Lasso, Linear, Polynomial,
+    RandomForest, Ridge, Svr,
+};
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// `[baselines]`: which models are compared with the network, and how each is fitted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct Baselines {
+    /// Those that `metafmu compare` fits.
+    pub models: Vec<Kind>,
+    /// Those of them that `metafmu build` fits.
+    pub build: Vec<Kind>,
+    /// Seconds each may take to fit and to predict the test rows.
+    #[serde(rename = "time_budget")]
+    pub time_budget: f64,
+    /// Least squares.
+    pub linear: Linear,
+    /// Least squares with a penalty on the squares of the weights.
+    pub ridge: Ridge,
+    /// Least squares with a penalty on the sizes of the weights.
+    pub lasso: Lasso,
+    /// Least squares with both.
+    pub elastic_net: ElasticNet,
+    /// Least squares in products of powers.
+    pub polynomial: Polynomial,
+    /// Support vector regression.
+    pub svr: Svr,
+    /// Mean of the nearest training rows.
+    pub knn: Knn,
+    /// One tree.
+    pub decision_tree: DecisionTree,
+    /// Trees of different rows.
+    pub random_forest: RandomForest,
+    /// Trees with random splits.
+    pub extra_trees: ExtraTrees,
+    /// Trees that each correct those before.
+    pub gradient_boosting: GradientBoosting,
+    /// Kriging.
+    pub gaussian_process: GaussianProcess,
+}
+
+impl Default for Baselines {
+    fn default() -> Self {
+        Self {
+            models: Kind::ALL.into(),
+            build: vec![Kind::Linear, Kind::Ridge, Kind::Polynomial, Kind::DecisionTree],
+            time_budget: 60.0,
+            linear: Linear::default(),
+            ridge: Ridge::default(),
+            lasso: Lasso::default(),
+            elastic_net: ElasticNet::default(),
+            polynomial: Polynomial::default(),
+            svr: Svr::default(),
+            knn: Knn::default(),
+            decision_tree: DecisionTree::default(),
+            random_forest: RandomForest::default(),
+            extra_trees: ExtraTrees::default(),
+            gradient_boosting: GradientBoosting::default(),
+            gaussian_process: GaussianProcess::default(),
+        }
+    }
+}
+
+/// The baselines there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs)]
+pub enum Kind {
+    Linear,
+    Ridge,
+    Lasso,
+    ElasticNet,
+    Polynomial,
+    Svr,
+    Knn,
+    DecisionTree,
+    RandomForest,
+    ExtraTrees,
+    GradientBoosting,
+    GaussianProcess,
+}
+
+impl Kind {
+    /// All, from the simplest on.
+    pub const ALL: [Self; 12] = [
+        Self::Linear,
+        Self::Ridge,
+        Self::Lasso,
+        Self::ElasticNet,
+        Self::Polynomial,
+        Self::Svr,
+        Self::Knn,
+        Self::DecisionTree,
+        Self::RandomForest,
+        Self::ExtraTrees,
+        Self::GradientBoosting,
+        Self::GaussianProcess,
+    ];
+
+    /// Its name in the study, in tables and in file names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Ridge => "ridge",
+            Self::Lasso => "lasso",
+            Self::ElasticNet => "elastic-net",
+            Self::Polynomial => "polynomial",
+            Self::Svr => "svr",
+            Self::Knn => "knn",
+            Self::DecisionTree => "decision-tree",
+            Self::RandomForest => "random-forest",
+            Self::ExtraTrees => "extra-trees",
+            Self::GradientBoosting => "gradient-boosting",
+            Self::GaussianProcess => "gaussian-process",
+        }
+    }
+}
+
+impl FromStr for Kind {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(|kind| format!("`{}`", kind.name()));
+            format!("no model `{name}`, expected one of {}", names.join(", "))
+        })
+    }
+}
+
+impl Baselines {
+    /// The model of a kind with its options.
+    pub fn get(&self, kind: Kind) -> &dyn Baseline {
+        match kind {
+            Kind::Linear => &self.linear,
+            Kind::Ridge => &self.ridge,
+            Kind::Lasso => &self.lasso,
+            Kind::ElasticNet => &self.elastic_net,
+            Kind::Polynomial => &self.polynomial,
+            Kind::Svr => &self.svr,
+            Kind::Knn => &self.knn,
+            Kind::DecisionTree => &self.decision_tree,
+            Kind::RandomForest => &self.random_forest,
+            Kind::ExtraTrees => &self.extra_trees,
+            Kind::GradientBoosting => &self.gradient_boosting,
+            Kind::GaussianProcess => &self.gaussian_process,
+        }
+    }
+
+    /// Every mistake: its key within `[baselines]` and what is wrong.
+    pub fn problems(&self) -> Vec<(String, String)> {
+        let budget = super::positive("time_budget", self.time_budget);
+        let mut problems: Vec<(String, String)> =
+            budget.map(|(key, message)| (key.to_owned(), message)).into_iter().collect();
+        for (key, kinds) in [("models", &self.models), ("build", &self.build)] {
+            let twice = kinds.iter().enumerate().find(|(index, kind)| kinds[..*index].contains(kind));
+            problems.extend(twice.map(|(_, kind)| (key.to_owned(), format!("`{}` stands twice", kind.name()))));
+        }
+        for kind in Kind::ALL {
+            let of_model = self.get(kind).problems().into_iter();
+            problems.extend(of_model.map(|(key, message)| (format!("{}.{key}", kind.name()), message)));
+        }
+        problems
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_the_study_and_every_default_is_valid() {
+        for kind in Kind::ALL {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.name());
+        }
+        assert_eq!(Baselines::default().problems(), []);
+    }
+
+    #[test]
+    fn mistakes_are_named_by_key() {
+        let parse = |text: &str| toml::from_str::<Baselines>(text).map(|baselines| baselines.problems());
+        for (text, expected) in [
+            ("time_budget = 0", "time_budget: 0, expected a positive number"),
+            ("models = [\"ridge\", \"ridge\"]", "models: `ridge` stands twice"),
+            ("ridge = { alpha = -1 }", "ridge.alpha: -1, expected 0 or a positive number"),
+            ("elastic-net = { l1_ratio = 2 }", "elastic-net.l1_ratio: 2, expected a share from 0 to 1"),
+            ("polynomial = { degree = 0 }", "polynomial.degree: 0, expected 1 to 20"),
+            ("svr = { rows = 1 }", "svr.rows: 1, expected at least 2"),
+            ("knn = { neighbours = 0 }", "knn.neighbours: 0, expected at least 1"),
+            ("random-forest = { trees = 0 }", "random-forest.trees: 0, expected at least 1"),
+        ] {
+            let problems: Vec<String> =
+                parse(text).unwrap().into_iter().map(|(key, message)| format!("{key}: {message}")).collect();
+            assert_eq!(problems, [expected], "{text}");
+        }
+        assert!(parse("models = [\"forest\"]").unwrap_err().to_string().contains("unknown variant `forest`"));
+        assert!(parse("ridge = { lambda = 1 }").unwrap_err().to_string().contains("unknown field `lambda`"));
+    }
+}

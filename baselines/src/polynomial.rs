@@ -1,0 +1,178 @@
+//! Polynomials of all inputs together.
+
+use crate::{Baseline, Fitted, Rows, expect, not_negative};
+use metafmu_runtime::{
+    Scaling,
+    regression::{self, Function, Regression},
+};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// `[baselines.polynomial]`: the products of powers of inputs up to a total degree, with weights `w` that make
+/// `1/(2 rows) |y - X w|^2 + alpha/2 |w|^2` smallest.
+///
+/// linfa wants the whole matrix `X` in memory, 25 GB for 462 terms of 7 million rows: the normal equations
+/// `(X^T X / rows + alpha I) w = X^T y / rows` are summed up block by block instead. They are well conditioned as the
+/// powers are Legendre polynomials over the range of each input.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Polynomial {
+    /// Highest sum of the powers in a term.
+    pub degree: u8,
+    /// Strength of the penalty.
+    pub alpha: f64,
+    /// At most so many rows.
+    pub rows: usize,
+}
+
+impl Default for Polynomial {
+    fn default() -> Self {
+        Self { degree: 6, alpha: 1e-9, rows: 500_000 }
+    }
+}
+
+/// Rows of a product of matrices, and of a partial sum: the same whatever the number of threads.
+const BLOCK: usize = 1024;
+const PART: usize = 64 * BLOCK;
+
+/// More and the normal equations take longer than anyone waits.
+const MOST_TERMS: usize = 5000;
+
+impl Baseline for Polynomial {
+    fn most_rows(&self) -> Option<usize> {
+        Some(self.rows)
+    }
+
+    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+        let inputs = rows.inputs;
+        let degrees = degrees(inputs, self.degree)?;
+        let mut polynomial = regression::Polynomial { degrees, coefficients: Vec::new() };
+        let (middle, half) = ranges(rows);
+        let parts: Vec<(DMatrix<f64>, DMatrix<f64>)> = rows
+            .x
+            .par_chunks(PART * inputs)
+            .zip(rows.y.par_chunks(PART * rows.outputs))
+            .map(|(x, y)| normal_equations(&polynomial, x, y, &middle, &half))
+            .collect();
+        let (mut matrix, mut right) = parts.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).ok_or("no rows")?;
+        matrix /= rows.len() as f64;
+        right /= rows.len() as f64;
+        (0..matrix.nrows()).for_each(|term| matrix[(term, term)] += self.alpha);
+        let singular = "the terms depend on each other in these rows: lower `degree` or raise `alpha`";
+        let weights = matrix.cholesky().ok_or(singular)?.solve(&right);
+        // column by column: the coefficients of each output
+        polynomial.coefficients = weights.as_slice().to_vec();
+        Ok(Fitted::Formula(Regression {
+            scaling: scaled_to(&rows.scaling, &middle, &half),
+            function: Function::Polynomial(polynomial),
+        }))
+    }
+
+    fn problems(&self) -> Vec<(&'static str, String)> {
+        let degree = expect((1..=20).contains(&self.degree), "degree", &self.degree, "1 to 20");
+        let rows = super::at_least("rows", self.rows, 2);
+        degree.into_iter().chain(not_negative("alpha", self.alpha)).chain(rows).collect()
+    }
+}
+
+/// `X^T X` and `X^T y` of some rows.
+fn normal_equations(
+    polynomial: &regression::Polynomial,
+    x: &[f64],
+    y: &[f64],
+    middle: &[f64],
+    half: &[f64],
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    let inputs = middle.len();
+    let (terms, outputs) = (polynomial.terms(inputs), y.len() * inputs / x.len());
+    let (mut matrix, mut right) = (DMatrix::zeros(terms, terms), DMatrix::zeros(terms, outputs));
+    let mut z = vec![0.0; inputs];
+    for (x, y) in x.chunks(BLOCK * inputs).zip(y.chunks(BLOCK * outputs)) {
+        let count = x.len() / inputs;
+        // a column a row, which is how the terms are made
+        let mut values = DMatrix::zeros(terms, count);
+        for (x, values) in x.chunks(inputs).zip(values.as_mut_slice().chunks_mut(terms)) {
+            let columns = x.iter().zip(middle).zip(half);
+            z.iter_mut().zip(columns).for_each(|(z, ((x, middle), half))| *z = (x - middle) / half);
+            polynomial.values_of_terms(&z, values);
+        }
+        let y = DMatrix::from_column_slice(outputs, count, y);
+        matrix.gemm(1.0, &values, &values.transpose(), 1.0);
+        right.gemm(1.0, &values, &y.transpose(), 1.0);
+    }
+    (matrix, right)
+}
+
+/// Every combination of powers with a sum of at most `degree`, row by row.
+fn degrees(inputs: usize, degree: u8) -> Result<Vec<u8>, String> {
+    let mut all = vec![Vec::new()];
+    for _ in 0..inputs {
+        let longer = |powers: &Vec<u8>| {
+            let left = degree - powers.iter().sum::<u8>();
+            let powers = powers.clone();
+            (0..=left).map(move |power| [powers.as_slice(), &[power]].concat())
+        };
+        all = all.iter().flat_map(longer).collect();
+        if all.len() > MOST_TERMS {
+            return Err(format!("more than {MOST_TERMS} terms of degree {degree} in {inputs} inputs: lower `degree`"));
+        }
+    }
+    Ok(all.concat())
+}
+
+/// Middle and half width of the range of each standardised input.
+fn ranges(rows: &Rows) -> (Vec<f64>, Vec<f64>) {
+    let range = |column: usize| {
+        let values = rows.x.iter().skip(column).step_by(rows.inputs);
+        let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &z| (min.min(z), max.max(z)));
+        (0.5 * (min + max), if max > min { 0.5 * (max - min) } else { 1.0 })
+    };
+    (0..rows.inputs).map(range).unzip()
+}
+
+/// The scaling that maps the ranges of the inputs to `[-1, 1]`.
+fn scaled_to(scaling: &Scaling, middle: &[f64], half: &[f64]) -> Scaling {
+    let Scaling { input_mean, input_scale, .. } = scaling;
+    let columns = input_mean.iter().zip(input_scale).zip(middle.iter().zip(half));
+    let (input_mean, input_scale) =
+        columns.map(|((mean, scale), (middle, half))| (mean + scale * middle, scale * half)).unzip();
+    Scaling { input_mean, input_scale, ..scaling.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{formula_at, least_squares, wavy_rows};
+
+    #[test]
+    fn of_degree_one_it_is_linear_least_squares() {
+        let rows = wavy_rows(400);
+        let fitted = Polynomial { degree: 1, alpha: 0.0, ..Polynomial::default() }.fit(&rows, 1).unwrap();
+        let expected = least_squares(&rows, 0, 0.0);
+        for row in 0..40 {
+            let z = &rows.x[row * 3..][..3];
+            let by_hand = expected[0] + z.iter().zip(&expected[1..]).map(|(z, w)| z * w).sum::<f64>();
+            assert!((formula_at(&fitted, &rows, row)[0] - by_hand).abs() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn a_polynomial_is_found_again_at_points_between_the_rows() {
+        // the second output is a polynomial of degree 2
+        let rows = wavy_rows(800);
+        let fitted = Polynomial { degree: 4, alpha: 0.0, ..Polynomial::default() };
+        let fitted = fitted.fit(&rows.choose(&(0..400).collect::<Vec<_>>()), 1).unwrap();
+        for row in 400..800 {
+            let error = formula_at(&fitted, &rows, row)[1] - rows.y[row * 2 + 1];
+            assert!(error.abs() < 1e-9, "row {row}: {error:e}");
+        }
+    }
+
+    #[test]
+    fn many_rows_are_summed_in_parts_and_too_many_terms_are_refused() {
+        assert_eq!(degrees(2, 2).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
+        assert_eq!(degrees(4, 6).unwrap().len() / 4, 210);
+        assert!(degrees(100, 6).unwrap_err().starts_with("more than 5000 terms"));
+    }
+}

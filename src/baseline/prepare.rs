@@ -1,0 +1,54 @@
+//! The rows of a study that baselines are fitted to.
+
+use super::Rows;
+use crate::{
+    dataset::{Dataset, Run},
+    sampling::{self, Stream},
+    scaling,
+};
+use std::borrow::Cow;
+
+/// All rows of the runs, standardised.
+pub fn rows(dataset: &Dataset, runs: &[&Run]) -> Rows {
+    let scaling = scaling::fit(dataset, runs.iter().copied());
+    let (mut x, mut y) = (Vec::new(), Vec::new());
+    for run in runs {
+        for (time, outputs) in run.rows() {
+            x.extend(run.parameters.iter().copied().chain([time]));
+            y.extend_from_slice(outputs);
+        }
+    }
+    Rows::new(x, y, scaling)
+}
+
+/// At most so many of the rows, chosen at random: fewer are the first of more.
+pub fn choose_rows(rows: &Rows, most: Option<usize>, seed: u64) -> Cow<'_, Rows> {
+    match most {
+        Some(most) if most < rows.len() => {
+            let order = sampling::permutation(rows.len(), sampling::random(seed, Stream::Baselines));
+            Cow::Owned(rows.choose(&order[..most]))
+        }
+        _ => Cow::Borrowed(rows),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variable::Variable;
+
+    #[test]
+    fn rows_are_standardised_and_fewer_are_the_first_of_more() {
+        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let run = |p: f64| Run { parameters: vec![p], times: [0.0, 1.0].into(), outputs: vec![p, 2.0 * p] };
+        let runs: Vec<Run> = (0..50).map(|i| run(f64::from(i))).collect();
+        let dataset = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs };
+        let rows = rows(&dataset, &dataset.runs.iter().collect::<Vec<_>>());
+        assert_eq!((rows.len(), rows.inputs, rows.outputs), (100, 2, 1));
+        assert!(rows.x.iter().step_by(2).sum::<f64>().abs() < 1e-12 && rows.y.iter().sum::<f64>().abs() < 1e-12);
+        let (more, fewer) = (choose_rows(&rows, Some(20), 1), choose_rows(&rows, Some(5), 1));
+        assert_eq!(fewer.x, more.x[..10]);
+        assert_ne!(choose_rows(&rows, Some(5), 2).x, fewer.x);
+        assert_eq!(*choose_rows(&rows, Some(100), 1), rows);
+    }
+}

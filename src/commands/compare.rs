@@ -1,0 +1,210 @@
+//! `metafmu compare`: the network beside simpler models.
+
+use super::{
+    Outcome, interrupt, job::Job, prepare::baseline_rows, print, print_json, progress::Progress, train::TrainingRecord,
+};
+use crate::cli::CompareArgs;
+use metafmu::{
+    Error, Result,
+    baseline::{
+        Comparison, Kind, ModelRow, Rows, Status, choose_rows,
+        comparison::NETWORK,
+        worker::{self, Answer, Fit, Task},
+    },
+    dataset::Dataset,
+    evaluation::{self, Accuracy, OutputMetrics},
+    files,
+};
+use metafmu_runtime::{Evaluator, Surrogate};
+use std::{
+    io::{BufWriter, Read},
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+pub fn run(args: &CompareArgs) -> Result<Outcome> {
+    let job = Job::new(&args.study)?;
+    let (train, test) = (job.load_train_table()?, job.load_test_table()?);
+    job.prepare_folder()?;
+    let kinds = if args.model.is_empty() { &job.study.baselines.models } else { &args.model };
+    let network = job.load_model().and_then(|surrogate| Ok((surrogate, job.load_training_record()?)));
+    let network = match &network {
+        Ok((surrogate, training)) => network_row(surrogate, training, &test),
+        Err(error) => row(NETWORK, Status::Failed, error.to_string()),
+    };
+    let comparison = stage(&job, kinds, network, &train, &test)?;
+    if job.json {
+        print_json(&comparison)?;
+    } else {
+        let (json, csv) = (job.comparison(), job.comparison_table());
+        print(&format!("{}\n{}\n{}\n", comparison.table(), json.display(), csv.display()))?;
+    }
+    let stopped = comparison.models.iter().any(|row| row.status == Status::Stopped);
+    if stopped { Err(Error::Interrupted) } else { Ok(Outcome::Fine) }
+}
+
+/// Does the task on stdin: what [`fit`] runs.
+pub fn work() -> Result<Outcome> {
+    let served = worker::serve(std::io::stdin().lock(), std::io::stdout().lock());
+    served.map_err(Error::io(Path::new("stdin"), "do the task from"))?;
+    Ok(Outcome::Fine)
+}
+
+/// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done.
+pub fn stage(job: &Job, kinds: &[Kind], network: ModelRow, train: &Dataset, test: &Dataset) -> Result<Comparison> {
+    let rows = baseline_rows(&job.study, train);
+    let mut progress = Progress::baselines(kinds.len());
+    let mut models = vec![network];
+    for &kind in kinds {
+        progress.set(models.len() as u64 - 1, kind.name().into());
+        let row = measure(job, kind, &rows, test)?;
+        progress.note(&row.summary());
+        models.push(row);
+    }
+    progress.clear();
+    let name = job.study.name.clone();
+    let comparison = Comparison { name, test_runs: test.runs.len(), test_rows: test.row_count(), models };
+    files::write_json(&job.comparison(), &comparison)?;
+    files::write_whole(&job.comparison_table(), comparison.csv().as_bytes())?;
+    Ok(comparison)
+}
+
+/// The network's row, with its predictions timed one after the other on one core.
+pub fn network_row(surrogate: &Surrogate, training: &TrainingRecord, test: &Dataset) -> ModelRow {
+    let accuracy = Accuracy::of(surrogate, test);
+    let evaluator = Evaluator::new(surrogate);
+    let began = Instant::now();
+    for run in &test.runs {
+        std::hint::black_box(evaluation::predict(surrogate, &evaluator, run));
+    }
+    let seconds = began.elapsed().as_secs_f64();
+    ModelRow {
+        rows: training.train_rows,
+        fit_seconds: Some(training.train_seconds),
+        predict_seconds_per_point: Some(seconds / test.row_count().max(1) as f64),
+        memory_bytes: surrogate.to_bytes().ok().map(|bytes| bytes.len() as u64),
+        exportable: true,
+        outputs: accuracy.outputs.iter().map(|(name, metrics)| (name.clone(), metrics.into())).collect(),
+        ..row(NETWORK, Status::Fine, String::new())
+    }
+}
+
+fn row(model: &str, status: Status, note: String) -> ModelRow {
+    ModelRow {
+        model: model.into(),
+        status,
+        note,
+        rows: 0,
+        fit_seconds: None,
+        predict_seconds_per_point: None,
+        memory_bytes: None,
+        exportable: false,
+        outputs: [].into(),
+    }
+}
+
+fn measure(job: &Job, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRow> {
+    let (study, name) = (&job.study, kind.name());
+    if interrupt::flag().load(Ordering::Relaxed) {
+        return Ok(row(name, Status::Stopped, "stopped by Ctrl-C".into()));
+    }
+    let all = rows.len();
+    let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
+    let inputs = |(run, time): (&metafmu::dataset::Run, f64)| run.parameters.iter().copied().chain([time]).collect();
+    let points = test.runs.iter().flat_map(|run| run.times.iter().map(move |&time| (run, time)));
+    let points: Vec<Vec<f64>> = points.map(inputs).collect();
+    let options = study.baselines.clone();
+    let count = rows.len();
+    let task = Task { kind, options, seed: study.seed, rows, test: points.concat() };
+    Ok(match fit(&task)? {
+        Ended::Answered(Answer { result: Ok(fit), predictions }) => {
+            let metrics = evaluation::compare(test, &by_run(test, &predictions), None);
+            fitted_row(kind, &fit, count, all, test, &metrics)
+        }
+        Ended::Answered(Answer { result: Err(message), .. }) => row(name, Status::Failed, message),
+        Ended::TooSlow => {
+            let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
+            row(name, Status::TooSlow, note)
+        }
+        Ended::Stopped => row(name, Status::Stopped, "stopped by Ctrl-C".into()),
+        Ended::Died(status) => row(name, Status::Failed, format!("its process ended with {status}")),
+    })
+}
+
+fn fitted_row(kind: Kind, fit: &Fit, count: usize, all: usize, test: &Dataset, metrics: &[OutputMetrics]) -> ModelRow {
+    let some = (count < all).then(|| format!("on {count} of {all} rows"));
+    let not_exportable = fit.not_exportable.as_ref().map(|reason| format!("cannot be exported: {reason}"));
+    let names = test.outputs.iter().map(|output| output.name.clone());
+    ModelRow {
+        rows: count,
+        fit_seconds: Some(fit.fit_seconds),
+        predict_seconds_per_point: Some(fit.predict_seconds_per_point),
+        memory_bytes: Some(fit.memory_bytes),
+        exportable: fit.not_exportable.is_none(),
+        outputs: names.zip(metrics.iter().map(Into::into)).collect(),
+        ..row(kind.name(), Status::Fine, some.into_iter().chain(not_exportable).collect::<Vec<_>>().join("; "))
+    }
+}
+
+/// The predictions of each run.
+fn by_run(test: &Dataset, predictions: &[f64]) -> Vec<Vec<f64>> {
+    let mut left = predictions;
+    let mut take = |count: usize| {
+        let (these, others) = left.split_at(count);
+        left = others;
+        these.to_vec()
+    };
+    test.runs.iter().map(|run| take(run.outputs.len())).collect()
+}
+
+/// How a worker ended.
+enum Ended {
+    Answered(Answer),
+    TooSlow,
+    Stopped,
+    Died(ExitStatus),
+}
+
+/// Has a process of its own do a task. It ends itself after the time budget; a Ctrl-C ends it here.
+fn fit(task: &Task) -> Result<Ended> {
+    let program = std::env::current_exe().map_err(Error::io(Path::new("metafmu"), "find"))?;
+    let failed = |source| Error::io(&program, "run")(source);
+    let mut command = Command::new(&program);
+    command.arg("fit-baseline").stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().map_err(failed)?;
+    let (to, from) = (child.stdin.take(), child.stdout.take());
+    std::thread::scope(|scope| {
+        // a worker that ended early does not listen: how it ended says why
+        scope.spawn(|| to.map(|to| task.write(BufWriter::with_capacity(1 << 16, to))));
+        let answer = scope.spawn(|| {
+            let mut bytes = Vec::new();
+            from.map(|mut from| from.read_to_end(&mut bytes));
+            bytes
+        });
+        let status = wait(&mut child).map_err(failed)?;
+        let bytes = answer.join().unwrap_or_default();
+        Ok(match status {
+            None => Ended::Stopped,
+            Some(status) if status.code() == Some(worker::TOO_SLOW) => Ended::TooSlow,
+            Some(status) if !status.success() && interrupt::flag().load(Ordering::Relaxed) => Ended::Stopped,
+            Some(status) => Answer::read(&bytes).map_or(Ended::Died(status), Ended::Answered),
+        })
+    })
+}
+
+/// Waits for a process; ends it and gives nothing at a Ctrl-C.
+fn wait(child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if interrupt::flag().load(Ordering::Relaxed) {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}

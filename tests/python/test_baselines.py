@@ -1,0 +1,128 @@
+"""Baselines beside the network, and FMUs of them."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+from conftest import CASES, OUTPUTS, PARAMETERS, metafmu
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+from safetensors.numpy import load_file
+
+STUDY = "examples/single-pendulum.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(pendulum, tmp_path_factory):
+    """A copy of the build, so that other tests do not see what is written here."""
+    copy = tmp_path_factory.mktemp("baselines") / "single-pendulum"
+    shutil.copytree(pendulum.folder, copy)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def comparison(folder):
+    models = ["linear", "ridge", "lasso", "elastic-net", "polynomial", "decision-tree", "gaussian-process"]
+    metafmu("compare", STUDY, "--out", folder, *[word for model in models for word in ("--model", model)])
+    return json.loads((folder / "comparison.json").read_text())
+
+
+def r2(comparison, model):
+    row = next(row for row in comparison["models"] if row["model"] == model)
+    assert row["status"] == "fine", row
+    return np.array([row["outputs"][name]["r2"] for name in OUTPUTS])
+
+
+def test_the_network_is_first_and_baselines_are_as_good_as_those_of_scikit_learn(comparison):
+    assert comparison["models"][0]["model"] == "network"
+    assert r2(comparison, "network").min() > 0.9999
+    # scikit-learn 1.x on the same problem: linear .033 .060 .007, degree-6 polynomial .59 in the mean, tree .990 .986
+    # .985, Gaussian process on 600 rows .992 .982 .977
+    for model in ["linear", "ridge", "lasso", "elastic-net"]:
+        np.testing.assert_allclose(r2(comparison, model), [0.033, 0.060, 0.007], atol=0.02)
+    assert 0.5 < r2(comparison, "polynomial").mean() < 0.7
+    assert 0.97 < r2(comparison, "decision-tree").min() < 0.995
+    assert 0.95 < r2(comparison, "gaussian-process").min() < 0.9999
+
+
+def test_the_table_is_csv_with_a_line_for_each_output(folder, comparison):
+    with open(folder / "comparison.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(len(row["outputs"]) for row in comparison["models"])
+    for row in rows:
+        model = next(model for model in comparison["models"] if model["model"] == row["model"])
+        assert float(row["mse"]) == model["outputs"][row["output"]]["mse"]
+    assert all(row["note"].startswith("on ") for row in rows if row["model"] == "gaussian-process")
+
+
+def test_one_that_is_too_slow_and_one_that_fails_are_rows_and_the_others_go_on(folder, tmp_path):
+    text = open(STUDY).read()
+    options = "\n[baselines]\ntime_budget = 2\ngaussian-process = { rows = 20000, kernel_rows = 20000 }\n"
+    study = tmp_path / "study.toml"
+    study.write_text(text + options + "polynomial = { degree = 20, rows = 100, alpha = 0.0 }\n")
+    models = ["gaussian-process", "polynomial", "linear"]
+    output = metafmu("compare", study, "--out", folder, "--json", *[f"--model={model}" for model in models])
+    rows = {row["model"]: row for row in json.loads(output.stdout)["models"]}
+    assert rows["gaussian-process"]["status"] == "too slow"
+    assert rows["gaussian-process"]["note"].startswith("not done after 2 s with 20000 of ")
+    assert rows["polynomial"]["status"] == "failed"
+    assert rows["linear"]["status"] == "fine"
+
+
+def scaled(tensors, inputs):
+    return (inputs - tensors["input_mean"]) / tensors["input_scale"]
+
+
+def linear(tensors, z):
+    """A polynomial of degree 1: a constant and one power of each input."""
+    assert tensors["polynomial.degrees"].sum(axis=1).max() == 1
+    terms = np.array([[z[degrees == 1].prod() for degrees in tensors["polynomial.degrees"]] for z in z])
+    return terms @ tensors["polynomial.coefficients"].T
+
+
+def forest(tensors, z):
+    """Down every tree, one row at a time."""
+    y = np.zeros((len(z), len(OUTPUTS)))
+    column, number, below = (tensors[f"forest.{name}"] for name in ("column", "number", "below"))
+    for row, values in enumerate(z):
+        for node, output in zip(tensors["forest.root"], tensors["forest.output"]):
+            while column[node] != 2**32 - 1:
+                node = below[node, 0 if values[column[node]] <= number[node] else 1]
+            y[row, output] += number[node]
+    return y
+
+
+def kernel(tensors, z):
+    def machine(output):
+        lengths, centres, weights = (tensors[f"kernel.{output}.{name}"] for name in ("lengths", "centres", "weights"))
+        squares = (((z[:, None, :] - centres) / lengths) ** 2).sum(axis=2)
+        return tensors["kernel.bias"][output] + np.exp(-0.5 * squares) @ weights
+
+    return np.stack([machine(output) for output in range(len(OUTPUTS))], axis=1)
+
+
+@pytest.mark.parametrize("model, formula", [("ridge", linear), ("svr", kernel), ("random-forest", forest)])
+def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, model, formula):
+    metafmu("export", STUDY, "--out", folder, "--model", model, "--fmi", "both")
+    tensors = load_file(folder / f"single-pendulum-{model}.safetensors")
+    for version in (2, 3):
+        fmu = folder / f"single-pendulum-{model}-fmi{version}.fmu"
+        assert validate_fmu(str(fmu)) == []
+        metafmu("validate", fmu)
+        assert model in read_model_description(str(fmu)).description
+        for case in CASES[:2]:
+            start = dict(zip(PARAMETERS, case))
+            result = simulate_fmu(fmu, start_values=start, stop_time=2.0, output_interval=0.1, output=OUTPUTS)
+            inputs = np.array([[*case, time] for time in result["time"]])
+            expected = tensors["output_mean"] + tensors["output_scale"] * formula(tensors, scaled(tensors, inputs))
+            found = np.stack([result[name] for name in OUTPUTS], axis=1)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["output_scale"].max())
+
+
+def test_what_cannot_be_exported_says_why(folder):
+    for model, why in [("knn", "carry every training row"), ("gradient-boosting", "no access to its trees")]:
+        result = metafmu("export", STUDY, "--out", folder, "--model", model, check=False)
+        assert result.returncode == 2
+        assert why in result.stderr
