@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct ElasticNet {
     /// Strength of the penalties.
     pub alpha: f64,
-    /// Share of the penalty on the sizes: 0 is ridge, 1 is lasso.
+    /// Share of the penalty on the sizes, above 0: 1 is lasso.
     pub l1_ratio: f64,
 }
 
@@ -36,8 +36,9 @@ impl Baseline for ElasticNet {
     }
 
     fn problems(&self) -> Vec<(&'static str, String)> {
-        let share = (0.0..=1.0).contains(&self.l1_ratio);
-        let share = expect(share, "l1_ratio", &self.l1_ratio, "a share from 0 to 1");
+        // without any penalty on sizes linfa's search does not end
+        let share = self.l1_ratio > 0.0 && self.l1_ratio <= 1.0;
+        let share = expect(share, "l1_ratio", &self.l1_ratio, "a share above 0, at most 1");
         not_negative("alpha", self.alpha).into_iter().chain(share).collect()
     }
 }

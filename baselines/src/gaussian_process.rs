@@ -1,6 +1,6 @@
 //! Gaussian process regression (kriging).
 
-use crate::{Baseline, Fitted, Rows, at_least, for_each_output, positive};
+use crate::{Baseline, Fitted, Rows, at_least, expect, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
@@ -17,7 +17,7 @@ pub struct GaussianProcess {
     pub kernel_rows: usize,
     /// Steps of the search for the greatest likelihood.
     pub steps: usize,
-    /// Standard deviation of the noise, in those of the outputs, where the search begins.
+    /// Standard deviation of the noise, in those of the outputs, where the search begins; at least 0.002.
     pub noise: f64,
 }
 
@@ -41,18 +41,23 @@ impl Baseline for GaussianProcess {
     fn problems(&self) -> Vec<(&'static str, String)> {
         let counts = [("rows", self.rows, 2), ("kernel_rows", self.kernel_rows, 2), ("steps", self.steps, 1)];
         let counts = counts.into_iter().filter_map(|(key, value, least)| at_least(key, value, least));
-        counts.chain(positive("noise", self.noise)).collect()
+        let noise = expect((0.002..1.0).contains(&self.noise), "noise", &self.noise, "0.002 to 1");
+        counts.chain(noise).collect()
     }
 }
 
+/// Outputs are given to friedrich in thousandths of a standard deviation: its search changes the logarithm of the noise by a
+/// share of itself, which goes the right way only as long as that is positive. The noise is never below one of these.
+const UNIT: f64 = 1e-3;
+
 impl GaussianProcess {
     fn process(&self, rows: &Rows, output: usize) -> Process<SquaredExponential, ConstantPrior> {
-        let kernel = SquaredExponential(vec![1.0; rows.inputs + 1]);
+        let amplitude_and_lengths = [1.0 / UNIT].into_iter().chain(vec![1.0; rows.inputs]).collect();
         let few = self.kernel_rows.min(rows.len());
-        let (x, y) = (inputs(rows, few), DVector::from_vec(rows.output(output)));
+        let (x, y) = (inputs(rows, few), outputs(rows, output));
         let first = Process::builder(x, y.rows(0, few).into_owned())
-            .set_kernel(kernel)
-            .set_noise(self.noise)
+            .set_kernel(SquaredExponential(amplitude_and_lengths))
+            .set_noise(self.noise / UNIT)
             .set_prior(ConstantPrior::new(0.0))
             // no early end: the first steps of the search are often small
             .set_fit_parameters(self.steps, 0.0)
@@ -64,6 +69,10 @@ impl GaussianProcess {
 
 fn inputs(rows: &Rows, count: usize) -> DMatrix<f64> {
     DMatrix::from_row_slice(count, rows.inputs, &rows.x[..count * rows.inputs])
+}
+
+fn outputs(rows: &Rows, output: usize) -> DVector<f64> {
+    DVector::from_vec(rows.output(output)) / UNIT
 }
 
 /// The mean of the process as a sum of kernels around the rows, with weights `(K + noise^2 I)^-1 y`.
@@ -78,12 +87,12 @@ fn machine(
     let covariance =
         DMatrix::from_fn(count, count, |a, b| kernel.kernel(&x.row(a), &x.row(b)) + if a == b { noise } else { 0.0 });
     let singular = "the covariance of the rows is singular: raise `noise`";
-    let weights = covariance.cholesky().ok_or(singular)?.solve(&DVector::from_vec(rows.output(output)));
+    let weights = covariance.cholesky().ok_or(singular)?.solve(&outputs(rows, output));
     let (amplitude, lengths) = kernel.0.split_first().ok_or("a kernel without parameters")?;
     Ok(KernelMachine {
         lengths: lengths.iter().map(|length| length.abs()).collect(),
         centres: rows.x.clone(),
-        weights: weights.iter().map(|weight| weight * amplitude * amplitude).collect(),
+        weights: weights.iter().map(|weight| weight * amplitude * amplitude * UNIT).collect(),
         bias: 0.0,
     })
 }
@@ -145,7 +154,7 @@ mod tests {
         for output in 0..rows.outputs {
             let points: Vec<Vec<f64>> = rows.x.chunks(3).map(<[f64]>::to_vec).collect();
             for (row, predicted) in model.process(&rows, output).predict(&points).iter().enumerate() {
-                assert!((formula_at(&fitted, &rows, row)[output] - predicted).abs() < 1e-9, "row {row}");
+                assert!((formula_at(&fitted, &rows, row)[output] - predicted * UNIT).abs() < 1e-9, "row {row}");
             }
             assert!(r2(&fitted, &rows, output) > 0.99);
         }

@@ -83,10 +83,10 @@ mod tests {
         let distance = |z: &[f64]| z.iter().zip(&point).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let mut order: Vec<(f64, usize)> = rows.x.chunks(3).enumerate().map(|(row, z)| (distance(z), row)).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for output in 0..2 {
+        for (output, predicted) in predicted.iter().enumerate() {
             let nearest = order.iter().take(5).map(|&(distance, row)| (1.0 / distance, rows.y[row * 2 + output]));
             let (sum, weights) = nearest.fold((0.0, 0.0), |(sum, all), (weight, y)| (sum + weight * y, all + weight));
-            assert!((predicted[output] - sum / weights).abs() < 1e-12);
+            assert!((predicted - sum / weights).abs() < 1e-12);
         }
     }
 }

@@ -58,10 +58,13 @@ pub enum Fitted {
     Library(LibraryModel),
 }
 
+/// What a library predicts at some rows, or why not.
+pub type Predict = dyn Fn(&[f64]) -> Result<Vec<f64>, String>;
+
 /// A fitted model inside a library.
 pub struct LibraryModel {
     /// From standardised rows, shape `[rows, inputs]`, to standardised outputs, shape `[rows, outputs]`.
-    pub predict: Box<dyn Fn(&[f64]) -> Result<Vec<f64>, String>>,
+    pub predict: Box<Predict>,
     /// Bytes of its numbers.
     pub memory_bytes: u64,
     /// Why it cannot be exported.

@@ -187,7 +187,7 @@ mod tests {
             ("time_budget = 0", "time_budget: 0, expected a positive number"),
             ("models = [\"ridge\", \"ridge\"]", "models: `ridge` stands twice"),
             ("ridge = { alpha = -1 }", "ridge.alpha: -1, expected 0 or a positive number"),
-            ("elastic-net = { l1_ratio = 2 }", "elastic-net.l1_ratio: 2, expected a share from 0 to 1"),
+            ("elastic-net = { l1_ratio = 2 }", "elastic-net.l1_ratio: 2, expected a share above 0, at most 1"),
             ("polynomial = { degree = 0 }", "polynomial.degree: 0, expected 1 to 20"),
             ("svr = { rows = 1 }", "svr.rows: 1, expected at least 2"),
             ("knn = { neighbours = 0 }", "knn.neighbours: 0, expected at least 1"),

@@ -54,13 +54,13 @@ impl Default for DecisionTree {
 
 impl Default for RandomForest {
     fn default() -> Self {
-        Self { trees: 20, leaf: 3, rows: 100_000 }
+        Self { trees: 20, leaf: 5, rows: 100_000 }
     }
 }
 
 impl Default for ExtraTrees {
     fn default() -> Self {
-        Self { trees: 20, leaf: 3, rows: 100_000 }
+        Self { trees: 20, leaf: 5, rows: 100_000 }
     }
 }
 
@@ -238,12 +238,12 @@ mod tests {
 
             let parameters = RandomForestRegressorParameters::default().with_n_trees(7).with_min_samples_leaf(3);
             let forest = RandomForestRegressor::fit(&x, &y, parameters.with_m(3).with_seed(5)).unwrap();
-            let ours = RandomForest { trees: 7, ..RandomForest::default() }.fit(&rows, 5).unwrap();
+            let ours = RandomForest { trees: 7, leaf: 3, ..RandomForest::default() }.fit(&rows, 5).unwrap();
             assert_same(&ours, &rows, output, &forest.predict(&x).unwrap());
 
             let parameters = ExtraTreesRegressorParameters::default().with_n_trees(7).with_min_samples_leaf(3);
             let forest = ExtraTreesRegressor::fit(&x, &y, parameters.with_m(3).with_seed(5)).unwrap();
-            let ours = ExtraTrees { trees: 7, ..ExtraTrees::default() }.fit(&rows, 5).unwrap();
+            let ours = ExtraTrees { trees: 7, leaf: 3, ..ExtraTrees::default() }.fit(&rows, 5).unwrap();
             assert_same(&ours, &rows, output, &forest.predict(&x).unwrap());
         }
     }

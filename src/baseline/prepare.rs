@@ -4,13 +4,13 @@ use super::Rows;
 use crate::{
     dataset::{Dataset, Run},
     sampling::{self, Stream},
-    scaling,
+    scaling::{self, Selection},
 };
 use std::borrow::Cow;
 
 /// All rows of the runs, standardised.
 pub fn rows(dataset: &Dataset, runs: &[&Run]) -> Rows {
-    let scaling = scaling::fit(dataset, runs.iter().copied());
+    let scaling = scaling::fit(dataset, runs.iter().copied(), Selection::All);
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for run in runs {
         for (time, outputs) in run.rows() {
@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn rows_are_standardised_and_fewer_are_the_first_of_more() {
-        let variable = |name: &str| Variable { name: name.into(), unit: String::new(), description: String::new() };
+        let variable = |name: &str| Variable::new(name, "", "");
         let run = |p: f64| Run { parameters: vec![p], times: [0.0, 1.0].into(), outputs: vec![p, 2.0 * p] };
         let runs: Vec<Run> = (0..50).map(|i| run(f64::from(i))).collect();
         let dataset = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs };

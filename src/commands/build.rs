@@ -1,13 +1,15 @@
 //! `metafmu build`: the whole way from a study to a validated FMU.
 
 use super::{
-    Outcome, evaluate,
+    Outcome, compare,
+    evaluate::{self, Metrics},
     export::{self, Plan, Written},
     job::Job,
     print, print_json, sample, train,
 };
 use crate::cli::BuildArgs;
-use metafmu::{Result, fmu::validate};
+use metafmu::{Result, baseline::Comparison, dataset::Dataset, fmu::validate, sampling::Sets};
+use metafmu_runtime::Surrogate;
 use std::path::PathBuf;
 
 pub fn run(args: &BuildArgs) -> Result<Outcome> {
@@ -25,13 +27,30 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         problems += report.problems.len();
         eprint!("validated {}: {report}", fmu.display());
     }
+    let comparison = compare_in_build(&job, &surrogate, &metrics, &samples.sets)?;
     if job.json {
         print_json(&metrics)?;
     } else {
         print(&format!("\n{}\n", evaluate::table(&job, &metrics)))?;
+        comparison.map_or(Ok(()), |comparison| print(&format!("{}\n", comparison.table())))?;
         print(&files(&job, &written))?;
     }
     Ok(if problems == 0 { Outcome::Fine } else { Outcome::ProblemsFound })
+}
+
+/// The network beside the baselines that the study wants in a build.
+fn compare_in_build(
+    job: &Job,
+    surrogate: &Surrogate,
+    metrics: &Metrics,
+    sets: &Sets<Dataset>,
+) -> Result<Option<Comparison>> {
+    let kinds = &job.study.baselines.build;
+    if kinds.is_empty() {
+        return Ok(None);
+    }
+    let network = compare::network_row(surrogate, &metrics.accuracy, &metrics.training, &sets.test);
+    compare::stage(job, kinds, network, &sets.train, &sets.test).map(Some)
 }
 
 /// Where the results are, the FMU first.
@@ -43,6 +62,7 @@ fn files(job: &Job, written: &[Written]) -> String {
     let others = [
         (job.model(), "network, scaling, variables: opens with safetensors in Python".into()),
         (job.metrics(), "accuracy on the test runs".into()),
+        (job.comparison(), "the network beside simpler models".into()),
         (job.history(), "loss of each epoch".into()),
         (job.table("train"), "training and validation runs".into()),
         (job.table("test"), "test runs".into()),

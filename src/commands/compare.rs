@@ -26,12 +26,12 @@ use std::{
 
 pub fn run(args: &CompareArgs) -> Result<Outcome> {
     let job = Job::new(&args.study)?;
-    let (train, test) = (job.load_train_table()?, job.load_test_table()?);
+    let (train, test) = (job.load_table("train")?, job.load_table("test")?);
     job.prepare_folder()?;
     let kinds = if args.model.is_empty() { &job.study.baselines.models } else { &args.model };
     let network = job.load_model().and_then(|surrogate| Ok((surrogate, job.load_training_record()?)));
     let network = match &network {
-        Ok((surrogate, training)) => network_row(surrogate, training, &test),
+        Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, &test), training, &test),
         Err(error) => row(NETWORK, Status::Failed, error.to_string()),
     };
     let comparison = stage(&job, kinds, network, &train, &test)?;
@@ -72,8 +72,7 @@ pub fn stage(job: &Job, kinds: &[Kind], network: ModelRow, train: &Dataset, test
 }
 
 /// The network's row, with its predictions timed one after the other on one core.
-pub fn network_row(surrogate: &Surrogate, training: &TrainingRecord, test: &Dataset) -> ModelRow {
-    let accuracy = Accuracy::of(surrogate, test);
+pub fn network_row(surrogate: &Surrogate, accuracy: &Accuracy, training: &TrainingRecord, test: &Dataset) -> ModelRow {
     let evaluator = Evaluator::new(surrogate);
     let began = Instant::now();
     for run in &test.runs {

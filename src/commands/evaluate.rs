@@ -21,7 +21,7 @@ pub struct Metrics {
     train_runs: usize,
     sample_seconds: f64,
     #[serde(flatten)]
-    training: TrainingRecord,
+    pub training: TrainingRecord,
     seed: u64,
     study_digest: String,
     tool: String,
