@@ -1,8 +1,8 @@
 //! Builds what goes into every FMU, the `fmu-template` library, and the C shim of the FMU host's logger. Libraries for other
 //! platforms, made by scripts/build-runtimes.sh, are embedded as well if METAFMU_RUNTIMES names their folder.
 //!
-//! The library is built by a cargo of its own, with the profile `fmu`, into a target directory inside `OUT_DIR`: neither
-//! target directory nor profile is shared with the cargo that runs this script, so neither waits for the other's lock.
+//! The library is built by a cargo of its own, with the profile `fmu`, into a target directory of its own, which all profiles
+//! share: it is the same library for all of them. The cargo that runs this script has another one and holds no lock of it.
 
 use std::{
     env, fs,
@@ -27,7 +27,8 @@ fn build_fmu_library() {
         println!("cargo::rerun-if-changed={path}");
     }
     let out = PathBuf::from(variable("OUT_DIR"));
-    let target_dir = out.join("fmu");
+    // OUT_DIR is `<target directory>/<profile>/build/<package>/out`
+    let target_dir = out.ancestors().nth(4).unwrap_or(&out).join("fmu-library");
     let mut cargo = Command::new(variable("CARGO"));
     cargo.args(["build", "--package", "fmu-template", "--profile", "fmu", "--color", "never", "--target-dir"]);
     cargo.arg(&target_dir);

@@ -11,6 +11,7 @@ pub mod integrate;
 pub mod multibody;
 pub mod network;
 pub mod origin;
+pub mod refinement;
 pub mod report;
 pub mod sampling;
 pub mod scaling;

@@ -63,6 +63,8 @@ pub enum Stream {
     Calibration = 5,
     /// Choosing rows for baselines that take not all of them.
     Baselines = 6,
+    /// Placing runs that are added until a target is met.
+    Refinement = 7,
 }
 
 /// The random numbers of a seed for one purpose: the same on every platform.
@@ -166,7 +168,7 @@ pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>)
 }
 
 /// Independent points, uniform over the ranges.
-fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+pub(crate) fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
     let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
     std::iter::repeat_with(move || {
         ranges.iter().map(|(min, max)| min + (max - min) * unit_interval(&mut generator)).collect()

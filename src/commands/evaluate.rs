@@ -53,7 +53,7 @@ pub fn stage(
     let metrics = Metrics {
         name: job.study.name.clone(),
         accuracy: Accuracy::of(surrogate, test),
-        train_runs: samples.train_runs,
+        train_runs: samples.train_runs + training.added_runs,
         sample_seconds: samples.sample_seconds,
         training: training.clone(),
         seed: provenance.seed,

@@ -69,6 +69,8 @@ pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
         best_epoch: best_epoch(&outcomes),
         stopped: describe(reason(&outcomes)).into(),
         train_seconds: began.elapsed().as_secs_f64(),
+        added_runs: 0,
+        target_met: None,
     };
     progress.finish(&format!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",

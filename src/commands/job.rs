@@ -110,6 +110,17 @@ impl Job {
         self.folder.join("unfinished-networks.bin")
     }
 
+    /// Where the rounds of a training with a target keep what they have.
+    pub fn rounds(&self) -> PathBuf {
+        self.folder.join("rounds")
+    }
+
+    /// The same job, with the folder of a round for its results.
+    pub fn round(&self, number: usize) -> Self {
+        let folder = self.rounds().join(number.to_string());
+        Self { study: self.study.clone(), source: self.source.clone(), folder, json: self.json }
+    }
+
     pub fn training_record(&self) -> PathBuf {
         self.folder.join("training.json")
     }

@@ -4,6 +4,7 @@ pub mod build;
 pub mod compare;
 pub mod evaluate;
 pub mod export;
+mod improve;
 mod instants;
 mod interrupt;
 mod job;

@@ -9,7 +9,7 @@ use metafmu::{
     study::Study,
     training::Rows,
 };
-use metafmu_runtime::Scaling;
+use metafmu_runtime::{ScaledNetwork, Scaling, Surrogate};
 use std::sync::Arc;
 
 /// What a training begins with.
@@ -21,18 +21,27 @@ pub struct Prepared {
     pub validation_runs: usize,
 }
 
-/// Holds out the validation runs, standardises the rows by the others, and makes the network.
-pub fn prepare(study: &Study, dataset: &Dataset) -> Result<Prepared> {
-    let (training, validation) = split(&dataset.runs, study.training.validation, study.seed);
-    of_rows(study, dataset, &training, &validation, Selection::All)
+/// Holds out the validation runs, standardises the rows by the others, and makes the network. The last `added` runs are all for
+/// training. Scaling and network are those of `start`, if there is one.
+pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<Prepared> {
+    let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
+    let (mut training, validation) = split(planned, study.training.validation, study.seed);
+    training.extend(added);
+    of_rows(study, dataset, &training, &validation, Selection::All, start.and_then(Surrogate::network))
 }
 
 /// The same for the network of each instant: the times of the runs, which are those of every run.
 pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<Prepared>)> {
     let instants = common_times(study, &dataset.runs)?;
     let (training, validation) = split(&dataset.runs, study.training.validation, study.seed);
-    let prepared = |row| of_rows(study, dataset, &training, &validation, Selection::At(row));
+    let prepared = |row| of_rows(study, dataset, &training, &validation, Selection::At(row), None);
     Ok((Arc::clone(&instants), (0..instants.len()).map(prepared).collect::<Result<_>>()?))
+}
+
+/// The runs that are held out for validation.
+pub fn held_out(study: &Study, planned: &Dataset) -> Dataset {
+    let (_, runs) = split(&planned.runs, study.training.validation, study.seed);
+    Dataset { runs: runs.into_iter().cloned().collect(), ..planned.clone() }
 }
 
 fn of_rows(
@@ -41,15 +50,20 @@ fn of_rows(
     training_runs: &[&Run],
     validation_runs: &[&Run],
     selection: Selection,
+    start: Option<&ScaledNetwork>,
 ) -> Result<Prepared> {
-    let scaling = scaling::fit(dataset, training_runs.iter().copied(), selection);
+    let fit = || scaling::fit(dataset, training_runs.iter().copied(), selection);
+    let scaling = start.map_or_else(fit, |start| start.scaling.clone());
     let (inputs, outputs) = (selection.inputs(dataset.parameters.len()), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
         let (x, y) = scaling::standardise(runs.iter().copied(), &scaling, selection);
         Rows::new(inputs, outputs, x, y)
     };
     let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);
-    let network = Network::new(inputs, outputs, &study.network, study.seed)?;
+    let network = match start {
+        None => Network::new(inputs, outputs, &study.network, study.seed)?,
+        Some(start) => Network::from_layers(&start.layers, study.network.activation)?,
+    };
     Ok(Prepared { scaling, network, training, validation, validation_runs: validation_runs.len() })
 }
 

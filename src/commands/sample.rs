@@ -160,3 +160,24 @@ pub fn stage(job: &Job) -> Result<Samples> {
     journal.map_or(Ok(()), Journal::remove)?;
     Ok(Samples { sets, record })
 }
+
+/// Simulates further runs, those of the given points; runs of an FMU may fail, but not all of them.
+pub fn simulate(job: &Job, points: &[Vec<f64>]) -> Result<Dataset> {
+    let Source::Simulation(simulation) = &job.source else {
+        let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());
+        return Err(job.study.refuse(vec![problem]).expect_err("there is a problem"));
+    };
+    let progress = Progress::runs(points.len());
+    let journal = simulation.journal(&job.journal(), &job.study)?;
+    let outcomes = simulation.run_all(points, &journal, interrupt::flag(), || progress.advance(1))?;
+    let failure = outcomes.iter().find_map(|outcome| outcome.as_ref().err().cloned());
+    let runs = simulation.dataset(outcomes);
+    progress.finish(&format!("simulated {} of {} further runs", runs.runs.len(), points.len()));
+    journal.remove()?;
+    match failure {
+        Some(reason) if runs.runs.is_empty() => {
+            Err(Error::Worker { message: format!("all {} further runs failed: {reason}", points.len()) })
+        }
+        _ => Ok(runs),
+    }
+}

@@ -254,7 +254,7 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
     if study.network.structure == Structure::Fixed {
         return train_instants(study, dataset, waiting, goal);
     }
-    let Prepared { network, training: rows, validation, .. } = prepare(study, dataset)?;
+    let Prepared { network, training: rows, validation, .. } = prepare(study, dataset, 0, None)?;
     let options = &study.training;
     let mut follower = Follower { trial, goal, epochs: 0, written: None, failed: None };
     let checkpoint = std::fs::read(&trial.checkpoint).ok();

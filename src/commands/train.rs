@@ -1,7 +1,7 @@
 //! `metafmu train`: trains the network on the sampled runs and writes the surrogate.
 
 use super::{
-    Outcome, instants, interrupt,
+    Outcome, improve, instants, interrupt,
     job::Job,
     prepare::{Prepared, prepare},
     print, print_json,
@@ -37,6 +37,16 @@ pub struct TrainingRecord {
     pub best_epoch: usize,
     pub stopped: String,
     pub train_seconds: f64,
+    /// Runs that were added to the plan's to meet the study's target.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub added_runs: usize,
+    /// Whether the study's target was met, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_met: Option<bool>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 pub fn run(args: &TrainArgs) -> Result<Outcome> {
@@ -49,18 +59,34 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
     } else {
         print(&format!("{}\n{}\n", job.model().display(), job.history().display()))?;
     }
-    Ok(Outcome::Fine)
+    Ok(if record.target_met == Some(false) { Outcome::ProblemsFound } else { Outcome::Fine })
+}
+
+/// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
+/// go on from its checkpoint, if there is one.
+pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) -> Result<(Surrogate, TrainingRecord)> {
+    match &job.study.target {
+        None => once(job, dataset, 0, None, Some(calibration), resume),
+        Some(target) => improve::stage(job, target, dataset, calibration, resume),
+    }
 }
 
 /// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study wants
-/// them, writes the surrogate and the history. To `resume` is to take what
-/// an earlier training has finished, or else to go on from its checkpoint, if there is one.
-pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) -> Result<(Surrogate, TrainingRecord)> {
+/// them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as the one of
+/// `start`, if there is one.
+pub fn once(
+    job: &Job,
+    dataset: &Dataset,
+    added: usize,
+    start: Option<&Surrogate>,
+    calibration: Option<&Dataset>,
+    resume: bool,
+) -> Result<(Surrogate, TrainingRecord)> {
     if resume && let Some(finished) = finished(job)? {
         return Ok(finished);
     }
     let trained = match job.study.network.structure {
-        Structure::Full => train(job, dataset, resume)?,
+        Structure::Full => train(job, dataset, added, start, resume)?,
         Structure::Fixed => instants::train(job, dataset, resume)?,
     };
     let Trained { model, history, record } = trained;
@@ -69,7 +95,7 @@ pub fn stage(job: &Job, dataset: &Dataset, calibration: &Dataset, resume: bool) 
     surrogate::save(&surrogate, &job.model())?;
     write_history(job, &history)?;
     files::write_json(&job.training_record(), &record)?;
-    if record.stopped != describe(StopReason::Interrupted) {
+    if !was_interrupted(&record) {
         files::remove(&job.checkpoint())?;
         files::remove(&job.unfinished_networks())?;
     }
@@ -84,10 +110,10 @@ pub struct Trained {
 }
 
 /// Trains a single network, of which the time is an input.
-fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
+fn train(job: &Job, dataset: &Dataset, added: usize, start: Option<&Surrogate>, resume: bool) -> Result<Trained> {
     let (study, options) = (&job.study, &job.study.training);
     let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
-        prepare(study, dataset)?;
+        prepare(study, dataset, added, start)?;
     let mut display = Display::new(job, training_rows.len());
     let outcome = match load_checkpoint(job, resume)? {
         None => {
@@ -110,6 +136,8 @@ fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
         best_epoch: outcome.best_epoch,
         stopped: describe(outcome.reason).into(),
         train_seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
+        added_runs: added,
+        target_met: None,
     };
     display.progress.finish(&format!(
         "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
@@ -125,8 +153,9 @@ fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
 }
 
 /// The surrogate with the error bounds that the study wants.
-fn with_bounds(surrogate: Surrogate, calibration: &Dataset, study: &Study) -> Result<Surrogate> {
-    let bounds = study.bounds.and_then(|options| calibration::bounds(&surrogate, calibration, options.coverage));
+pub fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, study: &Study) -> Result<Surrogate> {
+    let wanted = study.bounds.zip(calibration);
+    let bounds = wanted.and_then(|(options, runs)| calibration::bounds(&surrogate, runs, options.coverage));
     match bounds {
         None => Ok(surrogate),
         Some(bounds) => surrogate::with_bounds(surrogate, bounds),
@@ -134,14 +163,14 @@ fn with_bounds(surrogate: Surrogate, calibration: &Dataset, study: &Study) -> Re
 }
 
 /// The surrogate of a training of this study that came to its end.
-fn finished(job: &Job) -> Result<Option<(Surrogate, TrainingRecord)>> {
+pub fn finished(job: &Job) -> Result<Option<(Surrogate, TrainingRecord)>> {
     let unfinished = job.checkpoint().exists() || job.unfinished_networks().exists();
     if unfinished || !job.training_record().exists() {
         return Ok(None);
     }
     let Ok(surrogate) = job.load_model() else { return Ok(None) };
     let record = job.load_training_record()?;
-    let complete = record.stopped != describe(StopReason::Interrupted);
+    let complete = !was_interrupted(&record);
     if complete {
         eprintln!("{} is finished already", job.model().display());
     }
@@ -178,6 +207,11 @@ fn write_history(job: &Job, history: &[EpochRecord]) -> Result<()> {
         }
         Ok(())
     })
+}
+
+/// Whether the training was stopped before its end.
+pub fn was_interrupted(record: &TrainingRecord) -> bool {
+    record.stopped == describe(StopReason::Interrupted)
 }
 
 pub fn describe(reason: StopReason) -> &'static str {

@@ -33,8 +33,8 @@
 //! test_runs = 200
 //! ```
 //!
-//! `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and [`TrainingOptions`], `[export]` is
-//! [`ExportOptions`], `[baselines]` is [`Baselines`], `[search]` is [`SearchOptions`].
+//! `[target]` is [`TargetOptions`], `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and
+//! [`TrainingOptions`], `[export]` is [`ExportOptions`], `[baselines]` is [`Baselines`], `[search]` is [`SearchOptions`].
 
 mod options;
 mod search;
@@ -51,7 +51,7 @@ use crate::{
 use indexmap::IndexMap;
 pub use options::{
     BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
-    SamplingOptions, Schedule, SourceOptions, Structure, TimeOptions, TrainingOptions,
+    SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
 };
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
@@ -92,6 +92,8 @@ pub struct Study {
     /// How the network is trained.
     #[serde(default)]
     pub training: TrainingOptions,
+    /// How good the surrogate is to be, if runs are to be added until it is.
+    pub target: Option<TargetOptions>,
     /// Error bounds of the outputs, if they are wanted.
     pub bounds: Option<BoundsOptions>,
     /// What the FMU says about itself.
@@ -190,9 +192,10 @@ impl Study {
     pub fn digest(&self) -> String {
         let about = (&self.name, &self.description, &self.arrays);
         let trained = (about, &self.network, &self.training, &self.export.precision, self.sampling_digest());
-        match &self.bounds {
-            None => digest(&trained),
-            bounds => digest(&(trained, bounds)),
+        match (&self.bounds, &self.target) {
+            (None, None) => digest(&trained),
+            (bounds, None) => digest(&(trained, bounds)),
+            (bounds, target) => digest(&(trained, bounds, target)),
         }
     }
 
@@ -239,6 +242,7 @@ impl Study {
         self.time_problems(&mut problems);
         self.variable_problems(&mut problems);
         self.sampling_problems(&mut problems);
+        self.target_problems(&mut problems);
         self.bounds_problems(&mut problems);
         self.network_problems(&mut problems);
         self.training_problems(&mut problems);
@@ -416,6 +420,26 @@ impl Study {
             }
             Some(Method::List) => self.points().map_or(0, <[_]>::len) as u64,
             _ => self.sampling.runs.unwrap_or(0) as u64,
+        }
+    }
+
+    fn target_problems(&self, problems: &mut Problems) {
+        let Some(TargetOptions { r2, runs, max_runs, .. }) = self.target else { return };
+        if self.source.is_recorded() {
+            problems.add("target", "recorded runs cannot be added to".into());
+        }
+        if self.network.structure == Structure::Fixed {
+            problems.add("target", "belongs to the structure \"full\"".into());
+        }
+        if !(r2 > 0.0 && r2 < 1.0) {
+            problems.add("target.r2", format!("{r2}, expected a number between 0 and 1"));
+        }
+        if runs == 0 {
+            problems.add("target.runs", "0 runs, expected at least 1".into());
+        }
+        if (max_runs as u64) < self.train_runs() {
+            let message = format!("{max_runs} runs, expected at least the {} of the plan", self.train_runs());
+            problems.add("target.max_runs", message);
         }
     }
 

@@ -135,6 +135,25 @@ impl Default for BoundsOptions {
     }
 }
 
+/// `[target]`: how good the surrogate is to be; runs are added, and the training goes on, until it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TargetOptions {
+    /// R² that every output is to reach on the runs held out for validation.
+    pub r2: f64,
+    /// Runs that are added each time.
+    pub runs: usize,
+    /// Training runs there may be at last, those of the plan included.
+    pub max_runs: usize,
+    /// Whether the added runs go where the error is large; else the plan goes on.
+    #[serde(default = "default_adaptive")]
+    pub adaptive: bool,
+}
+
+fn default_adaptive() -> bool {
+    true
+}
+
 /// How the training runs are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

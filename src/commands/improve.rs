@@ -1,0 +1,177 @@
+//! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
+
+use super::{
+    job::Job,
+    prepare::held_out,
+    sample,
+    train::{self, TrainingRecord},
+};
+use metafmu::{
+    Error, Result,
+    dataset::Dataset,
+    evaluation::{OutputMetrics, evaluate},
+    files,
+    refinement::next_points,
+    study::TargetOptions,
+    surrogate,
+};
+use metafmu_runtime::Surrogate;
+use std::{io::Write, path::Path};
+
+/// How good the surrogate was after a round.
+struct Round {
+    runs: usize,
+    /// R² of each output on the held-out runs; none of a constant one.
+    r2: Vec<Option<f64>>,
+    record: TrainingRecord,
+}
+
+impl Round {
+    /// The smallest R², if any output has one.
+    fn worst(&self) -> Option<f64> {
+        self.r2.iter().flatten().copied().reduce(f64::min)
+    }
+}
+
+/// Trains in rounds, each from the network of the one before, and writes what a single training writes, `rounds.csv` with a row
+/// for each round, and `added.csv` with the runs that were added. Every round has a folder of its own, from which `resume` goes
+/// on; they are removed at the end.
+pub fn stage(
+    job: &Job,
+    target: &TargetOptions,
+    planned: &Dataset,
+    calibration: &Dataset,
+    resume: bool,
+) -> Result<(Surrogate, TrainingRecord)> {
+    if resume && let Some(finished) = train::finished(job)? {
+        return Ok(finished);
+    }
+    if !resume {
+        files::remove_folder(&job.rounds())?;
+    }
+    let validation = held_out(&job.study, planned);
+    let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::new(), None, 0);
+    let trained = loop {
+        let round = job.round(rounds.len());
+        round.prepare_folder()?;
+        let added = dataset.runs.len() - planned.runs.len();
+        let (trained, record) = train::once(&round, &dataset, added, start.as_ref(), None, resume)?;
+        let metrics = evaluate(&trained, &validation);
+        let r2 = metrics.into_iter().map(|OutputMetrics { r2, .. }| r2).collect();
+        let finished = Round { runs: dataset.runs.len(), r2, record };
+        let is_met = finished.worst().is_none_or(|worst| worst >= target.r2);
+        let is_last = is_met || train::was_interrupted(&finished.record) || dataset.runs.len() >= target.max_runs;
+        report(&rounds, &finished, target, validation.runs.len());
+        rounds.push(finished);
+        write_table(job, &rounds)?;
+        if is_last {
+            break trained;
+        }
+        let points = next_points(&job.study, target, &trained, &dataset, asked);
+        asked += points.len();
+        dataset.runs.extend(simulate(&round, &points)?.runs);
+        start = Some(trained);
+    };
+    let trained = train::with_bounds(trained, Some(calibration), &job.study)?;
+    let record = total(&rounds, dataset.runs.len() - planned.runs.len(), target);
+    let added = Dataset { runs: dataset.runs.split_off(planned.runs.len()), ..dataset };
+    if added.runs.is_empty() {
+        files::remove(&job.table("added"))?;
+    } else {
+        added.write_csv(&job.table("added"))?;
+    }
+    surrogate::save(&trained, &job.model())?;
+    join_histories(job, rounds.len())?;
+    files::write_json(&job.training_record(), &record)?;
+    if !train::was_interrupted(&record) {
+        files::remove_folder(&job.rounds())?;
+    }
+    Ok((trained, record))
+}
+
+/// The runs of these points: those a killed training has simulated already, or new ones.
+fn simulate(round: &Job, points: &[Vec<f64>]) -> Result<Dataset> {
+    let path = round.table("added");
+    let (parameters, outputs) = (round.source.parameters(), round.source.outputs());
+    if let Ok(kept) = Dataset::read_csv(&path, parameters, outputs)
+        && kept.runs.iter().map(|run| &run.parameters).eq(points)
+    {
+        return Ok(kept);
+    }
+    let runs = sample::simulate(round, points)?;
+    runs.write_csv(&path)?;
+    Ok(runs)
+}
+
+fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {
+    let worst = round.worst().map_or("none".into(), |worst| format!("{worst:.7}"));
+    let went = match round.worst() {
+        Some(worst) if worst < target.r2 && round.runs >= target.max_runs => {
+            "short of the target, and no more runs allowed"
+        }
+        Some(worst) if worst < target.r2 => "short of the target",
+        _ => "the target is met",
+    };
+    eprintln!(
+        "round {} with {} runs: smallest R² {worst} on {validation_runs} held-out runs, {went} ({})",
+        before.len() + 1,
+        round.runs,
+        target.r2
+    );
+}
+
+/// `rounds.csv`
+fn write_table(job: &Job, rounds: &[Round]) -> Result<()> {
+    let outputs: Vec<String> = job.source.outputs().iter().map(|output| format!("r2_{}", output.name)).collect();
+    files::write_with(&job.table("rounds"), |file| {
+        writeln!(file, "round,runs,epochs,seconds,{}", outputs.join(","))?;
+        for (index, Round { runs, r2, record }) in rounds.iter().enumerate() {
+            let r2: Vec<String> = r2.iter().map(|r2| r2.map_or(String::new(), |r2| r2.to_string())).collect();
+            let TrainingRecord { epochs, train_seconds, .. } = record;
+            writeln!(file, "{},{runs},{epochs},{train_seconds:.3},{}", index + 1, r2.join(","))?;
+        }
+        Ok(())
+    })
+}
+
+/// The rounds as one training.
+fn total(rounds: &[Round], added_runs: usize, target: &TargetOptions) -> TrainingRecord {
+    let last = &rounds[rounds.len() - 1];
+    let before: usize = rounds[..rounds.len() - 1].iter().map(|round| round.record.epochs).sum();
+    TrainingRecord {
+        epochs: before + last.record.epochs,
+        best_epoch: before + last.record.best_epoch,
+        train_seconds: rounds.iter().map(|round| round.record.train_seconds).sum(),
+        added_runs,
+        target_met: Some(last.worst().is_none_or(|worst| worst >= target.r2)),
+        ..last.record.clone()
+    }
+}
+
+/// `history.csv`: the rounds' own one after the other, epochs and seconds counted on.
+fn join_histories(job: &Job, rounds: usize) -> Result<()> {
+    let mut lines: Vec<String> = Vec::new();
+    let (mut epochs, mut seconds) = (0, 0.0);
+    for round in 0..rounds {
+        let path = job.round(round).history();
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
+        let mut rows = text.lines();
+        let header = rows.next().unwrap_or_default();
+        if round == 0 {
+            lines.push(header.into());
+        }
+        let (first_epoch, first_second) = (epochs, seconds);
+        for row in rows {
+            let (epoch, rest) = row.split_once(',').ok_or_else(|| broken(&path))?;
+            let (rest, second) = rest.rsplit_once(',').ok_or_else(|| broken(&path))?;
+            epochs = first_epoch + epoch.parse::<usize>().map_err(|_| broken(&path))?;
+            seconds = first_second + second.parse::<f64>().map_err(|_| broken(&path))?;
+            lines.push(format!("{epochs},{rest},{seconds:.3}"));
+        }
+    }
+    files::write_whole(&job.history(), (lines.join("\n") + "\n").as_bytes())
+}
+
+fn broken(path: &Path) -> Error {
+    Error::Stale { path: path.to_owned(), message: "is not a training's history: train without --resume".into() }
+}

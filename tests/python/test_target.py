@@ -1,0 +1,93 @@
+"""A study with a target: runs are added until it is met; a kill at any moment changes nothing."""
+
+import random
+import subprocess
+import time
+
+import pandas as pd
+import pytest
+from conftest import METAFMU, ROOT, metafmu
+
+KILLS = 8
+RESULTS = ["study.safetensors", "train.csv", "added.csv"]
+
+
+def study_text(target):
+    text = (ROOT / "examples" / "single-pendulum.toml").read_text()
+    for line, smaller in [
+        ('name = "single-pendulum"', 'name = "study"'),
+        ("runs = 1331", "runs = 40"),
+        ("test_runs = 200", "test_runs = 20"),
+        ("\nruns = 1000", "\nruns = 20"),
+        ("step = 0.01", "step = 0.02"),
+        ("hidden = [128, 128]", "hidden = [16, 16]"),
+        ("batch = 1024", "batch = 128"),
+        ("epochs = 150", "epochs = 10"),
+        ("validation = 0.03", "validation = 0.2"),
+    ]:
+        assert line in text, line
+        text = text.replace(line, smaller)
+    return text + f"\n[target]\n{target}\n"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    path = tmp_path_factory.mktemp("target") / "study.toml"
+    path.write_text(study_text("r2 = 0.99999\nruns = 20\nmax_runs = 90"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def undisturbed(study):
+    """Its folder, and how long it took."""
+    folder = study.parent / "undisturbed"
+    begin = time.monotonic()
+    result = metafmu("build", study, "--out", folder, check=False)
+    assert result.returncode == 1, "a target that is missed is a problem\n" + result.stderr
+    assert "round 4 with 90 runs" in result.stderr and "no more runs allowed" in result.stderr
+    return folder, time.monotonic() - begin
+
+
+def test_runs_are_added_up_to_the_budget_and_training_goes_on_from_the_network(undisturbed):
+    folder, _ = undisturbed
+    rounds = pd.read_csv(folder / "rounds.csv")
+    assert list(rounds["runs"]) == [40, 60, 80, 90]
+    worst = rounds.filter(like="r2_").min(axis=1)
+    assert worst.iloc[-1] > worst.iloc[0]
+    added = pd.read_csv(folder / "added.csv")
+    train, test = (pd.read_csv(folder / name) for name in ("train.csv", "test.csv"))
+    parameters = ["L", "c", "thetad0"]
+    points = [set(map(tuple, table[parameters].to_numpy())) for table in (train, added, test)]
+    assert [len(some) for some in points] == [40, 50, 20]
+    assert len(set.union(*points)) == 110, "no run is for two of it"
+    history = pd.read_csv(folder / "history.csv")
+    assert list(history["epoch"]) == list(range(1, 41)) and history["seconds"].is_monotonic_increasing
+    assert not (folder / "rounds").exists()
+
+
+def test_a_target_that_is_met_at_once_adds_nothing(study, tmp_path):
+    easy = tmp_path / "study.toml"
+    easy.write_text(study_text("r2 = 0.01\nruns = 20\nmax_runs = 90"))
+    result = metafmu("build", easy, "--out", tmp_path)
+    assert "the target is met" in result.stderr
+    assert not (tmp_path / "added.csv").exists()
+
+
+def test_a_kill_at_any_moment_changes_nothing(study, undisturbed):
+    folder, seconds = undisturbed
+    expected = {name: (folder / name).read_bytes() for name in RESULTS}
+    generator = random.Random(1)
+    kills = 0
+    while kills < KILLS:
+        out = study.parent / f"killed-{kills}"
+        command = [METAFMU, "build", study, "--out", out]
+        for attempt in (command, [*command, "--resume"], [*command, "--resume"]):
+            process = subprocess.Popen(attempt, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            try:
+                process.wait(generator.uniform(0, 0.7 * seconds))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                kills += 1
+            process.wait()
+        metafmu("build", study, "--out", out, "--resume", check=False)
+        assert {name: (out / name).read_bytes() for name in RESULTS} == expected
