@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: format, lints, documentation, Rust tests, then the FMU in other people's tools.
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, and for the other platforms Wine,
-# QEMU and compilers; as root what is missing is installed by apt. A missing tool is an error.
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and for the other
+# platforms Wine, QEMU and compilers; as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -12,6 +12,7 @@ step() { printf '\n== %s\n' "$*" >&2; }
 
 step "Python packages";     scripts/venv.sh
 step "fmi-sim";             scripts/fmi-sim.sh
+step "Chromium";            scripts/chromium.sh
 step "format";              cargo fmt --all --check
 step "lints";               cargo clippy --workspace --all-targets --locked -- -D warnings
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet

@@ -14,7 +14,7 @@ use std::path::PathBuf;
     arg_required_else_help = true,
     after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum   write a commented study file
-  metafmu build my-pendulum.toml                     sample, train, evaluate, export, validate
+  metafmu build my-pendulum.toml                     sample, train, evaluate, report, export, validate
   metafmu simulate out/my-pendulum/my-pendulum.fmu --start L=0.12 --plot pendulum.svg
 
 Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C."
@@ -35,11 +35,11 @@ pub enum Command {
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
 FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.")]
     New(NewArgs),
-    /// Do everything: sample, train, evaluate, export, validate
+    /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
-Writes into DIR: NAME.fmu (with --fmi both: NAME-fmi2.fmu and NAME-fmi3.fmu), NAME.safetensors, metrics.json, train.csv,
-test.csv, samples.json, history.csv.
+Writes into DIR: NAME.fmu (with --fmi both: NAME-fmi2.fmu and NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json,
+train.csv, test.csv, samples.json, history.csv.
 Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
@@ -94,6 +94,16 @@ A model that fails or takes too long is a row that says so. `metafmu export STUD
     /// Fit one baseline; `compare` runs this
     #[command(hide = true)]
     FitBaseline,
+    /// Show the surrogate beside the truth of test.csv and write report.html
+    #[command(after_help = "Examples:
+  metafmu report examples/single-pendulum.toml
+  metafmu report examples/single-pendulum.toml --plots plots/                    # each plot as an SVG file, too
+  metafmu report examples/single-pendulum.toml --beside examples/paper/single-pendulum.toml --beside-out out/paper
+
+The page is one file that loads nothing: summary, label against prediction, time responses of the median and the worst run,
+phase plots, paths of points, errors over time and parameters, sensitivities, training, provenance. With --beside, another
+study's surrogate of the same variables is measured on the same test runs.")]
+    Report(ReportArgs),
     /// Package NAME.safetensors as NAME.fmu
     #[command(after_help = "Examples:
   metafmu export examples/single-pendulum.toml
@@ -189,6 +199,21 @@ pub struct BuildArgs {
     /// Keep what a stopped build of the same study has finished, and go on from its checkpoint
     #[arg(long)]
     pub resume: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// Folder for the plots as SVG files
+    #[arg(long, value_name = "DIR")]
+    pub plots: Option<PathBuf>,
+    /// Study file of another surrogate that is shown beside this one
+    #[arg(long, value_name = "STUDY")]
+    pub beside: Option<PathBuf>,
+    /// Folder of the other study's results [default: out/NAME, NAME being its name]
+    #[arg(long, value_name = "DIR", requires = "beside")]
+    pub beside_out: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

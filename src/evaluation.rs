@@ -43,9 +43,16 @@ pub struct Accuracy {
 impl Accuracy {
     /// Measures a surrogate on unseen runs.
     pub fn of(surrogate: &Surrogate, test: &Dataset) -> Self {
+        Self::from_predictions(surrogate, test, &predict_all(surrogate, test))
+    }
+
+    /// The same from [`predict_all`]'s predictions.
+    pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
+        let bounds = surrogate.bounds().map(|bounds| bounds.half_widths.as_slice());
+        let metrics = compare(test, predictions, bounds);
         let names = surrogate.outputs().iter().map(|output| output.name.clone());
         Self {
-            outputs: names.zip(evaluate(surrogate, test)).collect(),
+            outputs: names.zip(metrics).collect(),
             test_runs: test.runs.len(),
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
@@ -66,18 +73,17 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     predictions
 }
 
-/// Accuracy of every output over the test runs, in the order of the surrogate's outputs.
-pub fn evaluate(surrogate: &Surrogate, test: &Dataset) -> Vec<OutputMetrics> {
+/// Predictions of the surrogate for each run, see [`predict`].
+pub fn predict_all(surrogate: &Surrogate, test: &Dataset) -> Vec<Vec<f64>> {
     let evaluator = Evaluator::new(surrogate);
-    let predictions: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect();
-    let bounds = surrogate.bounds().map(|bounds| bounds.half_widths.as_slice());
-    compare(test, &predictions, bounds)
+    test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect()
 }
 
 /// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output.
 pub fn compare(test: &Dataset, predictions: &[Vec<f64>], bounds: Option<&[f64]>) -> Vec<OutputMetrics> {
     let bound = |column: usize| bounds.map(|bounds| bounds[column]);
-    (0..test.outputs.len()).map(|column| output_metrics(test, predictions, column, bound(column))).collect()
+    let columns = (0..test.outputs.len()).into_par_iter();
+    columns.map(|column| output_metrics(test, predictions, column, bound(column))).collect()
 }
 
 fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound: Option<f64>) -> OutputMetrics {
@@ -128,7 +134,8 @@ mod tests {
         runs[1].outputs[2 * 7] += 0.25; // output 0 of run 1 at t = 0.7
         let (parameters, outputs) =
             (vec![variable("length"), variable("speed")], vec![variable("angle"), variable("velocity")]);
-        let metrics = evaluate(&surrogate, &Dataset { parameters, outputs, runs: runs.clone() });
+        let accuracy = Accuracy::of(&surrogate, &Dataset { parameters, outputs, runs: runs.clone() });
+        let metrics: Vec<OutputMetrics> = accuracy.outputs.into_values().collect();
         assert!((metrics[0].mse - 0.0625 / 42.0).abs() < 1e-15);
         assert!((metrics[0].max_abs_error - 0.25).abs() < 1e-15);
         assert_eq!((metrics[0].worst_run, metrics[0].worst_time), (1, 0.7000000000000001));

@@ -7,6 +7,7 @@ pub mod error;
 pub mod evaluation;
 pub mod files;
 pub mod fmu;
+mod html;
 pub mod integrate;
 pub mod multibody;
 pub mod network;

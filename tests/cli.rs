@@ -184,7 +184,14 @@ const MODEL: &str = "out/single-pendulum/single-pendulum.safetensors";
 #[test]
 fn build_writes_every_result_and_prints_the_table() {
     let bench = Bench::built();
-    for name in ["single-pendulum.fmu", "single-pendulum.safetensors", "metrics.json", "train.csv", "history.csv"] {
+    for name in [
+        "single-pendulum.fmu",
+        "single-pendulum.safetensors",
+        "report.html",
+        "metrics.json",
+        "train.csv",
+        "history.csv",
+    ] {
         assert!(bench.path("out/single-pendulum").join(name).exists(), "{name}");
     }
     let output = bench.run(&["evaluate", "study.toml"]);

@@ -5,10 +5,10 @@ use super::{
     evaluate::{self, Metrics},
     export::{self, Plan, Written},
     job::Job,
-    print, print_json, sample, train,
+    print, print_json, report, sample, train,
 };
 use crate::cli::BuildArgs;
-use metafmu::{Result, baseline::Comparison, dataset::Dataset, fmu::validate, sampling::Sets};
+use metafmu::{Result, baseline::Comparison, dataset::Dataset, fmu::validate, report::Evaluated, sampling::Sets};
 use metafmu_runtime::Surrogate;
 use std::path::PathBuf;
 
@@ -20,7 +20,9 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;
     let (surrogate, training) = train::stage(&job, &samples.sets.train, &samples.sets.calibration, args.resume)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.sets.test, &samples.record, &training)?;
-    let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy))?;
+    let evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    let figures = export::figures(&evaluated)?;
+    let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy), &figures)?;
     let mut problems = 0;
     for Written { fmu, .. } in &written {
         let report = validate(fmu)?;
@@ -28,6 +30,7 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         eprint!("validated {}: {report}", fmu.display());
     }
     let comparison = compare_in_build(&job, &surrogate, &metrics, &samples.sets)?;
+    report::stage(&job, &evaluated, &samples.record, &training, None, None)?;
     if job.json {
         print_json(&metrics)?;
     } else {
@@ -62,6 +65,7 @@ fn files(job: &Job, written: &[Written]) -> String {
     };
     let others = [
         (job.model(), "network, scaling, variables: opens with safetensors in Python".into()),
+        (job.report(), "surrogate beside truth: opens in a browser".into()),
         (job.metrics(), "accuracy on the test runs".into()),
         (job.comparison(), "the network beside simpler models".into()),
         (job.history(), "loss of each epoch".into()),

@@ -7,6 +7,7 @@ use metafmu::{
     evaluation::Accuracy,
     files,
     fmu::{self, Binary, Contents, FmiVersion},
+    report::{Drawn, Evaluated, Figure, card_figures},
     study::{FmiChoice, Structure},
 };
 use metafmu_runtime::Surrogate;
@@ -35,7 +36,11 @@ pub fn run(args: &ExportArgs) -> Result<Outcome> {
     let surrogate = job.load_model()?;
     let accuracy = job.load_accuracy(&surrogate)?;
     job.prepare_folder()?;
-    let written = stage(&job, &plan, &surrogate, accuracy.as_ref())?;
+    let figures = match &accuracy {
+        Some(_) if job.table("test").exists() => figures(&Evaluated::new(&surrogate, &job.load_table("test")?))?,
+        _ => Vec::new(),
+    };
+    let written = stage(&job, &plan, &surrogate, accuracy.as_ref(), &figures)?;
     match written.as_slice() {
         [one] if job.json => print_json(one)?,
         all if job.json => print_json(&all)?,
@@ -70,8 +75,19 @@ impl Plan {
     }
 }
 
+/// Pictures for the model card.
+pub fn figures(evaluated: &Evaluated) -> Result<Vec<Drawn>> {
+    card_figures(evaluated).iter().map(Figure::draw).collect()
+}
+
 /// Writes the FMUs.
-pub fn stage(job: &Job, plan: &Plan, surrogate: &Surrogate, accuracy: Option<&Accuracy>) -> Result<Vec<Written>> {
+pub fn stage(
+    job: &Job,
+    plan: &Plan,
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    figures: &[Drawn],
+) -> Result<Vec<Written>> {
     let wanted = match plan.choice {
         FmiChoice::V2 => vec![(FmiVersion::V2, "")],
         FmiChoice::V3 => vec![(FmiVersion::V3, "")],
@@ -79,7 +95,7 @@ pub fn stage(job: &Job, plan: &Plan, surrogate: &Surrogate, accuracy: Option<&Ac
     };
     let write = |(version, suffix)| {
         let Plan { binaries, sources, .. } = plan;
-        let contents = Contents { version, about: &job.study.export, binaries, accuracy, sources: *sources };
+        let contents = Contents { version, about: &job.study.export, binaries, accuracy, figures, sources: *sources };
         let (path, bytes) = (job.fmu(suffix), fmu::pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(Written { fmu: path, bytes: bytes.len(), version })

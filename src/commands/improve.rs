@@ -7,12 +7,7 @@ use super::{
     train::{self, TrainingRecord},
 };
 use metafmu::{
-    Error, Result,
-    dataset::Dataset,
-    evaluation::{OutputMetrics, evaluate},
-    files,
-    refinement::next_points,
-    study::TargetOptions,
+    Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, study::TargetOptions,
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -56,8 +51,7 @@ pub fn stage(
         round.prepare_folder()?;
         let added = dataset.runs.len() - planned.runs.len();
         let (trained, record) = train::once(&round, &dataset, added, start.as_ref(), None, resume)?;
-        let metrics = evaluate(&trained, &validation);
-        let r2 = metrics.into_iter().map(|OutputMetrics { r2, .. }| r2).collect();
+        let r2 = Accuracy::of(&trained, &validation).outputs.values().map(|metrics| metrics.r2).collect();
         let finished = Round { runs: dataset.runs.len(), r2, record };
         let is_met = finished.worst().is_none_or(|worst| worst >= target.r2);
         let is_last = is_met || train::was_interrupted(&finished.record) || dataset.runs.len() >= target.max_runs;

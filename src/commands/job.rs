@@ -4,7 +4,15 @@ use super::train::TrainingRecord;
 use crate::cli::StudyArgs;
 use indexmap::IndexMap;
 use metafmu::{
-    Error, Result, dataset::Dataset, evaluation::Accuracy, files, sampling::Sets, source::Source, study::Study,
+    Error, Result,
+    baseline::{Comparison, comparison::NETWORK},
+    dataset::Dataset,
+    evaluation::Accuracy,
+    files,
+    report::Evaluated,
+    sampling::Sets,
+    source::Source,
+    study::Study,
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -137,6 +145,10 @@ impl Job {
         self.folder.join("comparison.csv")
     }
 
+    pub fn report(&self) -> PathBuf {
+        self.folder.join("report.html")
+    }
+
     pub fn fmu(&self, suffix: &str) -> PathBuf {
         self.folder.join(format!("{}{suffix}.fmu", self.study.name))
     }
@@ -167,6 +179,28 @@ impl Job {
         let digest = &surrogate.metadata().provenance.content_digest;
         // measured on an earlier network
         Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
+    }
+
+    /// Reads the comparison with other models; none if there is none of these test runs.
+    pub fn load_comparison(&self, evaluated: &Evaluated) -> Result<Option<Comparison>> {
+        let path = self.comparison();
+        if !path.exists() {
+            return Ok(None);
+        }
+        let comparison: Comparison = self.load_json(&path, "metafmu compare")?;
+        let measured = &evaluated.accuracy;
+        let network = comparison.models.iter().find(|row| row.model == NETWORK);
+        // made with an earlier network
+        let same = network.is_some_and(|row| {
+            row.outputs.len() == measured.outputs.len()
+                && measured.outputs.iter().all(|(name, metrics)| {
+                    row.outputs.get(name).is_some_and(|found| (found.mse - metrics.mse).abs() <= 1e-6 * metrics.mse)
+                })
+        });
+        if !same {
+            eprintln!("{} is of another network: it is left out of the report", path.display());
+        }
+        Ok(Some(comparison).filter(|_| same))
     }
 
     fn load_json<T: DeserializeOwned>(&self, path: &Path, verb: &str) -> Result<T> {

@@ -11,6 +11,7 @@ mod job;
 pub mod new;
 mod prepare;
 mod progress;
+pub mod report;
 pub mod sample;
 pub mod search;
 mod side_by_side;

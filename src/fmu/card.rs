@@ -2,21 +2,26 @@
 //! it is, and where it comes from. One small page without anything to load.
 
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
-use crate::{evaluation::Accuracy, study::ExportOptions};
+use crate::{
+    evaluation::Accuracy,
+    html::{escape, number},
+    report::Drawn,
+    study::ExportOptions,
+};
 use metafmu_runtime::{Activation, Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra};
-use std::fmt::Write;
 
 const STYLE: &str = "\
 body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#1c2733}\
 h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
 table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
 th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
-td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}.d{color:#52667a;overflow-wrap:anywhere}\
+td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}\
+figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}figcaption{color:#52667a}.d{color:#52667a;overflow-wrap:anywhere}\
 @media(max-width:40rem){td.n{white-space:normal}th,td{padding-right:.5rem}}\
-@media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d{color:#93a7bb}}";
+@media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d,figcaption{color:#93a7bb}}";
 
 /// The page; the same surrogate and options always give the same text.
-pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accuracy>) -> String {
+pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accuracy>, figures: &[Drawn]) -> String {
     let metadata = surrogate.metadata();
     let name = escape(&metadata.name);
     let mut page = format!(
@@ -33,6 +38,9 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     );
     variables(&mut page, surrogate);
     accuracy_table(&mut page, surrogate, accuracy);
+    for Drawn { caption, svg, .. } in figures {
+        line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
+    }
     domain(&mut page);
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
@@ -171,27 +179,6 @@ fn line(page: &mut String, text: &str) {
     page.push('\n');
 }
 
-/// Four digits, which is what a reader takes in.
-fn number(value: f64) -> String {
-    let magnitude = value.abs();
-    let mut text = String::new();
-    // writing to a string does not fail
-    if magnitude != 0.0 && !(1e-3..1e5).contains(&magnitude) {
-        let _ = write!(text, "{value:.3e}");
-        return text;
-    }
-    let decimals = if magnitude == 0.0 { 0 } else { (3 - magnitude.log10().floor() as i32).max(0) as usize };
-    let _ = write!(text, "{value:.decimals$}");
-    if text.contains('.') {
-        text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
-    }
-    text
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -217,7 +204,9 @@ mod tests {
             test_rows: 4020,
             content_digest: String::new(),
         };
-        let page = card(&surrogate, &about, Some(&accuracy));
+        let figure =
+            Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
+        let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
         for piece in [
             "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
             "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125</td>",
@@ -225,25 +214,11 @@ mod tests {
             "constant output",
             "&lt;free&gt; &amp; open",
             "domain_policy",
+            "<figure><svg viewBox=\"0 0 1 1\"/><figcaption>truth &amp; prediction</figcaption></figure>",
         ] {
             assert!(page.contains(piece), "{piece} is not in {page}");
         }
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
-        assert!(card(&surrogate, &about, None).contains("was not evaluated"));
-    }
-
-    #[test]
-    fn numbers_have_four_digits() {
-        for (value, text) in [
-            (0.0, "0"),
-            (0.15000000000000002, "0.15"),
-            (-2.0, "-2"),
-            (47.123456, "47.12"),
-            (12345.6, "12346"),
-            (1e-9, "1.000e-9"),
-            (123456.0, "1.235e5"),
-        ] {
-            assert_eq!(number(value), text);
-        }
+        assert!(card(&surrogate, &about, None, &[]).contains("was not evaluated"));
     }
 }

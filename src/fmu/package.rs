@@ -7,7 +7,7 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE, reference},
     sources, xml,
 };
-use crate::{Error, Result, evaluation::Accuracy, study::ExportOptions};
+use crate::{Error, Result, evaluation::Accuracy, report::Drawn, study::ExportOptions};
 use metafmu_runtime::Surrogate;
 use std::{
     collections::HashSet,
@@ -36,6 +36,8 @@ pub struct Contents<'a> {
     pub binaries: &'a [Binary],
     /// How good the surrogate is, if that was measured.
     pub accuracy: Option<&'a Accuracy>,
+    /// Pictures of how good it is, for the model card.
+    pub figures: &'a [Drawn],
     /// Whether the surrogate as C source code comes along.
     pub sources: bool,
 }
@@ -52,7 +54,7 @@ struct Entry {
 /// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
 /// the same place, [`Error::NoSources`] if there is no source code of such a surrogate.
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
-    let Contents { version, about, binaries, accuracy, sources } = contents;
+    let Contents { version, about, binaries, accuracy, figures, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
     let file = |name: &str, bytes: Vec<u8>| Entry { name: name.into(), bytes, executable: false };
     let icon = match version {
@@ -62,7 +64,7 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let (options, result) = reference(surrogate);
     let model = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
     let mut entries = vec![
-        file("documentation/index.html", card(surrogate, about, *accuracy).into()),
+        file("documentation/index.html", card(surrogate, about, *accuracy, figures).into()),
         file(icon, ICON.into()),
         file(OPTIONS_FILE, options.into()),
         file(RESULT_FILE, result.into()),
@@ -126,7 +128,7 @@ mod tests {
     fn pack_example(version: FmiVersion, binaries: &[Binary]) -> Result<Vec<u8>> {
         let about = ExportOptions { author: Some("A. Uthor".into()), ..ExportOptions::default() };
         let surrogate = seal(example::surrogate()).unwrap();
-        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None, sources: false })
+        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None, figures: &[], sources: false })
     }
 
     #[test]

@@ -63,7 +63,14 @@ pub fn entry<'a>(entries: &'a mut Entries, start: &str) -> &'a mut (String, Vec<
 fn write(folder: &Path, surrogate: &Surrogate, version: FmiVersion, change: impl FnOnce(&mut Entries)) -> PathBuf {
     let about = ExportOptions::default();
     let surrogate = seal(surrogate.clone()).unwrap();
-    let contents = Contents { version, about: &about, binaries: &Binary::embedded(), accuracy: None, sources: false };
+    let contents = Contents {
+        version,
+        about: &about,
+        binaries: &Binary::embedded(),
+        accuracy: None,
+        figures: &[],
+        sources: false,
+    };
     let mut zip = ZipArchive::new(Cursor::new(pack(&surrogate, &contents).unwrap())).unwrap();
     let mut entries: Entries = (0..zip.len())
         .map(|index| {

@@ -1,5 +1,126 @@
-//! Pictures for people.
+//! Pictures and pages for people: a report of a study's surrogate as one page that loads nothing, and plots of runs.
+//!
+//! One way: test runs and surrogate -> [`Evaluated`] numbers -> sections of [`Figure`]s and tables -> [`page`].
 
+pub mod axis;
+pub mod chart;
+mod figures;
+mod numbers;
+mod page;
 mod plot;
 
+use crate::{Error, Result, baseline::Comparison, source::Point, study::Study};
+use chart::Chart;
+pub use figures::{Beside, card_figures};
+pub use numbers::Evaluated;
+pub use page::page;
 pub use plot::{Curve, time_series_svg};
+use serde::Deserialize;
+use std::path::Path;
+
+/// What a report is made from.
+#[derive(Debug)]
+pub struct Material<'a> {
+    /// The study.
+    pub study: &'a Study,
+    /// The surrogate on the test runs.
+    pub evaluated: &'a Evaluated<'a>,
+    /// Points whose paths are shown.
+    pub points: &'a [Point],
+    /// The training, epoch by epoch.
+    pub history: &'a [Epoch],
+    /// Where all this comes from: names and values.
+    pub facts: &'a [(String, String)],
+    /// Other models of the same rows.
+    pub comparison: Option<&'a Comparison>,
+    /// Another surrogate of the same source.
+    pub beside: Option<Beside<'a>>,
+}
+
+/// A line of `history.csv`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+pub struct Epoch {
+    /// Counted from 1.
+    pub epoch: usize,
+    /// Mean over the epoch's rows.
+    pub train_loss: f64,
+    /// Mean over the held-out rows.
+    pub validation_loss: f64,
+    /// Learning rate of the epoch's last step.
+    pub learning_rate: f64,
+}
+
+/// A part of a report under a heading.
+#[derive(Debug)]
+pub struct Section {
+    id: &'static str,
+    title: String,
+    blocks: Vec<Block>,
+}
+
+/// What a section is made of.
+#[derive(Debug)]
+enum Block {
+    /// A piece of HTML.
+    Html(String),
+    /// Figures beside each other where there is room.
+    Figures(Vec<Figure>),
+}
+
+/// A chart with a caption.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// Unique in a report: letters, digits, `-` and `_`.
+    pub id: String,
+    /// What is to be seen.
+    pub caption: String,
+    /// The chart.
+    pub chart: Chart,
+}
+
+/// A figure as it is shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drawn {
+    /// As [`Figure::id`].
+    pub id: String,
+    /// As [`Figure::caption`], and what was left out.
+    pub caption: String,
+    /// The picture.
+    pub svg: String,
+}
+
+impl Figure {
+    fn new(id: &str, caption: impl Into<String>, chart: Chart) -> Self {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
+        Self { id: id.chars().map(plain).collect(), caption: caption.into(), chart }
+    }
+
+    /// The figure as SVG.
+    ///
+    /// # Errors
+    /// [`Error::Plot`].
+    pub fn draw(&self) -> Result<Drawn> {
+        let Self { id, caption, chart } = self;
+        let svg = chart.svg(caption).map_err(|message| Error::Plot { path: format!("{id}.svg").into(), message })?;
+        let thinned = if chart.is_thinned() { " Lines are thinned; their peaks are kept." } else { "" };
+        Ok(Drawn { id: id.clone(), caption: format!("{caption}{thinned}"), svg })
+    }
+}
+
+impl Epoch {
+    /// Reads `history.csv`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Table`] with the line of the first mistake.
+    pub fn read_csv(path: &Path) -> Result<Vec<Self>> {
+        let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
+        let wrong = |error: csv::Error| {
+            let line = error.position().map_or(1, csv::Position::line);
+            Error::Table { path: path.to_owned(), line, message: error.to_string() }
+        };
+        csv::Reader::from_reader(std::io::BufReader::new(file)).deserialize().map(|row| row.map_err(wrong)).collect()
+    }
+}
+
+#[cfg(test)]
+mod testing;

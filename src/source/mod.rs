@@ -2,12 +2,14 @@
 
 pub mod fmu;
 mod journal;
+mod point;
 pub mod recorded;
 pub mod simulation;
 pub mod systems;
 
 use crate::{Result, study::Study, variable::Variable};
 pub use journal::Journal;
+pub use point::Point;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
 
@@ -50,6 +52,29 @@ impl Source {
             Self::Simulation(simulation) => simulation.outputs(),
             Self::Recorded(recorded) => recorded.outputs(),
         }
+    }
+
+    /// Points whose paths follow from the outputs: those that the system declares, outputs `P.x` and `P.y` of a mechanism, and
+    /// arrays of two outputs in metres.
+    pub fn points(&self, study: &Study) -> Vec<Point> {
+        let mut points = match self {
+            Self::Simulation(simulation) => simulation.points(),
+            Self::Recorded(_) => Vec::new(),
+        };
+        let column = |name: &String| {
+            self.outputs()
+                .iter()
+                .position(|output| output.name == *name)
+                .filter(|&column| self.outputs()[column].unit == "m")
+        };
+        for (name, outputs) in &study.arrays {
+            if let [x, y] = outputs.as_slice()
+                && let (Some(x), Some(y)) = (column(x), column(y))
+            {
+                points.push(Point::of_outputs(name, x, y));
+            }
+        }
+        points
     }
 
     /// The elements of an array share its unit.

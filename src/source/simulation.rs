@@ -1,7 +1,7 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal,
+    Journal, Point,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
     list,
@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    multibody::Mechanism,
+    multibody::{Mechanism, description::OutputOptions},
     study::Study,
     variable::Variable,
 };
@@ -70,6 +70,17 @@ impl Simulation {
     /// The outputs, in the study's order.
     pub fn outputs(&self) -> &[Variable] {
         &self.outputs
+    }
+
+    /// Points whose paths follow from the outputs; an FMU does not say which it has.
+    pub fn points(&self) -> Vec<Point> {
+        let outputs: Vec<&str> = self.outputs.iter().map(|output| output.name.as_str()).collect();
+        match &self.model {
+            Model::Equations(Equations { of, quantities, parameter_positions, .. }) => {
+                of.points(quantities, parameter_positions, &outputs)
+            }
+            Model::Fmu(_) => Vec::new(),
+        }
     }
 
     /// The times of a run's rows, in seconds.
@@ -198,6 +209,27 @@ impl Of {
             Self::Mechanism(mechanism) => {
                 let parameters = mechanism.parameters().iter();
                 parameters.map(|(name, p)| (Variable::new(name, &p.unit, &p.description), p.default)).collect()
+            }
+        }
+    }
+
+    /// Points whose paths follow from the outputs with these names, given the quantities' values.
+    fn points(&self, quantities: &[f64], parameters: &[usize], outputs: &[&str]) -> Vec<Point> {
+        match self {
+            Self::System(system) => {
+                let points = system.points.iter();
+                points.filter_map(|point| Point::of_system(point, quantities, parameters, outputs)).collect()
+            }
+            Self::Mechanism(mechanism) => {
+                let column = |measure: &str| {
+                    let named = |name: &&str| mechanism.description().outputs.get(*name);
+                    outputs.iter().position(|name| named(name).is_some_and(|output| output.measure.trim() == measure))
+                };
+                let point = |(_, output): (&String, &OutputOptions)| {
+                    let point = output.measure.trim().strip_suffix(".x")?;
+                    Some(Point::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
+                };
+                mechanism.description().outputs.iter().filter_map(point).collect()
             }
         }
     }

@@ -54,7 +54,8 @@ fn compile(folder: &Path, version: FmiVersion, arguments: &[&str], target: &str)
 /// Packs a surrogate with the given library.
 fn fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion, name: &str, binary: Binary) -> PathBuf {
     let about = ExportOptions::default();
-    let contents = Contents { version, about: &about, binaries: &[binary], accuracy: None, sources: false };
+    let contents =
+        Contents { version, about: &about, binaries: &[binary], accuracy: None, figures: &[], sources: false };
     let path = folder.join(name);
     fs::write(&path, pack(surrogate, &contents).unwrap()).unwrap();
     path

@@ -5,7 +5,7 @@
 //!   + (m1 + m2) g sin(theta1) = 0`
 //! - `m2 L2 theta2dd + m2 L1 theta1dd cos(theta1 - theta2) - m2 L1 theta1d² sin(theta1 - theta2) + m2 g sin(theta2) = 0`
 
-use super::{Quantity, System, SystemOutput};
+use super::{Quantity, System, SystemOutput, SystemPoint};
 use crate::integrate::integrate;
 use nalgebra::{Matrix2, Vector2, Vector4};
 
@@ -29,9 +29,26 @@ pub(super) static SYSTEM: System = System {
         SystemOutput { name: "theta1d", unit: "rad/s", description: "angular velocity of the upper rod" },
         SystemOutput { name: "theta2d", unit: "rad/s", description: "angular velocity of the lower rod" },
     ],
+    points: &[
+        SystemPoint {
+            name: "upper mass",
+            outputs: &["theta1"],
+            position: |q, angles| end([0.0, 0.0], q[0], angles[0]),
+        },
+        SystemPoint {
+            name: "lower mass",
+            outputs: &["theta1", "theta2"],
+            position: |q, angles| end(end([0.0, 0.0], q[0], angles[0]), q[1], angles[1]),
+        },
+    ],
     study: include_str!("../../../examples/double-pendulum.toml"),
     simulate,
 };
+
+/// End of a rod that hangs from a point.
+fn end([x, y]: [f64; 2], length: f64, angle: f64) -> [f64; 2] {
+    [x + length * angle.sin(), y - length * angle.cos()]
+}
 
 struct Model {
     lengths: [f64; 2],

@@ -16,6 +16,8 @@ pub struct System {
     pub quantities: &'static [Quantity],
     /// Every output, in the order in which `simulate` writes them.
     pub outputs: &'static [SystemOutput],
+    /// Points whose paths reports show.
+    pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
     /// Simulates one run: values of `quantities` and evenly spaced times in; rows of all outputs out, one after the other.
@@ -47,6 +49,17 @@ pub struct SystemOutput {
     pub unit: &'static str,
     /// One sentence for people.
     pub description: &'static str,
+}
+
+/// A point of a [`System`] that moves in the plane.
+#[derive(Debug)]
+pub struct SystemPoint {
+    /// Name for people.
+    pub name: &'static str,
+    /// The outputs that its place follows from.
+    pub outputs: &'static [&'static str],
+    /// Its place in metres, x to the right and y upwards, from the values of the system's quantities and of `outputs`.
+    pub position: fn(&[f64], &[f64]) -> [f64; 2],
 }
 
 /// Every built-in system.

@@ -3,7 +3,7 @@
 //! A point mass `m` on a massless rod of length `L`, damped by a force `c thetad`:
 //! `thetadd + (g / L) sin(theta) + c / (m L) thetad = 0`.
 
-use super::{Quantity, System, SystemOutput};
+use super::{Quantity, System, SystemOutput, SystemPoint};
 use crate::integrate::integrate;
 use nalgebra::Vector2;
 
@@ -23,6 +23,11 @@ pub(super) static SYSTEM: System = System {
         SystemOutput { name: "thetad", unit: "rad/s", description: "angular velocity" },
         SystemOutput { name: "thetadd", unit: "rad/s2", description: "angular acceleration" },
     ],
+    points: &[SystemPoint {
+        name: "mass",
+        outputs: &["theta"],
+        position: |quantities, outputs| [quantities[0] * outputs[0].sin(), -quantities[0] * outputs[0].cos()],
+    }],
     study: include_str!("../../../examples/single-pendulum.toml"),
     simulate,
 };

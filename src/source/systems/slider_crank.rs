@@ -8,7 +8,7 @@
 //!
 //! Velocities and accelerations by differentiating both constraints.
 
-use super::{Quantity, System, SystemOutput};
+use super::{Quantity, System, SystemOutput, SystemPoint};
 
 pub(super) static SYSTEM: System = System {
     name: "slider-crank",
@@ -31,6 +31,24 @@ pub(super) static SYSTEM: System = System {
         SystemOutput { name: "xB", unit: "m", description: "slider position" },
         SystemOutput { name: "xBd", unit: "m/s", description: "slider velocity" },
         SystemOutput { name: "xBdd", unit: "m/s2", description: "slider acceleration" },
+    ],
+    points: &[
+        SystemPoint {
+            name: "crank pin",
+            outputs: &["theta"],
+            position: |q, outputs| [q[1] * outputs[0].cos(), q[1] * outputs[0].sin()],
+        },
+        SystemPoint {
+            name: "middle of the rod",
+            outputs: &["theta", "phi"],
+            position: |q, outputs| {
+                let (radius, half) = (q[1], 0.5 * q[1] * q[2]);
+                [
+                    radius * outputs[0].cos() + half * outputs[1].cos(),
+                    radius * outputs[0].sin() + half * outputs[1].sin(),
+                ]
+            },
+        },
     ],
     study: include_str!("../../../examples/slider-crank.toml"),
     simulate,

@@ -1,0 +1,78 @@
+//! Label against prediction, and how errors are distributed.
+
+use super::{Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, left_out, output, paragraph, shown};
+use crate::report::numbers::{CELLS, Density, Histogram};
+use rayon::prelude::*;
+
+pub fn section(evaluated: &Evaluated) -> Section {
+    let rows = evaluated.test.row_count();
+    let mut blocks = vec![paragraph(&format!(
+        "Predictions against labels of all {rows} test rows, counted in {CELLS} by {CELLS} cells: the darker, the more rows. A \
+         perfect surrogate is on the diagonal."
+    ))];
+    let outputs: Vec<usize> = shown(evaluated).collect();
+    blocks
+        .push(Block::Figures(outputs.par_iter().map(|&output| density_figure(evaluated, output, "density")).collect()));
+    blocks.push(Block::Html("<h3>Distribution of the errors</h3>".into()));
+    blocks.push(paragraph("How often which error occurs, on a logarithmic scale: the outer bins hold single rows."));
+    blocks.push(Block::Figures(outputs.par_iter().map(|&output| histogram_figure(evaluated, output)).collect()));
+    blocks.extend(left_out(evaluated));
+    Section { id: "accuracy", title: "Label against prediction".into(), blocks }
+}
+
+/// `prefix` begins the figure's id.
+pub fn density_figure(evaluated: &Evaluated, column: usize, prefix: &str) -> Figure {
+    let Density { low, high, counts } = evaluated.density(column);
+    let (name, unit) = output(evaluated, column);
+    let edge = |cell: usize| low + (high - low) * cell as f64 / CELLS as f64;
+    let most = counts.iter().copied().max().unwrap_or(1).max(2) as f64;
+    // neighbours of one shade become one rectangle
+    let shade = |count: u64| if count == 0 { 0 } else { 1 + (7.0 * (count as f64).ln() / most.ln()).round() as u32 };
+    let mut cells = Vec::new();
+    for (row, counts) in counts.chunks(CELLS).enumerate() {
+        let mut begin = 0;
+        while begin < CELLS {
+            let level = shade(counts[begin]);
+            let end = (begin..CELLS).find(|&cell| shade(counts[cell]) != level).unwrap_or(CELLS);
+            if level > 0 {
+                cells.push(([[edge(begin), edge(row)], [edge(end), edge(row + 1)]], f64::from(level) / 8.0));
+            }
+            begin = end;
+        }
+    }
+    let chart = Chart {
+        x: Axis::exact(&format!("{name}, label"), unit, low, high),
+        y: Axis::exact(&format!("{name}, prediction"), unit, low, high),
+        series: vec![
+            Series::silent(Ink::Grey, Shape::Line(vec![[low, low], [high, high]])),
+            Series::silent(Ink::Blue, Shape::Cells(cells)),
+        ],
+    };
+    let most = counts.iter().max().unwrap_or(&0);
+    Figure::new(
+        &format!("{prefix}-{name}"),
+        format!("{name}: prediction against label, 1 to {most} rows a cell."),
+        chart,
+    )
+}
+
+fn histogram_figure(evaluated: &Evaluated, column: usize) -> Figure {
+    let Histogram { reach, counts } = evaluated.histogram(column);
+    let (name, unit) = output(evaluated, column);
+    let edge = |bin: usize| reach * (2.0 * bin as f64 / counts.len() as f64 - 1.0);
+    // bars stand on the axis, which has no zero
+    let floor = 0.5;
+    let filled = counts.iter().enumerate().filter(|(_, count)| **count > 0);
+    let bars = filled.map(|(bin, &count)| [[edge(bin), floor], [edge(bin + 1), count as f64]]).collect();
+    let most = counts.iter().copied().max().unwrap_or(1) as f64;
+    let mut y = Axis::log("rows", "", [1.0, most]);
+    y.low = floor;
+    let rms = evaluated.accuracy.outputs[column].mse.sqrt();
+    let mut series = vec![Series::named("test rows", Ink::Sky, Shape::Bars(bars))];
+    for (index, sign) in [-1.0, 1.0].into_iter().enumerate() {
+        let line = Shape::Line(vec![[sign * rms, floor], [sign * rms, y.high]]);
+        series.push(Series { name: (index == 0).then(|| "± RMS error".into()), ink: Ink::Vermilion, shape: line });
+    }
+    let chart = Chart { x: Axis::exact(&format!("error of {name}"), unit, -reach, reach), y, series };
+    Figure::new(&format!("histogram-{name}"), format!("{name}: distribution of the errors."), chart)
+}

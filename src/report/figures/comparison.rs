@@ -1,0 +1,154 @@
+//! The network beside simpler models: accuracy against cost.
+
+use super::{Axis, Block, Chart, Figure, Ink, Section, Series, Shape, code, escape, number, paragraph, r2, table};
+use crate::baseline::{Comparison, ModelRow, Status};
+
+pub fn section(comparison: &Comparison) -> Section {
+    let Comparison { test_runs, test_rows, models, .. } = comparison;
+    let mut blocks = vec![paragraph(&format!(
+        "Simpler models, fitted to training rows of the same study and measured on the same {test_runs} test runs, {test_rows} rows. \
+         In the plots a model has its number from the table; lower and further left is better. 1 - R² is that of the output that \
+         a model predicts worst."
+    ))];
+    blocks.push(overview(models));
+    let figures = [
+        (
+            "predict",
+            "prediction of a point, one core",
+            "µs",
+            1e6,
+            (|row| row.predict_seconds_per_point) as fn(&ModelRow) -> Option<f64>,
+        ),
+        ("fit", "time to fit", "s", 1.0, |row| row.fit_seconds),
+        ("memory", "memory of the fitted model", "kB", 1e-3, |row| row.memory_bytes.map(|bytes| bytes as f64)),
+    ];
+    let figures = figures.into_iter().filter_map(|(id, name, unit, scale, cost)| {
+        let cost = |row: &ModelRow| cost(row).map(|cost| scale * cost);
+        Some(Figure::new(
+            &format!("models-{id}"),
+            format!("Accuracy against {name}."),
+            scatter(models, name, unit, cost)?,
+        ))
+    });
+    blocks.push(Block::Figures(figures.collect()));
+    blocks.extend(scores(models));
+    Section { id: "comparison", title: "Beside simpler models".into(), blocks }
+}
+
+fn overview(models: &[ModelRow]) -> Block {
+    let headings = ["model", "1 - R²", "prediction", "fit", "memory", "rows", "FMU", "note"];
+    let rows = models.iter().enumerate().map(|(index, row)| {
+        let ModelRow {
+            model,
+            status,
+            note,
+            rows,
+            fit_seconds,
+            predict_seconds_per_point,
+            memory_bytes,
+            exportable,
+            ..
+        } = row;
+        let or_none = |value: Option<String>| value.unwrap_or("-".into());
+        let status = match status {
+            Status::Fine => "",
+            Status::Failed => "failed",
+            Status::TooSlow => "too slow",
+            Status::Stopped => "stopped",
+        };
+        let separator = if status.is_empty() || note.is_empty() { "" } else { ": " };
+        vec![
+            format!("{}. {}", index + 1, code(model)),
+            or_none(misfit(row).map(number)),
+            or_none(predict_seconds_per_point.map(|seconds| format!("{} µs", number(1e6 * seconds)))),
+            or_none(fit_seconds.map(|seconds| format!("{} s", number(seconds)))),
+            or_none(memory_bytes.map(|bytes| format!("{} kB", number(bytes as f64 / 1e3)))),
+            rows.to_string(),
+            if *exportable { "yes" } else { "no" }.into(),
+            format!("{status}{separator}{}", escape(note)),
+        ]
+    });
+    table(&headings, rows)
+}
+
+/// R² of each output.
+fn scores(models: &[ModelRow]) -> Option<Block> {
+    let outputs: Vec<&String> = models.iter().find(|row| !row.outputs.is_empty())?.outputs.keys().collect();
+    let headings: Vec<String> =
+        std::iter::once("R² of".into()).chain(outputs.iter().map(|output| escape(output))).collect();
+    let measured = models.iter().filter(|row| !row.outputs.is_empty());
+    let rows = measured.map(|row| {
+        let score = |output: &&String| row.outputs.get(*output).map_or("-".into(), |accuracy| r2(accuracy.r2));
+        std::iter::once(code(&row.model)).chain(outputs.iter().map(score)).collect()
+    });
+    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    Some(table(&headings, rows))
+}
+
+/// Largest `1 - R²` of all outputs; none if there is none.
+fn misfit(row: &ModelRow) -> Option<f64> {
+    row.outputs.values().filter_map(|accuracy| accuracy.r2).map(|r2| 1.0 - r2).max_by(f64::total_cmp)
+}
+
+fn scatter(models: &[ModelRow], name: &str, unit: &str, cost: impl Fn(&ModelRow) -> Option<f64>) -> Option<Chart> {
+    let places = models.iter().enumerate();
+    let places: Vec<(usize, [f64; 2])> =
+        places.filter_map(|(index, row)| Some((index + 1, [cost(row)?, misfit(row)?]))).collect();
+    if places.is_empty() {
+        return None;
+    }
+    // models are numbers on plates, which need room
+    let around = |axis: usize| places.iter().flat_map(move |(_, place)| [0.5 * place[axis], 2.0 * place[axis]]);
+    let (x, y) = (Axis::log(name, unit, around(0)), Axis::log("1 - R²", "", around(1)));
+    Some(Chart { x, y, series: vec![Series::silent(Ink::Blue, Shape::Numbered(places))] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baseline::ModelAccuracy;
+
+    #[test]
+    fn every_model_has_a_row_and_those_with_figures_a_number_in_the_plots() {
+        let row = |model: &str, status, r2: Option<f64>| ModelRow {
+            model: model.into(),
+            status,
+            note: if r2.is_some() { String::new() } else { "a <reason>".into() },
+            rows: 100,
+            fit_seconds: r2.map(|_| 2.0),
+            predict_seconds_per_point: r2.map(|_| 1e-6),
+            memory_bytes: None,
+            exportable: false,
+            outputs: r2
+                .into_iter()
+                .map(|r2| ("theta".into(), ModelAccuracy { r2: Some(r2), mse: 1.0, max_abs_error: 2.0 }))
+                .collect(),
+        };
+        let models = vec![
+            row("network", Status::Fine, Some(0.999)),
+            row("ridge", Status::Fine, Some(-0.5)),
+            row("svr", Status::TooSlow, None),
+        ];
+        let section = section(&Comparison { name: "s".into(), test_runs: 2, test_rows: 100, models });
+        let html: String = section
+            .blocks
+            .iter()
+            .map(|block| match block {
+                Block::Html(html) => html.clone(),
+                Block::Figures(figures) => figures.iter().map(|figure| figure.draw().unwrap().svg).collect(),
+            })
+            .collect();
+        for piece in [
+            "1. <code>network</code>",
+            "3. <code>svr</code>",
+            "too slow: a &lt;reason&gt;",
+            ">0.001<",
+            "0.9990000",
+            "-0.5000000",
+        ] {
+            assert!(html.contains(piece), "{piece} is not in {html}");
+        }
+        let plates = |number: usize| html.matches(&format!("fill=\"#FFFFFF\">\n{number}\n</text>")).count();
+        assert_eq!([1, 2, 3].map(plates), [2, 2, 0], "in both plots, and the one without figures in none");
+    }
+}

@@ -1,0 +1,90 @@
+//! How often the truth is within the surrogate's error bound.
+
+use super::{
+    Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, code, left_out, number, output, paragraph,
+    percent, shown, table, unit,
+};
+use crate::report::numbers::Binned;
+use metafmu_runtime::Bounds;
+use rayon::prelude::*;
+
+pub fn section(evaluated: &Evaluated) -> Option<Section> {
+    let bounded: Vec<(usize, f64)> =
+        shown(evaluated).filter_map(|column| Some((column, evaluated.bound(column)?))).collect();
+    if bounded.is_empty() {
+        return None;
+    }
+    let Bounds { coverage, runs, .. } = evaluated.surrogate.bounds()?;
+    let stated = *coverage;
+    let text = format!(
+        "The truth is expected within the bound around the prediction in {} of the rows of a further run inside the ranges \
+         (split-conformal, from {runs} runs of their own). This is how often it is, on the test runs: over all rows, at the worst \
+         instant, and at all instants of a run.",
+        percent(stated)
+    );
+    let coverages: Vec<Coverage> =
+        bounded.par_iter().map(|&(column, bound)| Coverage::of(evaluated, column, bound)).collect();
+    let rows = bounded.iter().zip(&coverages).map(|(&(column, bound), coverage)| {
+        let (name, output_unit) = output(evaluated, column);
+        let worst = coverage.over_time.within.iter().copied().fold(1.0, f64::min);
+        vec![
+            code(name),
+            unit(output_unit),
+            number(bound),
+            percent(coverage.rows),
+            percent(worst),
+            percent(coverage.runs),
+        ]
+    });
+    let headings = ["output", "unit", "bound", "rows within", "at the worst instant", "runs within"];
+    let figures = bounded
+        .iter()
+        .zip(&coverages)
+        .map(|(&(column, _), coverage)| over_time(evaluated, column, stated, &coverage.over_time));
+    let mut blocks = vec![paragraph(&text), table(&headings, rows), Block::Figures(figures.collect())];
+    blocks.extend(left_out(evaluated));
+    Some(Section { id: "coverage", title: "Error bounds".into(), blocks })
+}
+
+struct Coverage {
+    over_time: Binned,
+    /// Share of the rows within the bound.
+    rows: f64,
+    /// Share of the runs that are within it at every instant.
+    runs: f64,
+}
+
+impl Coverage {
+    fn of(evaluated: &Evaluated, column: usize, bound: f64) -> Self {
+        let (mut rows, mut runs) = (0, 0);
+        let count = evaluated.test.runs.len();
+        for run in 0..count {
+            let within = evaluated.rows(run, column).filter(|row| row.error().abs() <= bound).count();
+            rows += within;
+            runs += usize::from(within == evaluated.test.runs[run].times.len());
+        }
+        let share = |part: usize, all: usize| part as f64 / all as f64;
+        let over_time = evaluated.over_time(column);
+        Self { over_time, rows: share(rows, evaluated.test.row_count()), runs: share(runs, count) }
+    }
+}
+
+fn over_time(evaluated: &Evaluated, column: usize, stated: f64, Binned { at, within, .. }: &Binned) -> Figure {
+    let name = output(evaluated, column).0;
+    let line = at.iter().zip(within).map(|(&t, &share)| [t, 100.0 * share]).collect();
+    let expected = [at[0], at[at.len() - 1]].map(|t| [t, 100.0 * stated]).to_vec();
+    let lowest = within.iter().copied().fold(1.0, f64::min);
+    let chart = Chart {
+        x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
+        y: Axis::exact(&format!("rows of {name} within"), "%", (100.0 * lowest - 2.0).clamp(0.0, 90.0), 101.0),
+        series: vec![
+            Series::named("within the bound", Ink::Blue, Shape::Line(line)),
+            Series::named("expected", Ink::Vermilion, Shape::Line(expected)),
+        ],
+    };
+    Figure::new(
+        &format!("coverage-{name}"),
+        format!("{name}: share of the test runs within the bound at each instant."),
+        chart,
+    )
+}

@@ -1,0 +1,145 @@
+//! Where errors are: over time, over each parameter, and in the parameters' ranges.
+
+use super::{
+    Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, left_out, lines, output, paragraph, parameter,
+    shown,
+};
+use crate::report::numbers::{Binned, evenly};
+use rayon::prelude::*;
+
+/// Runs that are drawn where they lie.
+const RUNS: usize = 800;
+/// Pairs of parameters that are drawn at the most.
+const PAIRS: usize = 6;
+/// Outputs in one chart.
+const LINES: usize = 6;
+
+pub fn section(evaluated: &Evaluated) -> Section {
+    let outputs: Vec<usize> = shown(evaluated).collect();
+    let over_time = outputs.par_iter().map(|&output| over_time_figure(evaluated, output)).collect();
+    let mut blocks = vec![
+        Block::Html("<h3>Over time</h3>".into()),
+        paragraph(
+            "Root mean square and largest error of all test runs at each instant, or over a few instants where there are many.",
+        ),
+        Block::Figures(over_time),
+        Block::Html("<h3>Over each parameter</h3>".into()),
+        paragraph(
+            "Root mean square error of the test runs in slices of a parameter's range, relative to the outputs' ranges.",
+        ),
+        Block::Figures(over_parameters(evaluated)),
+        Block::Html("<h3>Where the worst runs lie</h3>".into()),
+    ];
+    blocks.extend(worst_runs(evaluated));
+    blocks.extend(left_out(evaluated));
+    Section { id: "errors", title: "Where the errors are".into(), blocks }
+}
+
+fn over_time_figure(evaluated: &Evaluated, column: usize) -> Figure {
+    let (name, unit) = output(evaluated, column);
+    let Binned { at, rms, largest, .. } = evaluated.over_time(column);
+    let line = |values: &[f64]| Shape::Line(at.iter().zip(values).map(|(&t, &error)| [t, error]).collect());
+    let chart = Chart {
+        x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
+        y: Axis::log(&format!("error of {name}"), unit, rms.iter().chain(&largest).copied()),
+        series: vec![
+            Series::named("largest", Ink::Vermilion, line(&largest)),
+            Series::named("root mean square", Ink::Blue, line(&rms)),
+        ],
+    };
+    Figure::new(&format!("error-time-{name}"), format!("{name}: error over time."), chart)
+}
+
+/// Errors of several outputs in one chart, relative to their ranges.
+pub fn relative_over_time(evaluated: &Evaluated) -> Vec<Figure> {
+    let errors: Vec<Binned> =
+        (0..evaluated.outputs()).into_par_iter().map(|output| evaluated.over_time(output)).collect();
+    relative(evaluated, &errors, "time", "s", "error-time")
+}
+
+fn over_parameters(evaluated: &Evaluated) -> Vec<Figure> {
+    let outputs = shown(evaluated).len();
+    let figures = (0..evaluated.test.parameters.len()).into_par_iter().flat_map_iter(|column| {
+        let (name, unit) = parameter(evaluated, column);
+        let errors: Vec<Binned> = (0..outputs).map(|output| evaluated.over_parameter(output, column)).collect();
+        relative(evaluated, &errors, name, unit, &format!("error-{name}"))
+    });
+    figures.collect()
+}
+
+fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id: &str) -> Vec<Figure> {
+    let figure = |(part, columns): (usize, &[(usize, &Binned)])| {
+        let series = lines(columns.iter().map(|(column, binned)| {
+            let relative = binned.rms.iter().map(|rms| rms / evaluated.range(*column));
+            (
+                output(evaluated, *column).0.to_owned(),
+                binned.at.iter().zip(relative).map(|(&at, rms)| [at, rms]).collect(),
+            )
+        }));
+        let points: Vec<[f64; 2]> = series
+            .iter()
+            .flat_map(|series| match &series.shape {
+                Shape::Line(points) => points.clone(),
+                _ => Vec::new(),
+            })
+            .collect();
+        let x: Vec<f64> = points.iter().map(|point| point[0]).collect();
+        let (low, high) = super::super::axis::extent(x).unwrap_or((0.0, 1.0));
+        let chart = Chart {
+            x: Axis::exact(name, unit, low, high),
+            y: Axis::log("RMS error / range", "", points.iter().map(|point| point[1])),
+            series,
+        };
+        let suffix = if part == 0 { String::new() } else { format!("-{}", part + 1) };
+        Figure::new(&format!("{id}-relative{suffix}"), format!("Relative errors over {name}."), chart)
+    };
+    let numbered: Vec<(usize, &Binned)> = errors.iter().enumerate().collect();
+    numbered.chunks(LINES).enumerate().map(figure).collect()
+}
+
+/// All runs and the worst twentieth of them, over pairs of parameters.
+fn worst_runs(evaluated: &Evaluated) -> Vec<Block> {
+    let order = evaluated.runs_by_error();
+    let (good, bad) = order.split_at(order.len() - (order.len() / 20).max(1));
+    let good: Vec<usize> = evenly(good.len(), RUNS).into_iter().map(|index| good[index]).collect();
+    let bad_shown: Vec<usize> = evenly(bad.len(), RUNS / 4).into_iter().map(|index| bad[index]).collect();
+    let count = evaluated.test.parameters.len();
+    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+    let value = |run: usize, column: usize| evaluated.test.runs[run].parameters[column];
+    let axis = |column: usize| {
+        let (name, unit) = parameter(evaluated, column);
+        let input = &evaluated.surrogate.inputs()[column];
+        Axis::linear(name, unit, [input.min, input.max])
+    };
+    let chart = |x: Axis, y: Axis, place: &dyn Fn(usize) -> [f64; 2]| {
+        let points = |runs: &[usize]| runs.iter().map(|&run| place(run)).collect::<Vec<_>>();
+        let series = vec![
+            Series::named("other test runs", Ink::Grey, Shape::Circles(points(&good))),
+            Series::named("worst runs", Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
+        ];
+        Chart { x, y, series }
+    };
+    let mut text = format!("The {} runs with the largest errors, a twentieth of all.", bad.len());
+    if bad_shown.len() + good.len() < order.len() {
+        text += &format!(" Thinned: {} of {} runs are drawn.", bad_shown.len() + good.len(), order.len());
+    }
+    if pairs.len() > PAIRS {
+        text += &format!(" Shown are {PAIRS} of {} pairs of parameters.", pairs.len());
+    }
+    let mut figures: Vec<Figure> = (0..count)
+        .take(if count == 1 { 1 } else { 0 })
+        .map(|column| {
+            let errors = evaluated.run_errors();
+            let y = Axis::log("RMS error / range", "", errors.iter().copied());
+            let name = parameter(evaluated, column).0;
+            let chart = chart(axis(column), y, &|run| [value(run, column), errors[run]]);
+            Figure::new(&format!("worst-{name}"), format!("Errors of the runs over {name}."), chart)
+        })
+        .collect();
+    figures.extend(pairs.into_iter().take(PAIRS).map(|(a, b)| {
+        let (a_name, b_name) = (parameter(evaluated, a).0, parameter(evaluated, b).0);
+        let chart = chart(axis(a), axis(b), &|run| [value(run, a), value(run, b)]);
+        Figure::new(&format!("worst-{a_name}-{b_name}"), format!("Runs over {a_name} and {b_name}."), chart)
+    }));
+    vec![paragraph(&text), Block::Figures(figures)]
+}

@@ -1,0 +1,131 @@
+//! The sections of a report: one file a subject, each from numbers to charts and tables.
+
+mod accuracy;
+mod beside;
+mod comparison;
+mod coverage;
+mod errors;
+mod motion;
+mod responses;
+mod sensitivity;
+mod summary;
+mod training;
+
+use super::{
+    Block, Evaluated, Figure, Material, Section,
+    axis::Axis,
+    chart::{Chart, INKS, Ink, Series, Shape},
+};
+use crate::html::{escape, number};
+pub use beside::Beside;
+
+/// Outputs that a section shows at the most, in the study's order.
+const OUTPUTS: usize = 12;
+
+/// Every section that there is something to say in.
+pub fn sections(material: &Material) -> Vec<Section> {
+    let all = [
+        Some(summary::summary(material)),
+        Some(accuracy::section(material.evaluated)),
+        Some(responses::section(material.evaluated)),
+        motion::section(material),
+        Some(errors::section(material.evaluated)),
+        Some(sensitivity::section(material.evaluated)),
+        coverage::section(material.evaluated),
+        material.comparison.map(comparison::section),
+        beside::section(material),
+        training::section(material),
+        Some(summary::provenance(material)),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+/// The figures of a model card: errors over time, and the worst test run of the output that is predicted worst.
+pub fn card_figures(evaluated: &Evaluated) -> Vec<Figure> {
+    let mut figures = errors::relative_over_time(evaluated);
+    figures.truncate(1);
+    let r2 = |(output, metrics): (usize, &crate::evaluation::OutputMetrics)| (output, metrics.r2.unwrap_or(1.0));
+    let worst = evaluated.accuracy.outputs.values().enumerate().map(r2).min_by(|a, b| a.1.total_cmp(&b.1));
+    let run = evaluated.runs_by_error().last().copied();
+    if let (Some((output, _)), Some(run)) = (worst, run) {
+        let mut figure = responses::response(evaluated, run, output, "worst");
+        figure.caption = format!("Worst test run: {}. {}", case(evaluated, run), figure.caption);
+        figures.push(figure);
+    }
+    figures
+}
+
+/// Name and unit of an output.
+fn output<'a>(evaluated: &Evaluated<'a>, output: usize) -> (&'a str, &'a str) {
+    let variable = &evaluated.test.outputs[output];
+    (&variable.name, &variable.unit)
+}
+
+/// Name and unit of a parameter.
+fn parameter<'a>(evaluated: &Evaluated<'a>, parameter: usize) -> (&'a str, &'a str) {
+    let variable = &evaluated.test.parameters[parameter];
+    (&variable.name, &variable.unit)
+}
+
+/// The outputs that are shown.
+fn shown(evaluated: &Evaluated) -> std::ops::Range<usize> {
+    0..evaluated.outputs().min(OUTPUTS)
+}
+
+/// What is left out because there are too many outputs.
+fn left_out(evaluated: &Evaluated) -> Option<Block> {
+    let count = evaluated.outputs();
+    (count > OUTPUTS)
+        .then(|| Block::Html(format!("<p class=\"note\">Shown are the first {OUTPUTS} of {count} outputs.</p>")))
+}
+
+/// A run and its parameters: `test run 3 with L = 0.12 m, c = 0.05`.
+fn case(evaluated: &Evaluated, run: usize) -> String {
+    let values = evaluated.test.parameters.iter().zip(&evaluated.test.runs[run].parameters);
+    let values: Vec<String> = values
+        .map(|(variable, &value)| {
+            format!("{} = {} {}", variable.name, number(value), variable.unit).trim_end().to_owned()
+        })
+        .collect();
+    format!("test run {run} with {}", values.join(", "))
+}
+
+/// Lines of equal rank: name and points of each.
+fn lines(of: impl IntoIterator<Item = (String, Vec<[f64; 2]>)>) -> Vec<Series> {
+    let inks = INKS.iter().cycle();
+    of.into_iter().zip(inks).map(|((name, points), &ink)| Series::named(name, ink, Shape::Line(points))).collect()
+}
+
+/// A table with a heading for each column; cells are HTML.
+fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Block {
+    let heading: String = headings.iter().map(|heading| format!("<th>{heading}</th>")).collect();
+    // on a phone each cell stands below the other and has its heading beside it
+    let row = |cells: Vec<String>| {
+        let cells =
+            headings.iter().zip(&cells).map(|(heading, cell)| format!("<td data-heading=\"{heading}\">{cell}</td>"));
+        format!("<tr>{}</tr>\n", cells.collect::<String>())
+    };
+    let rows: String = rows.into_iter().map(row).collect();
+    Block::Html(format!("<table class=\"wide\">\n<tr>{heading}</tr>\n{rows}</table>"))
+}
+
+fn paragraph(text: &str) -> Block {
+    Block::Html(format!("<p>{}</p>", escape(text)))
+}
+
+fn code(name: &str) -> String {
+    format!("<code>{}</code>", escape(name))
+}
+
+fn unit(unit: &str) -> String {
+    escape(if unit.is_empty() { "-" } else { unit })
+}
+
+/// `R²` as people read it: as many digits as there are nines, and a few more.
+fn r2(value: Option<f64>) -> String {
+    value.map_or("constant output".into(), |r2| format!("{r2:.7}"))
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", number(100.0 * share))
+}

@@ -1,0 +1,70 @@
+//! How strongly each parameter acts on each output.
+
+use super::{
+    Axis, Block, Chart, Evaluated, Figure, Section, code, escape, left_out, lines, number, output, paragraph,
+    parameter, shown, table, unit,
+};
+use crate::report::numbers::{SENSITIVITY_RUNS, Sensitivity};
+
+/// Parameters in one chart.
+const LINES: usize = 6;
+
+pub fn section(evaluated: &Evaluated) -> Section {
+    let sensitivities = evaluated.sensitivities();
+    let runs = evaluated.test.runs.len();
+    let mut text = "Mean magnitude of the derivative of an output with respect to a parameter, times the parameter's range: by how \
+                    much the output changes over the whole range if it goes on as at the point. Derivatives are the surrogate's own \
+                    and exact."
+        .to_owned();
+    if runs > SENSITIVITY_RUNS {
+        text += &format!(" Thinned: from {SENSITIVITY_RUNS} of {runs} test runs.");
+    }
+    let mut blocks = vec![paragraph(&text), overview(evaluated, &sensitivities)];
+    let outputs = shown(evaluated).zip(&sensitivities);
+    blocks.push(Block::Figures(
+        outputs.flat_map(|(output, sensitivity)| over_time(evaluated, output, sensitivity)).collect(),
+    ));
+    blocks.extend(left_out(evaluated));
+    Section { id: "sensitivity", title: "Sensitivity to the parameters".into(), blocks }
+}
+
+/// A row an output, a column a parameter; shares of the row's sum as bars.
+fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> Block {
+    let names = evaluated.test.parameters.iter().map(|variable| escape(&variable.name));
+    let headings: Vec<String> = ["output", "unit"].map(String::from).into_iter().chain(names).collect();
+    let row = |(column, sensitivity): (usize, &Sensitivity)| {
+        let (name, output_unit) = output(evaluated, column);
+        let sum = sensitivity.mean.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let cell = |value: &f64| {
+            let share = 100.0 * value / sum;
+            format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(*value))
+        };
+        [code(name), unit(output_unit)].into_iter().chain(sensitivity.mean.iter().map(cell)).collect()
+    };
+    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    table(&headings, sensitivities.iter().enumerate().map(row))
+}
+
+fn over_time(evaluated: &Evaluated, column: usize, sensitivity: &Sensitivity) -> Vec<Figure> {
+    let (name, unit) = output(evaluated, column);
+    let parameters: Vec<(usize, &Vec<f64>)> = sensitivity.over_time.iter().enumerate().collect();
+    let times = &sensitivity.times;
+    let figure = |(part, parameters): (usize, &[(usize, &Vec<f64>)])| {
+        let line = |values: &[f64]| times.iter().zip(values).map(|(&t, &value)| [t, value]).collect::<Vec<_>>();
+        let values: Vec<f64> = parameters.iter().flat_map(|(_, values)| values.iter().copied()).collect();
+        let series =
+            lines(parameters.iter().map(|(index, values)| (parameter(evaluated, *index).0.to_owned(), line(values))));
+        let chart = Chart {
+            x: Axis::exact("time", "s", times[0], times[times.len() - 1]),
+            y: Axis::linear(&format!("change of {name}"), unit, values.into_iter().chain([0.0])),
+            series,
+        };
+        let suffix = if part == 0 { String::new() } else { format!("-{}", part + 1) };
+        Figure::new(
+            &format!("sensitivity-{name}{suffix}"),
+            format!("{name}: sensitivity to each parameter over time."),
+            chart,
+        )
+    };
+    parameters.chunks(LINES).enumerate().map(figure).collect()
+}

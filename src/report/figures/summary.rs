@@ -1,0 +1,102 @@
+//! What the surrogate is, how accurate it is, and where it comes from.
+
+use super::{Block, Material, Section, code, escape, number, paragraph, percent, r2, table, unit};
+use crate::{
+    evaluation::{Accuracy, OutputMetrics},
+    study::NetworkOptions,
+};
+use metafmu_runtime::{Activation, Model, Role};
+
+pub fn summary(material: &Material) -> Section {
+    let evaluated = material.evaluated;
+    let Accuracy { outputs, test_runs, test_rows, .. } = &evaluated.accuracy;
+    let metadata = evaluated.surrogate.metadata();
+    let mut blocks = Vec::new();
+    if !metadata.description.is_empty() {
+        blocks.push(paragraph(&format!("{}.", metadata.description.trim_end_matches('.'))));
+    }
+    blocks.push(paragraph(&format!(
+        "{} {} outputs from {} parameters and the time. It was trained on {} rows. Everything \
+         below was measured on {test_runs} runs of the original model, {test_rows} rows, that took no part in training.",
+        network(material),
+        outputs.len(),
+        evaluated.test.parameters.len(),
+        metadata.provenance.train_rows,
+    )));
+    let headings = ["output", "unit", "R²", "RMS error", "RMS error / range", "largest error", "where"];
+    let rows = outputs.values().enumerate().map(|(index, metrics)| {
+        let OutputMetrics { r2: score, mse, max_abs_error, worst_run, worst_time, .. } = metrics;
+        let variable = &evaluated.test.outputs[index];
+        let rms = mse.sqrt();
+        vec![
+            code(&variable.name),
+            unit(&variable.unit),
+            r2(*score),
+            number(rms),
+            percent(rms / evaluated.range(index)),
+            number(*max_abs_error),
+            format!("test run {worst_run}, t = {} s", number(*worst_time)),
+        ]
+    });
+    blocks.push(table(&headings, rows));
+    blocks.push(paragraph(
+        "It may be trusted inside these ranges only. A range of an output is that of the training runs.",
+    ));
+    let inputs = evaluated.surrogate.inputs().iter().map(|input| {
+        let kind = if input.role == Role::Time { "time" } else { "parameter" };
+        (&input.name, kind, input.min, input.max, &input.unit, &input.description)
+    });
+    let outputs = evaluated.surrogate.outputs().iter();
+    let outputs = outputs.map(|o| (&o.name, "output", o.min, o.max, &o.unit, &o.description));
+    let rows = inputs.chain(outputs).map(|(name, kind, min, max, u, description)| {
+        vec![code(name), kind.into(), number(min), number(max), unit(u), escape(description)]
+    });
+    blocks.push(table(&["variable", "kind", "from", "to", "unit", "meaning"], rows));
+    Section { id: "summary", title: "Summary".into(), blocks }
+}
+
+/// Nodes and activation in words.
+fn network(material: &Material) -> String {
+    let NetworkOptions { hidden, activation, .. } = &material.study.network;
+    let hidden: Vec<String> = hidden.iter().map(usize::to_string).collect();
+    let activation = match activation {
+        Activation::Tanh => "tanh",
+        Activation::Sigmoid => "sigmoid",
+        Activation::Relu => "ReLU",
+        Activation::Gelu => "GELU",
+        Activation::Silu => "SiLU",
+        Activation::Sine => "sine",
+        Activation::Identity => "linear",
+    };
+    let layers = match hidden.as_slice() {
+        [] => "no hidden layer".into(),
+        hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),
+    };
+    match material.evaluated.surrogate.model() {
+        Model::Network(_) => format!("A feed-forward network ({layers}) gives"),
+        Model::Series { instants, .. } => {
+            format!(
+                "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",
+                instants.len()
+            )
+        }
+    }
+}
+
+pub fn provenance(material: &Material) -> Section {
+    let provenance = &material.evaluated.surrogate.metadata().provenance;
+    let own = [
+        ("Made by", provenance.tool.clone()),
+        ("Study", material.study.name.clone()),
+        ("Study, SHA-256", provenance.study_digest.clone()),
+        ("Seed", provenance.seed.to_string()),
+        ("Content of the model file, SHA-256", provenance.content_digest.clone()),
+    ];
+    let own = own.into_iter().map(|(name, value)| (name.to_owned(), value));
+    let rows = own.chain(material.facts.iter().cloned());
+    let rows: String = rows
+        .map(|(name, value)| format!("<tr><td>{}</td><td class=\"long\">{}</td></tr>\n", escape(&name), escape(&value)))
+        .collect();
+    let blocks = vec![Block::Html(format!("<table>\n{rows}</table>"))];
+    Section { id: "provenance", title: "Provenance".into(), blocks }
+}

@@ -1,0 +1,48 @@
+//! How the training went.
+
+use super::{Axis, Block, Chart, Figure, Ink, Material, Section, Series, Shape, paragraph};
+use crate::report::Epoch;
+use metafmu_runtime::Model;
+
+pub fn section(material: &Material) -> Option<Section> {
+    let history = material.history;
+    let (first, last) = (history.first()?, history.last()?);
+    let best = history.iter().min_by(|a, b| a.validation_loss.total_cmp(&b.validation_loss))?;
+    let epochs = Axis::whole("epoch", [first.epoch as f64, last.epoch as f64]);
+    let line =
+        |value: fn(&Epoch) -> f64| history.iter().map(|epoch| [epoch.epoch as f64, value(epoch)]).collect::<Vec<_>>();
+    let losses = Axis::log("loss", "", history.iter().flat_map(|epoch| [epoch.train_loss, epoch.validation_loss]));
+    let place = [best.epoch as f64, best.validation_loss];
+    let loss = Chart {
+        x: epochs.clone(),
+        y: losses,
+        series: vec![
+            Series::named("training rows", Ink::Blue, Shape::Line(line(|epoch| epoch.train_loss))),
+            Series::named("held-out rows", Ink::Vermilion, Shape::Line(line(|epoch| epoch.validation_loss))),
+            Series::named("best epoch", Ink::Black, Shape::Triangles(vec![place])),
+        ],
+    };
+    let rate = Chart {
+        x: epochs,
+        y: Axis::linear("learning rate", "", history.iter().map(|epoch| epoch.learning_rate).chain([0.0])),
+        series: vec![Series::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
+    };
+    let text = match material.evaluated.surrogate.model() {
+        Model::Network(_) => format!(
+            "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
+             of {}.",
+            best.epoch,
+            history.len()
+        ),
+        Model::Series { .. } => {
+            "Loss of the standardised outputs, epoch by epoch, mean over the networks. Each network is that of \
+                                 its own best epoch on the held-out runs."
+                .into()
+        }
+    };
+    let figures = vec![
+        Figure::new("training-loss", "Loss on training rows and held-out rows.", loss),
+        Figure::new("training-rate", "Learning rate at the end of each epoch.", rate),
+    ];
+    Some(Section { id: "training", title: "Training".into(), blocks: vec![paragraph(&text), Block::Figures(figures)] })
+}

@@ -1,0 +1,27 @@
+//! A small surrogate with test runs that it predicts exactly.
+
+use crate::{
+    dataset::{Dataset, Run},
+    evaluation::predict_all,
+    variable::Variable,
+};
+use metafmu_runtime::{Surrogate, example};
+use std::sync::Arc;
+
+pub fn exact() -> (Surrogate, Dataset) {
+    let surrogate = example::surrogate();
+    let times: Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
+    let run = |i: u32| {
+        let parameters = vec![0.1 + 0.1 * (f64::from(i) * 0.618).fract(), 5.0 * (f64::from(i) * 0.381 + 0.1).fract()];
+        Run { parameters, times: Arc::clone(&times), outputs: Vec::new() }
+    };
+    let variable = |name: &str, unit: &str| Variable::new(name, unit, "");
+    let mut test = Dataset {
+        parameters: vec![variable("length", "m"), variable("speed", "rad/s")],
+        outputs: vec![variable("angle", "rad"), variable("velocity", "rad/s")],
+        runs: (0..12).map(run).collect(),
+    };
+    let predictions = predict_all(&surrogate, &test);
+    test.runs.iter_mut().zip(predictions).for_each(|(run, outputs)| run.outputs = outputs);
+    (surrogate, test)
+}

@@ -1,0 +1,64 @@
+//! Points of a mechanism whose paths can be told from its outputs.
+
+use super::systems::SystemPoint;
+
+/// A point that moves in the plane.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// Name for people.
+    pub name: String,
+    rule: Rule,
+}
+
+/// How a point's place follows from a row.
+#[derive(Clone, Debug)]
+enum Rule {
+    /// Two outputs are its coordinates.
+    Outputs([usize; 2]),
+    /// A system's formula.
+    System {
+        point: &'static SystemPoint,
+        /// Values of the system's quantities; those of parameters are overwritten.
+        quantities: Vec<f64>,
+        /// Position of each parameter among the quantities.
+        parameters: Vec<usize>,
+        /// Position of each of the point's outputs among the study's.
+        outputs: Vec<usize>,
+    },
+}
+
+impl Point {
+    /// The point whose coordinates are two outputs.
+    pub fn of_outputs(name: impl Into<String>, x: usize, y: usize) -> Self {
+        Self { name: name.into(), rule: Rule::Outputs([x, y]) }
+    }
+
+    /// A system's point. `parameters`: position of each of the study's parameters among the system's quantities. `None` if the
+    /// study has not all of the outputs that it follows from.
+    pub fn of_system(
+        point: &'static SystemPoint,
+        quantities: &[f64],
+        parameters: &[usize],
+        outputs: &[impl AsRef<str>],
+    ) -> Option<Self> {
+        let column = |&name: &&str| outputs.iter().position(|output| output.as_ref() == name);
+        let outputs = point.outputs.iter().map(column).collect::<Option<Vec<usize>>>()?;
+        let rule = Rule::System { point, quantities: quantities.to_vec(), parameters: parameters.to_vec(), outputs };
+        Some(Self { name: point.name.into(), rule })
+    }
+
+    /// Where it is, in metres: x to the right, y upwards.
+    pub fn position(&self, parameters: &[f64], outputs: &[f64]) -> [f64; 2] {
+        match &self.rule {
+            Rule::Outputs([x, y]) => [outputs[*x], outputs[*y]],
+            Rule::System { point, quantities, parameters: positions, outputs: columns } => {
+                let mut quantities = quantities.clone();
+                for (&position, &value) in positions.iter().zip(parameters) {
+                    quantities[position] = value;
+                }
+                let outputs: Vec<f64> = columns.iter().map(|&column| outputs[column]).collect();
+                (point.position)(&quantities, &outputs)
+            }
+        }
+    }
+}
