@@ -4,7 +4,13 @@
 //! read back as the same doubles.
 
 use crate::{Error, Result, files, table::header_field, variable::Variable};
-use std::{io::Write, path::Path, sync::Arc};
+use rayon::prelude::*;
+use std::{
+    fs::File,
+    io::{BufRead, BufReader, Read, Write},
+    path::Path,
+    sync::Arc,
+};
 
 /// One simulation: its parameters, and its outputs at each time.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,31 +82,30 @@ impl Dataset {
     pub fn read_csv(path: &Path, parameters: &[Variable], outputs: &[Variable]) -> Result<Self> {
         let mut dataset = Self { parameters: parameters.to_vec(), outputs: outputs.to_vec(), runs: Vec::new() };
         let mistake = |line: u64, message: String| Error::Table { path: path.to_owned(), line, message };
-        let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
-        let mut reader = csv::Reader::from_reader(std::io::BufReader::with_capacity(1 << 16, file));
-        let wrong = |error: csv::Error| {
-            let line = error.position().map_or(1, csv::Position::line);
-            mistake(line, error.to_string())
-        };
-
-        let header = reader.headers().map_err(wrong)?.clone();
-        let expected = dataset.columns();
-        if header.iter().ne(&expected) {
-            let found = header.iter().collect::<Vec<_>>().join(",");
-            return Err(mistake(1, format!("columns `{found}`, expected `{}`", expected.join(","))));
+        let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
+        let mut header = Vec::new();
+        file.read_until(b'\n', &mut header).map_err(Error::io(path, "read"))?;
+        let columns = dataset.columns();
+        let found = csv::Reader::from_reader(header.as_slice()).byte_headers().cloned();
+        let found = found.map_err(|error| mistake(1, error.to_string()))?;
+        if found.iter().ne(columns.iter().map(String::as_bytes)) {
+            let found = found.iter().map(String::from_utf8_lossy).collect::<Vec<_>>().join(",");
+            return Err(mistake(1, format!("columns `{found}`, expected `{}`", columns.join(","))));
         }
         let mut rows = RunReader::new(parameters.len());
-        let mut record = csv::StringRecord::new();
-        while reader.read_record(&mut record).map_err(wrong)? {
-            let line = record.position().map_or(0, csv::Position::line);
-            let mut values = Vec::with_capacity(record.len());
-            for (field, column) in record.iter().zip(&expected) {
-                match field.trim().parse::<f64>() {
-                    Ok(value) if value.is_finite() => values.push(value),
-                    _ => return Err(mistake(line, format!("column `{column}`: `{field}` is no finite number"))),
+        let (mut line, mut block) = (2, Vec::new());
+        while next_block(&mut file, &mut block).map_err(Error::io(path, "read"))? {
+            let pieces: Vec<Piece> =
+                split_lines(&block).into_par_iter().map(|text| Piece::parse(text, &columns)).collect();
+            for piece in pieces {
+                for (row, offset) in piece.values.chunks(columns.len()).zip(&piece.row_lines) {
+                    dataset.runs.extend(rows.push(row).map_err(|message| mistake(line + offset, message))?);
                 }
+                if let Some((offset, message)) = piece.mistake {
+                    return Err(mistake(line + offset, message));
+                }
+                line += piece.lines;
             }
-            dataset.runs.extend(rows.push(&values).map_err(|message| mistake(line, message))?);
         }
         dataset.runs.extend(rows.finish());
         if dataset.runs.is_empty() {
@@ -108,6 +113,86 @@ impl Dataset {
         }
         Ok(dataset)
     }
+}
+
+/// Bytes of a table that are read at a time.
+const BLOCK: u64 = 1 << 25;
+/// Pieces of a block that are parsed at a time.
+const PIECES: usize = 16;
+
+/// Reads whole lines, about [`BLOCK`] bytes; false at the end of the file.
+fn next_block(file: &mut impl BufRead, block: &mut Vec<u8>) -> std::io::Result<bool> {
+    block.clear();
+    file.by_ref().take(BLOCK).read_to_end(block)?;
+    file.read_until(b'\n', block)?;
+    Ok(!block.is_empty())
+}
+
+/// Pieces of about the same length, each of whole lines.
+fn split_lines(block: &[u8]) -> Vec<&[u8]> {
+    let (mut pieces, mut rest) = (Vec::new(), block);
+    while !rest.is_empty() {
+        let from = block.len().div_ceil(PIECES).min(rest.len());
+        let end = rest[from - 1..].iter().position(|&byte| byte == b'\n').map_or(rest.len(), |length| from + length);
+        let (piece, after) = rest.split_at(end);
+        pieces.push(piece);
+        rest = after;
+    }
+    pieces
+}
+
+/// Rows of a part of a table.
+struct Piece {
+    /// Row by row.
+    values: Vec<f64>,
+    /// Line of each row, counted from the piece's first.
+    row_lines: Vec<u64>,
+    /// Number of lines.
+    lines: u64,
+    /// Line and message of the first mistake, which ends the rows.
+    mistake: Option<(u64, String)>,
+}
+
+impl Piece {
+    fn parse(text: &[u8], columns: &[String]) -> Self {
+        let lines = text.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        let mut piece = Self { values: Vec::new(), row_lines: Vec::new(), lines, mistake: None };
+        if let Err(mistake) = piece.read(text, columns) {
+            piece.mistake = Some(mistake);
+        }
+        piece
+    }
+
+    fn read(&mut self, text: &[u8], columns: &[String]) -> std::result::Result<(), (u64, String)> {
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text);
+        let (mut record, mut before) = (csv::ByteRecord::new(), csv::ByteRecord::new());
+        while reader.read_byte_record(&mut record).map_err(|error| (0, error.to_string()))? {
+            let line = record.position().map_or(0, csv::Position::line) - 1;
+            if record.len() != columns.len() {
+                return Err((line, format!("{} fields, expected {}", record.len(), columns.len())));
+            }
+            let last_row = self.values.len().saturating_sub(columns.len());
+            for (index, column) in columns.iter().enumerate() {
+                // most columns of a row are those of the row before
+                let value = if before.get(index) == Some(&record[index]) {
+                    self.values[last_row + index]
+                } else {
+                    number(&record[index])
+                        .map_err(|found| (line, format!("column `{column}`: `{found}` is no finite number")))?
+                };
+                self.values.push(value);
+            }
+            self.row_lines.push(line);
+            std::mem::swap(&mut record, &mut before);
+        }
+        Ok(())
+    }
+}
+
+/// A finite number, or the text that is none.
+fn number(field: &[u8]) -> std::result::Result<f64, String> {
+    let text = String::from_utf8_lossy(field);
+    text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or(text.into_owned())
 }
 
 /// Collects rows into runs.
@@ -198,6 +283,24 @@ mod tests {
     }
 
     #[test]
+    fn a_long_table_reads_as_the_same_numbers_and_mistakes_keep_their_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        let mut dataset = example();
+        let run = dataset.runs[0].clone();
+        dataset.runs = (0..4000).map(|i| Run { parameters: vec![f64::from(i), 0.5], ..run.clone() }).collect();
+        dataset.write_csv(&path).unwrap();
+        assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(String::from).collect();
+        for wrong in [11_998, 7_003, 5, 1] {
+            lines[wrong] = lines[wrong].replacen("0.5", "half", 1);
+            std::fs::write(&path, lines.join("\n")).unwrap();
+            let message = Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
+            assert!(message.contains(&format!("t.csv:{}: column `b`: `half`", wrong + 1)), "{message}");
+        }
+    }
+
+    #[test]
     fn mistakes_in_a_table_are_located_by_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.csv");
@@ -209,7 +312,8 @@ mod tests {
             ("run,time,a,b,u,v\n0,0,1,1,1,NaN\n", "t.csv:2: column `v`: `NaN` is no finite number"),
             ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,1,2,1,1,1\n", "t.csv:3: run 0: parameters differ"),
             ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,0,1,1,1,1\n", "t.csv:3: run 0: time 0 does not come after"),
-            ("run,time,a,b,u,v\n0,0,1,1,1\n", "t.csv:2: "),
+            ("run,time,a,b,u,v\n0,0,1,1,1\n", "t.csv:2: 5 fields, expected 6"),
+            ("run,time,a,b,u,v\n0,0,1,1,1,1\n\n0,1,1,1,1,1\r\n0,2,1,1,1,inf", "t.csv:5: column `v`: `inf`"),
         ] {
             std::fs::write(&path, text).unwrap();
             let message = Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
