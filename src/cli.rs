@@ -108,9 +108,10 @@ study's surrogate of the same variables is measured on the same test runs.")]
     #[command(after_help = "Examples:
   metafmu export examples/single-pendulum.toml
   metafmu export examples/single-pendulum.toml --fmi both --binary aarch64-linux=libfmu_template.so
+  metafmu export examples/single-pendulum.toml --model ridge
 
 The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise.")]
-    Export(ExportArgs),
+    Export(ExportModelArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
@@ -214,6 +215,15 @@ pub struct ReportArgs {
     /// Folder of the other study's results [default: out/NAME, NAME being its name]
     #[arg(long, value_name = "DIR", requires = "beside")]
     pub beside_out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ExportModelArgs {
+    #[command(flatten)]
+    pub export: ExportArgs,
+    /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` tells them apart
+    #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
+    pub model: Option<Kind>,
 }
 
 #[derive(Debug, Args)]

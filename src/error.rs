@@ -181,9 +181,17 @@ pub enum Error {
     /// A surrogate that is not written as C source code.
     #[error(
         "source code is written of a single network only: one for each instant (`network.structure = \"fixed\"`) would be \
-         hundreds of times as long"
+         hundreds of times as long, and other models have no C code yet"
     )]
     NoSources,
+    /// A baseline that could not be fitted or cannot be exported.
+    #[error("model `{model}`: {problem}")]
+    Baseline {
+        /// The model's name.
+        model: &'static str,
+        /// Why not.
+        problem: String,
+    },
     /// A library that cannot go into an FMU.
     #[error("{}: {problem}", path.display())]
     Binary {

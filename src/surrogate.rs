@@ -2,12 +2,16 @@
 
 use crate::{
     Error, Result,
+    baseline::Kind,
     dataset::Dataset,
     files::write_whole,
     study::{ParameterOptions, Study},
     variable::Variable,
 };
-use metafmu_runtime::{Bounds, Input, Metadata, Model, Output, OutputArray, Provenance, Role, Surrogate};
+use metafmu_runtime::{
+    Activation, Bounds, Input, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
+    regression::{Function, Regression},
+};
 use std::path::Path;
 
 /// Puts a trained model and what is known about its columns together.
@@ -17,6 +21,39 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Surrogate`] if the parts do not fit each other.
 pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Model) -> Result<Surrogate> {
+    finish(metadata(study, dataset, train_rows), model)
+}
+
+/// The same of a fitted baseline, which has a name, a description and a digest of its own.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn assemble_baseline(
+    study: &Study,
+    dataset: &Dataset,
+    train_rows: usize,
+    kind: Kind,
+    regression: Regression,
+) -> Result<Surrogate> {
+    let mut metadata = metadata(study, dataset, train_rows);
+    let name = kind.name();
+    metadata.name = format!("{}-{name}", study.name);
+    let space = if study.description.is_empty() { "" } else { " " };
+    let constant = match regression.function {
+        Function::Forest(_) => ", piecewise constant: its derivatives are 0",
+        Function::Polynomial(_) | Function::Kernel(_) => "",
+    };
+    metadata.description = format!("{}{space}(baseline model: {name}{constant})", study.description);
+    (metadata.activation, metadata.precision) = (Activation::Identity, Precision::Double);
+    metadata.provenance.study_digest = study.baseline_digest(kind);
+    finish(metadata, Model::Regression(regression))
+}
+
+fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
+    seal(Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?)
+}
+
+fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| {
         let original_start = variable.original.and_then(|original| original.start);
         let original_start = original_start.filter(|start| (range.min..=range.max).contains(start));
@@ -45,7 +82,7 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Mode
         let Variable { name, unit, description, .. } = variable.clone();
         Output { name, unit, description, min, max }
     });
-    let metadata = Metadata {
+    Metadata {
         name: study.name.clone(),
         description: study.description.clone(),
         inputs: parameters.chain([time]).collect(),
@@ -62,9 +99,7 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Mode
             train_rows: train_rows as u64,
             content_digest: "0".repeat(64),
         },
-    };
-    let surrogate = Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?;
-    seal(surrogate)
+    }
 }
 
 /// The study decides about the variability of parameters; else they stay what they were.

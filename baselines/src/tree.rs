@@ -190,6 +190,10 @@ fn fit(
     Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function: Function::Forest(forest) }))
 }
 
+/// Splits lie in the middle between two values of the rows, which are often other rows' values, such as times: a time that a
+/// host has summed up step by step, and that is larger by its rounding, must not fall on the other side.
+const MARGIN: f64 = 1e-9;
+
 /// Puts the nodes of a tree, whose leaves are multiplied by its share, behind the others: depth first.
 fn append(nodes: &mut Vec<Node>, tree: &SerializedTree, share: f64) -> Result<(), String> {
     // a node of the tree, and where its position belongs
@@ -202,7 +206,7 @@ fn append(nodes: &mut Vec<Node>, tree: &SerializedTree, share: f64) -> Result<()
         }
         let split = node.split_value.zip(node.true_child.zip(node.false_child));
         nodes.push(match split {
-            Some((number, _)) => Node { column: node.split_feature, number, below: [0; 2] },
+            Some((number, _)) => Node { column: node.split_feature, number: number + MARGIN, below: [0; 2] },
             None => Node { column: LEAF, number: node.output * share, below: [0; 2] },
         });
         if let Some((_, (yes, no))) = split {

@@ -1,14 +1,16 @@
 //! `metafmu export`: packages the surrogate as an FMU.
 
-use super::{Outcome, job::Job, print, print_json};
-use crate::cli::{ExportArgs, FmiArg};
+use super::{Outcome, job::Job, prepare::baseline_rows, print, print_json};
+use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
     Error, Result,
+    baseline::{Fitted, Kind, choose_rows},
     evaluation::Accuracy,
     files,
     fmu::{self, Binary, Contents, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
     study::{FmiChoice, Structure},
+    surrogate,
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -30,17 +32,13 @@ pub struct Written {
     pub version: FmiVersion,
 }
 
-pub fn run(args: &ExportArgs) -> Result<Outcome> {
-    let job = Job::new(&args.study)?;
-    let plan = Plan::new(&job, args)?;
-    let surrogate = job.load_model()?;
-    let accuracy = job.load_accuracy(&surrogate)?;
-    job.prepare_folder()?;
-    let figures = match &accuracy {
-        Some(_) if job.table("test").exists() => figures(&Evaluated::new(&surrogate, &job.load_table("test")?))?,
-        _ => Vec::new(),
+pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
+    let job = Job::new(&args.export.study)?;
+    let plan = Plan::new(&job, &args.export)?;
+    let written = match args.model {
+        None => export_network(&job, &plan)?,
+        Some(kind) => export_baseline(&job, &plan, kind)?,
     };
-    let written = stage(&job, &plan, &surrogate, accuracy.as_ref(), &figures)?;
     match written.as_slice() {
         [one] if job.json => print_json(one)?,
         all if job.json => print_json(&all)?,
@@ -80,13 +78,54 @@ pub fn figures(evaluated: &Evaluated) -> Result<Vec<Drawn>> {
     card_figures(evaluated).iter().map(Figure::draw).collect()
 }
 
-/// Writes the FMUs.
+fn export_network(job: &Job, plan: &Plan) -> Result<Vec<Written>> {
+    let surrogate = job.load_model()?;
+    let accuracy = job.load_accuracy(&surrogate)?;
+    job.prepare_folder()?;
+    let figures = match &accuracy {
+        Some(_) if job.table("test").exists() => figures(&Evaluated::new(&surrogate, &job.load_table("test")?))?,
+        _ => Vec::new(),
+    };
+    stage(job, plan, &surrogate, accuracy.as_ref(), &figures)
+}
+
+/// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.
+fn export_baseline(job: &Job, plan: &Plan, kind: Kind) -> Result<Vec<Written>> {
+    let (study, model) = (&job.study, kind.name());
+    let (train, test) = (job.load_table("train")?, job.load_table("test")?);
+    job.prepare_folder()?;
+    let baseline = study.baselines.get(kind);
+    let rows = baseline_rows(study, &train);
+    let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
+    let failed = |problem| Error::Baseline { model, problem };
+    let regression = match baseline.fit(&rows, study.seed).map_err(failed)? {
+        Fitted::Formula(regression) => regression,
+        Fitted::Library(library) => return Err(failed(format!("cannot be exported: {}", library.not_exportable))),
+    };
+    let surrogate = surrogate::assemble_baseline(study, &train, rows.len(), kind, regression)?;
+    surrogate::save(&surrogate, &job.baseline_model(kind))?;
+    let evaluated = Evaluated::new(&surrogate, &test);
+    write(job, plan, &surrogate, Some(&evaluated.accuracy), &figures(&evaluated)?, &format!("-{model}"))
+}
+
+/// Writes the network's FMUs.
 pub fn stage(
     job: &Job,
     plan: &Plan,
     surrogate: &Surrogate,
     accuracy: Option<&Accuracy>,
     figures: &[Drawn],
+) -> Result<Vec<Written>> {
+    write(job, plan, surrogate, accuracy, figures, "")
+}
+
+fn write(
+    job: &Job,
+    plan: &Plan,
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    figures: &[Drawn],
+    model: &str,
 ) -> Result<Vec<Written>> {
     let wanted = match plan.choice {
         FmiChoice::V2 => vec![(FmiVersion::V2, "")],
@@ -96,7 +135,7 @@ pub fn stage(
     let write = |(version, suffix)| {
         let Plan { binaries, sources, .. } = plan;
         let contents = Contents { version, about: &job.study.export, binaries, accuracy, figures, sources: *sources };
-        let (path, bytes) = (job.fmu(suffix), fmu::pack(surrogate, &contents)?);
+        let (path, bytes) = (job.fmu(&format!("{model}{suffix}")), fmu::pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(Written { fmu: path, bytes: bytes.len(), version })
     };

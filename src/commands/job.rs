@@ -5,7 +5,7 @@ use crate::cli::StudyArgs;
 use indexmap::IndexMap;
 use metafmu::{
     Error, Result,
-    baseline::{Comparison, comparison::NETWORK},
+    baseline::{Comparison, Kind, comparison::NETWORK},
     dataset::Dataset,
     evaluation::Accuracy,
     files,
@@ -135,6 +135,10 @@ impl Job {
 
     pub fn metrics(&self) -> PathBuf {
         self.folder.join("metrics.json")
+    }
+
+    pub fn baseline_model(&self, kind: Kind) -> PathBuf {
+        self.folder.join(format!("{}-{}.safetensors", self.study.name, kind.name()))
     }
 
     pub fn comparison(&self) -> PathBuf {

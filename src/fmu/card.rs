@@ -8,7 +8,10 @@ use crate::{
     report::Drawn,
     study::ExportOptions,
 };
-use metafmu_runtime::{Activation, Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra};
+use metafmu_runtime::{
+    Activation, Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
+    regression::{Function, Regression},
+};
 
 const STYLE: &str = "\
 body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#1c2733}\
@@ -33,8 +36,11 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     }
     line(
         &mut page,
-        "<p>This FMU is a neural network that stands in for a simulation model. It computes its outputs directly from its \
-         inputs, parameters and the time, any step size will do, and it may be trusted inside the ranges below only.</p>",
+        &format!(
+            "<p>This FMU is {} that stands in for a simulation model. It computes its outputs directly from its inputs, \
+             parameters and the time, any step size will do, and it may be trusted inside the ranges below only.</p>",
+            what(surrogate.model())
+        ),
     );
     variables(&mut page, surrogate);
     accuracy_table(&mut page, surrogate, accuracy);
@@ -45,6 +51,18 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
     page
+}
+
+/// The kind of model.
+fn what(model: &Model) -> &'static str {
+    match model {
+        Model::Network(_) | Model::Series { .. } => "a neural network",
+        Model::Regression(regression) => match regression.function {
+            Function::Polynomial(_) => "a polynomial",
+            Function::Forest(_) => "a sum of decision trees, piecewise constant,",
+            Function::Kernel(_) => "a sum of kernels",
+        },
+    }
 }
 
 fn variables(page: &mut String, surrogate: &Surrogate) {
@@ -75,7 +93,7 @@ fn row(page: &mut String, name: &str, kind: &str, range: &str, unit: &str, descr
 fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Accuracy>) {
     line(page, "<h2>Accuracy</h2>");
     let Some(accuracy) = accuracy else {
-        return line(page, "<p>The network was not evaluated before this FMU was made.</p>");
+        return line(page, "<p>The model was not evaluated before this FMU was made.</p>");
     };
     let Accuracy { outputs, test_runs, test_rows, .. } = accuracy;
     line(
@@ -127,11 +145,13 @@ fn domain(page: &mut String) {
     );
 }
 
-fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
+/// What the outputs are computed with.
+fn model(surrogate: &Surrogate) -> String {
     let metadata = surrogate.metadata();
     let (count, layers) = match surrogate.model() {
         Model::Network(network) => (1, &network.layers),
         Model::Series { networks, .. } => (networks.len(), &networks[0].layers),
+        Model::Regression(regression) => return size(regression),
     };
     let hidden: Vec<String> = layers.iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
     let activation = match metadata.activation {
@@ -154,11 +174,28 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
     } else {
         String::new()
     };
+    format!("network, {nodes} nodes{each}, computed in {precision}")
+}
+
+fn size(regression: &Regression) -> String {
+    let what = match &regression.function {
+        Function::Polynomial(polynomial) => format!("polynomial of {} terms", polynomial.terms(regression.inputs())),
+        Function::Forest(forest) => format!("{} decision trees, {} nodes", forest.trees.len(), forest.nodes.len()),
+        Function::Kernel(machines) => {
+            let centres: usize = machines.machines.iter().map(|machine| machine.weights.len()).sum();
+            format!("{centres} kernels")
+        }
+    };
+    format!("{what}, computed in double precision")
+}
+
+fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
+    let metadata = surrogate.metadata();
     let provenance = &metadata.provenance;
     line(page, "<h2>Provenance</h2>\n<table>");
     for (what, value) in [
         ("Made by", Some(provenance.tool.clone())),
-        ("Network", Some(format!("{nodes} nodes{each}, computed in {precision}"))),
+        ("Model", Some(model(surrogate))),
         ("Training", Some(format!("{} rows, seed {}", provenance.train_rows, provenance.seed))),
         ("Study, SHA-256", Some(provenance.study_digest.clone())),
         ("Content of the model file, digest", Some(provenance.content_digest.clone())),

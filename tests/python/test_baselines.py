@@ -1,4 +1,4 @@
-"""Baselines beside the network."""
+"""Baselines beside the network, and FMUs of them."""
 
 import csv
 import json
@@ -6,7 +6,10 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import OUTPUTS, metafmu
+from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, metafmu
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+from safetensors.numpy import load_file
 
 STUDY = "examples/single-pendulum.toml"
 
@@ -55,7 +58,7 @@ def test_the_table_is_csv_with_a_line_for_each_output(folder, comparison):
 
 
 def test_one_that_is_too_slow_and_one_that_fails_are_rows_and_the_others_go_on(folder, tmp_path):
-    text = open(STUDY).read()
+    text = (ROOT / STUDY).read_text()
     options = "\n[baselines]\ntime_budget = 2\ngaussian-process = { rows = 20000, kernel_rows = 20000 }\n"
     study = tmp_path / "study.toml"
     study.write_text(text + options + "polynomial = { degree = 20, rows = 100, alpha = 0.0 }\n")
@@ -66,3 +69,60 @@ def test_one_that_is_too_slow_and_one_that_fails_are_rows_and_the_others_go_on(f
     assert rows["gaussian-process"]["note"].startswith("not done after 2 s with 20000 of ")
     assert rows["polynomial"]["status"] == "failed"
     assert rows["linear"]["status"] == "fine"
+
+
+def scaled(tensors, inputs):
+    return (inputs - tensors["input_mean"]) / tensors["input_scale"]
+
+
+def linear(tensors, z):
+    """A polynomial of degree 1: a constant and one power of each input."""
+    assert tensors["polynomial.degrees"].sum(axis=1).max() == 1
+    terms = np.array([[z[degrees == 1].prod() for degrees in tensors["polynomial.degrees"]] for z in z])
+    return terms @ tensors["polynomial.coefficients"].T
+
+
+def forest(tensors, z):
+    """Down every tree, one row at a time."""
+    y = np.zeros((len(z), len(OUTPUTS)))
+    column, number, below = (tensors[f"forest.{name}"] for name in ("column", "number", "below"))
+    for row, values in enumerate(z):
+        for node, output in zip(tensors["forest.root"], tensors["forest.output"]):
+            while column[node] != 2**32 - 1:
+                node = below[node, 0 if values[column[node]] <= number[node] else 1]
+            y[row, output] += number[node]
+    return y
+
+
+def kernel(tensors, z):
+    def machine(output):
+        lengths, centres, weights = (tensors[f"kernel.{output}.{name}"] for name in ("lengths", "centres", "weights"))
+        squares = (((z[:, None, :] - centres) / lengths) ** 2).sum(axis=2)
+        return tensors["kernel.bias"][output] + np.exp(-0.5 * squares) @ weights
+
+    return np.stack([machine(output) for output in range(len(OUTPUTS))], axis=1)
+
+
+@pytest.mark.parametrize("model, formula", [("ridge", linear), ("svr", kernel), ("random-forest", forest)])
+def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, model, formula):
+    metafmu("export", STUDY, "--out", folder, "--model", model, "--fmi", "both")
+    tensors = load_file(folder / f"single-pendulum-{model}.safetensors")
+    for version in (2, 3):
+        fmu = folder / f"single-pendulum-{model}-fmi{version}.fmu"
+        assert validate_fmu(str(fmu)) == []
+        metafmu("validate", fmu)
+        assert model in read_model_description(str(fmu)).description
+        for case in CASES[:2]:
+            start = dict(zip(PARAMETERS, case))
+            result = simulate_fmu(fmu, start_values=start, stop_time=2.0, output_interval=0.1, output=OUTPUTS)
+            inputs = np.array([[*case, time] for time in result["time"]])
+            expected = tensors["output_mean"] + tensors["output_scale"] * formula(tensors, scaled(tensors, inputs))
+            found = np.stack([result[name] for name in OUTPUTS], axis=1)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["output_scale"].max())
+
+
+def test_what_cannot_be_exported_says_why(folder):
+    for model, why in [("knn", "carry every training row"), ("gradient-boosting", "no access to its trees")]:
+        result = metafmu("export", STUDY, "--out", folder, "--model", model, check=False)
+        assert result.returncode == 2
+        assert why in result.stderr

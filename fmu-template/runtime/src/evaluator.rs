@@ -3,6 +3,7 @@
 use crate::{
     Activation, Model, Precision, ScaledNetwork, Scaling, Surrogate,
     network::{Buffers, Network},
+    regression::{Regression, RegressionScratch},
     series::{Instants, Sides},
     simd::{PORTABLE_FMA, Real, Simd, fma},
 };
@@ -18,17 +19,19 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 pub struct Evaluator {
     columns: usize,
     outputs: usize,
-    networks: Networks,
+    layouts: Layouts,
     /// The networks' instants, if there are several.
     instants: Option<Instants>,
     simd: Simd,
 }
 
-/// Networks in the precision they compute in. Scaling is done in double precision either way.
+/// The model prepared for evaluation: networks in the precision they compute in, or a formula. Scaling is done in double
+/// precision either way.
 #[derive(Clone, Debug)]
-enum Networks {
+enum Layouts {
     Double(Vec<Scaled<f64, 8>>),
     Single(Vec<Scaled<f32, 16>>),
+    Regression(Regression),
 }
 
 /// A network laid out, with its scaling.
@@ -49,6 +52,7 @@ pub struct Scratch {
 enum Memory {
     Double(Buffers<f64, 8>),
     Single(Buffers<f32, 16>),
+    Regression(RegressionScratch),
 }
 
 /// What to compute at a point.
@@ -61,21 +65,23 @@ enum Task<'a> {
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub fn new(surrogate: &Surrogate) -> Self {
-        let (networks, instants) = match surrogate.model() {
-            Model::Network(network) => (std::slice::from_ref(network), None),
+        let metadata = surrogate.metadata();
+        let laid_out = |networks: &[ScaledNetwork]| match metadata.precision {
+            Precision::Double => Layouts::Double(laid_out(networks, metadata.activation)),
+            Precision::Single => Layouts::Single(laid_out(networks, metadata.activation)),
+        };
+        let (layouts, instants) = match surrogate.model() {
+            Model::Network(network) => (laid_out(std::slice::from_ref(network)), None),
             Model::Series { instants, networks } => {
                 let time = surrogate.time_column().expect("a series has a time column");
-                (networks.as_slice(), Some(Instants::new(instants, time)))
+                (laid_out(networks), Some(Instants::new(instants, time)))
             }
+            Model::Regression(regression) => (Layouts::Regression(regression.clone()), None),
         };
-        let metadata = surrogate.metadata();
         Self {
             columns: metadata.inputs.len(),
             outputs: metadata.outputs.len(),
-            networks: match metadata.precision {
-                Precision::Double => Networks::Double(laid_out(networks, metadata.activation)),
-                Precision::Single => Networks::Single(laid_out(networks, metadata.activation)),
-            },
+            layouts,
             instants,
             simd: Simd::detect(),
         }
@@ -84,9 +90,10 @@ impl Evaluator {
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
         // the layers of all networks have the same sizes
-        let memory = match &self.networks {
-            Networks::Double(networks) => Memory::Double(networks[0].network.buffers(self.columns)),
-            Networks::Single(networks) => Memory::Single(networks[0].network.buffers(self.columns)),
+        let memory = match &self.layouts {
+            Layouts::Double(networks) => Memory::Double(networks[0].network.buffers(self.columns)),
+            Layouts::Single(networks) => Memory::Single(networks[0].network.buffers(self.columns)),
+            Layouts::Regression(regression) => Memory::Regression(regression.scratch()),
         };
         let sides = self.instants.is_some().then(|| Sides::new(self.columns - 1, self.outputs));
         Scratch { memory, sides }
@@ -199,7 +206,7 @@ impl Evaluator {
         }
     }
 
-    /// Does a task with network `index`.
+    /// Does a task with the regression or with network `index`.
     #[inline]
     fn dispatch(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
         match self.simd {
@@ -227,13 +234,18 @@ impl Evaluator {
 
     #[inline(always)]
     fn run<const FMA: bool>(&self, index: usize, inputs: &[f64], task: Task, memory: &mut Memory) {
-        match (&self.networks, memory) {
-            (Networks::Double(networks), Memory::Double(buffers)) => {
+        match (&self.layouts, memory) {
+            (Layouts::Double(networks), Memory::Double(buffers)) => {
                 run::<f64, 8, FMA>(&networks[index], inputs, task, buffers);
             }
-            (Networks::Single(networks), Memory::Single(buffers)) => {
+            (Layouts::Single(networks), Memory::Single(buffers)) => {
                 run::<f32, 16, FMA>(&networks[index], inputs, task, buffers);
             }
+            (Layouts::Regression(regression), Memory::Regression(scratch)) => match task {
+                Task::Outputs(outputs) => regression.evaluate(inputs, outputs, scratch),
+                Task::Series { rates, first, second } => regression.along_curve(inputs, rates, first, second, scratch),
+                Task::Adjoint { weights, gradient } => regression.adjoint(inputs, weights, gradient, scratch),
+            },
             _ => panic!("the scratch belongs to another evaluator"),
         }
     }

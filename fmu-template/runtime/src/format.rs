@@ -14,10 +14,24 @@
 //! `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the instant, and `inputs` are the
 //! columns other than the time, in order. How outputs are interpolated is said at [`Model::Series`].
 //!
+//! A regression has the four columns of scaling and the tensors of one kind of function between them, which are specified at
+//! [`Polynomial`](crate::regression::Polynomial), [`Forest`](crate::regression::Forest) and
+//! [`KernelMachine`](crate::regression::KernelMachine):
+//!
+//! | tensor | type | shape |
+//! |---|---|---|
+//! | `polynomial.degrees` | U8 | `[terms, inputs]` |
+//! | `polynomial.coefficients` | F64 | `[outputs, terms]` |
+//! | `forest.column`, `forest.number` | U32, F64 | `[nodes]`; a column of 2^32 - 1 is a leaf |
+//! | `forest.below` | U32 | `[nodes, 2]` |
+//! | `forest.root`, `forest.output` | U32 | `[trees]` |
+//! | `kernel.bias` | F64 | `[outputs]` |
+//! | `kernel.K.lengths`, `kernel.K.centres`, `kernel.K.weights` | F64 | `[inputs]`, `[centres, inputs]`, `[centres]` of output K |
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside `"format": 1`. A single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 
-use crate::{Layer, Metadata, Model, ScaledNetwork, Scaling, Surrogate};
+use crate::{Layer, Metadata, Model, ScaledNetwork, Scaling, Surrogate, regression::Regression};
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::{collections::HashMap, fmt::Debug};
@@ -313,6 +327,7 @@ impl Surrogate {
                 tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
                 tensors
             }
+            Model::Regression(regression) => regression.tensors(),
         };
         let views: Vec<(&str, TensorView)> = tensors
             .iter()
@@ -334,7 +349,9 @@ impl Surrogate {
         let mut tensors: HashMap<String, TensorView> =
             SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
 
-        let model = if tensors.contains_key("instants") {
+        let model = if let Some(regression) = Regression::read(&mut tensors)? {
+            Model::Regression(regression)
+        } else if tensors.contains_key("instants") {
             let instants = elements(take(&mut tensors, "instants", Dtype::F64, 1)?.data(), f64::from_le_bytes);
             let networks = unstacked(&mut tensors, Some(instants.len()))?;
             Model::Series { instants, networks }

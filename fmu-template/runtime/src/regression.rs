@@ -110,10 +110,7 @@ impl Regression {
     }
 
     /// First and second derivative of the outputs along a curve; see [`crate::Evaluator::along_curve`].
-    ///
-    /// # Panics
-    /// As [`Regression::evaluate`].
-    pub fn along_curve(
+    pub(crate) fn along_curve(
         &self,
         inputs: &[f64],
         rates: [&[f64]; 2],
@@ -131,10 +128,13 @@ impl Regression {
     }
 
     /// `J^T weights`; see [`crate::Evaluator::adjoint`].
-    ///
-    /// # Panics
-    /// As [`Regression::evaluate`].
-    pub fn adjoint(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64], scratch: &mut RegressionScratch) {
+    pub(crate) fn adjoint(
+        &self,
+        inputs: &[f64],
+        weights: &[f64],
+        gradient: &mut [f64],
+        scratch: &mut RegressionScratch,
+    ) {
         for (wanted, slope) in gradient.iter_mut().enumerate() {
             self.evaluate_jets(inputs, |column| [f64::from(u8::from(column == wanted)), 0.0], scratch);
             let outputs = scratch.curve.outputs.iter().zip(&self.scaling.output_scale).zip(weights);

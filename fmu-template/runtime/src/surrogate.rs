@@ -3,6 +3,7 @@
 use crate::{
     Activation, Bounds, FormatError,
     extra::{self, Extra},
+    regression::Regression,
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -37,6 +38,8 @@ pub enum Model {
         /// One an instant, all with layers of the same sizes.
         networks: Vec<ScaledNetwork>,
     },
+    /// A formula in double precision.
+    Regression(Regression),
 }
 
 /// A feed-forward network and the scaling of its columns.
@@ -231,6 +234,10 @@ impl Surrogate {
         match &model {
             Model::Network(network) => validate_network(network, metadata.inputs.len(), metadata.outputs.len())?,
             Model::Series { instants, networks } => validate_series(instants, networks, &metadata)?,
+            Model::Regression(regression) => {
+                validate_scaling(&regression.scaling, metadata.inputs.len(), metadata.outputs.len())?;
+                regression.check()?;
+            }
         }
         Ok(Self { metadata, model, array_columns })
     }
@@ -274,7 +281,7 @@ impl Surrogate {
     pub fn network(&self) -> Option<&ScaledNetwork> {
         match &self.model {
             Model::Network(network) => Some(network),
-            Model::Series { .. } => None,
+            Model::Series { .. } | Model::Regression(_) => None,
         }
     }
 
@@ -456,7 +463,11 @@ fn columns_of(
 }
 
 fn validate_network(network: &ScaledNetwork, inputs: usize, outputs: usize) -> Result<(), FormatError> {
-    let ScaledNetwork { scaling, layers } = network;
+    validate_scaling(&network.scaling, inputs, outputs)?;
+    validate_layers(&network.layers, inputs, outputs)
+}
+
+fn validate_scaling(scaling: &Scaling, inputs: usize, outputs: usize) -> Result<(), FormatError> {
     for (name, column, expected) in [
         ("input_mean", &scaling.input_mean, inputs),
         ("input_scale", &scaling.input_scale, inputs),
@@ -469,7 +480,7 @@ fn validate_network(network: &ScaledNetwork, inputs: usize, outputs: usize) -> R
             expect_positive(name, column)?;
         }
     }
-    validate_layers(layers, inputs, outputs)
+    Ok(())
 }
 
 fn validate_series(instants: &[f64], networks: &[ScaledNetwork], metadata: &Metadata) -> Result<(), FormatError> {

@@ -14,7 +14,10 @@ mod run;
 
 use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, package::MODEL_FILE};
 use crate::Error;
-use metafmu_runtime::{FormatError, Surrogate};
+use metafmu_runtime::{
+    FormatError, Model, Surrogate,
+    regression::{Function, Regression},
+};
 use serde::Serialize;
 use std::{collections::HashSet, fmt, path::Path};
 
@@ -148,7 +151,11 @@ pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
     for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
         let Some(fmu) = load(path, &document.description, interface, &mut report) else { continue };
         behaviour::check(&fmu, &mut report);
-        derivatives::check(&fmu, &mut report);
+        if surrogate.as_ref().is_some_and(is_piecewise_constant) {
+            report.skipped("derivatives: the model inside jumps, between jumps they are 0");
+        } else {
+            derivatives::check(&fmu, &mut report);
+        }
         if let Some(surrogate) = &surrogate {
             prediction::check(&fmu, surrogate, &mut report);
             domain::check(&fmu, surrogate, &mut report);
@@ -169,6 +176,10 @@ pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
 fn nothing_run(mut report: Report) -> Report {
     report.skipped("the binary and what it computes: modelDescription.xml cannot be read");
     report
+}
+
+fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
+    matches!(surrogate.model(), Model::Regression(Regression { function: Function::Forest(_), .. }))
 }
 
 /// The surrogate inside, if there is one; a model file of another program is none of ours.

@@ -74,6 +74,7 @@ fn network(material: &Material) -> String {
     };
     match material.evaluated.surrogate.model() {
         Model::Network(_) => format!("A feed-forward network ({layers}) gives"),
+        Model::Regression(_) => "A baseline model gives".into(),
         Model::Series { instants, .. } => {
             format!(
                 "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",

@@ -28,7 +28,7 @@ pub fn section(material: &Material) -> Option<Section> {
         series: vec![Series::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
     };
     let text = match material.evaluated.surrogate.model() {
-        Model::Network(_) => format!(
+        Model::Network(_) | Model::Regression(_) => format!(
             "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
              of {}.",
             best.epoch,

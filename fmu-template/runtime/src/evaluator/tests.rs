@@ -132,6 +132,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::Series { instants, networks } => {
             return series_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
+        Model::Regression(_) => panic!("a network was expected"),
     };
     let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
@@ -361,6 +362,7 @@ fn no_hidden_value_is_ever_denormal() {
                 let hidden: Vec<f64> = match &scratch.memory {
                     Memory::Double(buffers) => buffers.hidden().collect(),
                     Memory::Single(buffers) => buffers.hidden().collect(),
+                    Memory::Regression(_) => Vec::new(),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }

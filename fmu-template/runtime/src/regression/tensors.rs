@@ -1,7 +1,10 @@
 //! Tensors of the model file; `format` says what they are.
 
-use super::{Forest, Function, KernelMachine, KernelMachines, Polynomial, Regression, Tree};
-use crate::format::{Tensor, bytes};
+use super::{Forest, Function, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
+use crate::{
+    FormatError, Scaling,
+    format::{Tensor, Views, bytes, elements, take},
+};
 use safetensors::Dtype;
 
 impl Regression {
@@ -22,6 +25,27 @@ impl Regression {
         });
         tensors
     }
+
+    /// The regression of these tensors; none if they are those of another kind of model.
+    pub(crate) fn read(tensors: &mut Views) -> Result<Option<Self>, FormatError> {
+        let function = if tensors.contains_key("polynomial.degrees") {
+            Function::Polynomial(read_polynomial(tensors)?)
+        } else if tensors.contains_key("forest.column") {
+            Function::Forest(read_forest(tensors)?)
+        } else if tensors.contains_key("kernel.bias") {
+            Function::Kernel(read_kernel(tensors)?)
+        } else {
+            return Ok(None);
+        };
+        let mut column = |name: &str| read_doubles(tensors, name, 1);
+        let scaling = Scaling {
+            input_mean: column("input_mean")?,
+            input_scale: column("input_scale")?,
+            output_mean: column("output_mean")?,
+            output_scale: column("output_scale")?,
+        };
+        Ok(Some(Self { scaling, function }))
+    }
 }
 
 fn polynomial_tensors(polynomial: &Polynomial, inputs: usize, outputs: usize) -> Vec<Tensor> {
@@ -30,6 +54,11 @@ fn polynomial_tensors(polynomial: &Polynomial, inputs: usize, outputs: usize) ->
         ("polynomial.degrees".into(), Dtype::U8, vec![terms, inputs], polynomial.degrees.clone()),
         doubles("polynomial.coefficients", vec![outputs, terms], &polynomial.coefficients),
     ]
+}
+
+fn read_polynomial(tensors: &mut Views) -> Result<Polynomial, FormatError> {
+    let degrees = take(tensors, "polynomial.degrees", Dtype::U8, 2)?.data().to_vec();
+    Ok(Polynomial { degrees, coefficients: read_doubles(tensors, "polynomial.coefficients", 2)? })
 }
 
 fn forest_tensors(forest: &Forest) -> Vec<Tensor> {
@@ -48,6 +77,24 @@ fn forest_tensors(forest: &Forest) -> Vec<Tensor> {
     ]
 }
 
+fn read_forest(tensors: &mut Views) -> Result<Forest, FormatError> {
+    let columns = read_indices(tensors, "forest.column", 1)?;
+    let numbers = read_doubles(tensors, "forest.number", 1)?;
+    let below = read_indices(tensors, "forest.below", 2)?;
+    let (roots, outputs) = (read_indices(tensors, "forest.root", 1)?, read_indices(tensors, "forest.output", 1)?);
+    let nodes = columns.len();
+    expect_length("forest.number", numbers.len(), nodes)?;
+    expect_length("forest.below", below.len(), 2 * nodes)?;
+    expect_length("forest.output", outputs.len(), roots.len())?;
+    let below = below.as_chunks::<2>().0;
+    let nodes = columns.into_iter().zip(numbers).zip(below);
+    let trees = roots.into_iter().zip(outputs);
+    Ok(Forest {
+        nodes: nodes.map(|((column, number), below)| Node { column, number, below: *below }).collect(),
+        trees: trees.map(|(root, output)| Tree { root, output }).collect(),
+    })
+}
+
 fn kernel_tensors(machines: &KernelMachines) -> Vec<Tensor> {
     let bias: Vec<f64> = machines.machines.iter().map(|machine| machine.bias).collect();
     let mut tensors = vec![doubles("kernel.bias", vec![bias.len()], &bias)];
@@ -60,10 +107,36 @@ fn kernel_tensors(machines: &KernelMachines) -> Vec<Tensor> {
     tensors
 }
 
+fn read_kernel(tensors: &mut Views) -> Result<KernelMachines, FormatError> {
+    let bias = read_doubles(tensors, "kernel.bias", 1)?;
+    let machine = |(output, bias)| {
+        let mut read = |what: &str, dimensions| read_doubles(tensors, &format!("kernel.{output}.{what}"), dimensions);
+        let (lengths, centres, weights) = (read("lengths", 1)?, read("centres", 2)?, read("weights", 1)?);
+        Ok(KernelMachine { lengths, centres, weights, bias })
+    };
+    let machines = bias.into_iter().enumerate().map(machine).collect::<Result<_, FormatError>>()?;
+    Ok(KernelMachines { machines })
+}
+
 fn doubles(name: &str, shape: Vec<usize>, values: &[f64]) -> Tensor {
     (name.into(), Dtype::F64, shape, bytes(values, f64::to_le_bytes))
 }
 
 fn indices(name: &str, shape: Vec<usize>, values: &[u32]) -> Tensor {
     (name.into(), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
+}
+
+fn read_doubles(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<f64>, FormatError> {
+    Ok(elements(take(tensors, name, Dtype::F64, dimensions)?.data(), f64::from_le_bytes))
+}
+
+fn read_indices(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<u32>, FormatError> {
+    Ok(elements(take(tensors, name, Dtype::U32, dimensions)?.data(), u32::from_le_bytes))
+}
+
+fn expect_length(name: &str, found: usize, expected: usize) -> Result<(), FormatError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(FormatError::Shape { name: name.into(), found: vec![found], expected: vec![expected] })
 }

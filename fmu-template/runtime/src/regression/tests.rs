@@ -1,5 +1,7 @@
 use super::*;
 
+use crate::{Evaluator, Model, Surrogate, example};
+
 fn scaling() -> Scaling {
     Scaling {
         input_mean: vec![0.15, 2.5, 1.0],
@@ -132,4 +134,71 @@ fn indices_that_point_at_nothing_are_refused() {
         "tensor `forest.output`, element 1: 2, expected less than 2"
     );
     assert!(broken(&|forest| forest.nodes[1].number = f64::NAN).contains("is not finite"));
+}
+
+/// The example with another model.
+fn surrogate(regression: Regression) -> Result<Surrogate, FormatError> {
+    Surrogate::new(example::surrogate().metadata().clone(), Model::Regression(regression))
+}
+
+#[test]
+fn a_file_gives_every_kind_back_and_the_same_bytes_again() {
+    for regression in [polynomial(), kernel(), forest()] {
+        let surrogate = surrogate(regression).unwrap().sealed().unwrap();
+        let bytes = surrogate.to_bytes().unwrap();
+        let again = Surrogate::from_bytes(&bytes).unwrap();
+        assert_eq!(again, surrogate);
+        assert_eq!(again.to_bytes().unwrap(), bytes);
+    }
+}
+
+#[test]
+fn a_surrogate_evaluates_as_its_regression_does() {
+    for regression in [polynomial(), kernel(), forest()] {
+        let expected = outputs(&regression, &POINT);
+        let evaluator = Evaluator::new(&surrogate(regression.clone()).unwrap());
+        let (mut scratch, mut found) = (evaluator.scratch(), [0.0; 2]);
+        evaluator.evaluate(&POINT, &mut found, &mut scratch);
+        assert_eq!(found, expected[..]);
+        evaluator.directional(&POINT, &[0.0, 0.0, 1.0], &mut found, &mut scratch);
+        let is_forest = matches!(regression.function, Function::Forest(_));
+        assert_eq!(found == [0.0; 2], is_forest);
+    }
+}
+
+#[test]
+fn no_damage_to_a_file_makes_reading_it_panic() {
+    for regression in [polynomial(), kernel(), forest()] {
+        let bytes = surrogate(regression).unwrap().to_bytes().unwrap();
+        for position in 0..bytes.len() {
+            for change in [0x01, 0x20, 0x80, 0xff] {
+                let mut damaged = bytes.clone();
+                damaged[position] ^= change;
+                let Ok(surrogate) = Surrogate::from_bytes(&damaged) else { continue };
+                let evaluator = Evaluator::new(&surrogate);
+                evaluator.evaluate(&POINT, &mut [0.0; 2], &mut evaluator.scratch());
+            }
+        }
+    }
+}
+
+#[test]
+fn tensors_that_do_not_fit_are_refused() {
+    let refused = |change: &dyn Fn(&mut Regression), regression: Regression| {
+        let mut regression = regression;
+        change(&mut regression);
+        surrogate(regression).unwrap_err().to_string()
+    };
+    let scale: &dyn Fn(&mut Regression) = &|regression| regression.scaling.input_scale[1] = 0.0;
+    assert_eq!(refused(scale, kernel()), "tensor `input_scale`, element 1: 0 is not positive");
+    let terms: &dyn Fn(&mut Regression) = &|regression| {
+        let Function::Polynomial(polynomial) = &mut regression.function else { unreachable!("a polynomial") };
+        polynomial.coefficients.pop();
+    };
+    assert_eq!(refused(terms, polynomial()), "tensor `polynomial.coefficients` has shape [9], expected [10]");
+    let length: &dyn Fn(&mut Regression) = &|regression| {
+        let Function::Kernel(machines) = &mut regression.function else { unreachable!("kernels") };
+        machines.machines[1].lengths[0] = -1.0;
+    };
+    assert_eq!(refused(length, kernel()), "tensor `kernel.1.lengths`, element 0: -1 is not positive");
 }
