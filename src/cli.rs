@@ -3,7 +3,7 @@
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use metafmu::{
     baseline::Kind,
-    source::{fmu::worker, systems::SYSTEMS},
+    source::{fmu::worker, shard::Shard, systems::SYSTEMS},
 };
 use std::path::PathBuf;
 
@@ -31,9 +31,11 @@ pub enum Command {
   metafmu new my-pendulum --system single-pendulum
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
+  metafmu new my-surrogate --table runs.csv
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
-FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.")]
+FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.
+Of a table, columns with one value in each run become parameters, the others outputs.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
@@ -46,6 +48,8 @@ Ctrl-C during training keeps the best network so far and goes on with it; presse
     #[command(after_help = "Examples:
   metafmu sample examples/single-pendulum.toml
   metafmu sample examples/single-pendulum.toml --dry-run > plan.csv
+  metafmu sample study.toml --out DIR --shard 3/8    # on one of eight machines that share DIR, or copy their files to it
+  metafmu sample study.toml --out DIR --merge        # when all are done: the tables are as if there had been no shards
 
 The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are
 the shorter plan; the first column of a printed plan says what a run is for.")]
@@ -142,6 +146,9 @@ pub struct NewArgs {
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", group = "source")]
     pub fmu: Option<PathBuf>,
+    /// Table of recorded runs: CSV with a row for each time of each run
+    #[arg(long, value_name = "FILE.csv", group = "source")]
+    pub table: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -164,6 +171,12 @@ pub struct SampleArgs {
     /// Print the parameters of every run as CSV instead, and write nothing
     #[arg(long, conflicts_with = "json")]
     pub dry_run: bool,
+    /// Simulate only this part of all runs, for instance 3/8, and write it to DIR/shard-3-of-8.bin
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Shard>,
+    /// Put the shards in DIR together, or those given, and write train.csv and test.csv
+    #[arg(long, value_name = "FILE", num_args = 0.., conflicts_with_all = ["shard", "dry_run"])]
+    pub merge: Option<Vec<PathBuf>>,
 }
 
 #[derive(Debug, Args)]

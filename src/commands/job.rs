@@ -11,7 +11,7 @@ use metafmu::{
     files,
     report::Evaluated,
     sampling::Sets,
-    source::Source,
+    source::{Source, shard::Shard},
     study::Study,
     surrogate,
 };
@@ -85,6 +85,16 @@ impl Job {
     /// Runs of a sampling that is not finished.
     pub fn journal(&self) -> PathBuf {
         self.folder.join("unfinished-runs.bin")
+    }
+
+    /// The same of one shard of it.
+    pub fn shard_journal(&self, Shard { number, of }: Shard) -> PathBuf {
+        self.folder.join(format!("unfinished-runs-{number}-of-{of}.bin"))
+    }
+
+    /// Where results go.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     pub fn model(&self) -> PathBuf {

@@ -1,6 +1,7 @@
 //! `metafmu new`: writes a commented study file.
 
 mod fmu;
+mod table;
 
 use super::{Outcome, print};
 use crate::cli::NewArgs;
@@ -12,10 +13,11 @@ use std::{
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
     let path = PathBuf::from(format!("{}.toml", args.name));
-    let text = match (&args.mechanism, &args.fmu) {
-        (Some(file), _) => of_mechanism(&args.name, file)?,
-        (None, Some(file)) => fmu::study(&args.name, file)?,
-        (None, None) => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
+    let text = match (&args.mechanism, &args.fmu, &args.table) {
+        (Some(file), _, _) => of_mechanism(&args.name, file)?,
+        (None, Some(file), _) => fmu::study(&args.name, file)?,
+        (None, None, Some(file)) => table::study(&args.name, file)?,
+        (None, None, None) => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
     };
     Study::parse(&text, &path)?;
     if path.exists() {

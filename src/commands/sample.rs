@@ -12,10 +12,14 @@ use metafmu::{
     dataset::Dataset,
     files,
     sampling::{Plan, Sets},
-    source::{Journal, Source, simulation::Outcome},
+    source::{
+        Journal, Simulation, Source,
+        shard::{self, Shard},
+        simulation::Outcome,
+    },
     table::header_field,
 };
-use std::{fmt::Write, time::Instant};
+use std::{fmt::Write, path::PathBuf, time::Instant};
 
 /// The sampled runs.
 pub struct Samples {
@@ -26,11 +30,17 @@ pub struct Samples {
 pub fn run(args: &SampleArgs) -> Result<super::Outcome> {
     let job = Job::new(&args.study)?;
     if args.dry_run {
-        print(&plan_table(&job)?)?;
+        print(&plan_table(&job, args.shard)?)?;
         return Ok(super::Outcome::Fine);
     }
     job.prepare_folder()?;
-    let samples = stage(&job)?;
+    if let Some(part) = args.shard {
+        return sample_shard(&job, part);
+    }
+    let samples = match &args.merge {
+        Some(files) => merge(&job, files)?,
+        None => stage(&job)?,
+    };
     if job.json {
         print_json(&samples.record)?;
     } else {
@@ -41,7 +51,7 @@ pub fn run(args: &SampleArgs) -> Result<super::Outcome> {
 }
 
 /// The plan as CSV: `set,run,<parameters>`.
-fn plan_table(job: &Job) -> Result<String> {
+fn plan_table(job: &Job, part: Option<Shard>) -> Result<String> {
     let plan = match &job.source {
         Source::Simulation(_) => Plan::new(&job.study),
         Source::Recorded(recorded) => {
@@ -52,8 +62,10 @@ fn plan_table(job: &Job) -> Result<String> {
     let names: String =
         job.source.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect();
     let mut text = format!("set,run{names}\n");
+    let mut position = 0..;
     for (set, points) in plan.named() {
-        for (run, point) in points.iter().enumerate() {
+        let with_position = points.iter().enumerate().zip(&mut position);
+        for ((run, point), _) in with_position.filter(|(_, position)| part.is_none_or(|part| part.has(*position))) {
             let values: String = point.iter().map(|value| format!(",{value:?}")).collect();
             // writing to a string does not fail
             let _ = writeln!(text, "{set},{run}{values}");
@@ -110,31 +122,115 @@ fn enough(sets: &Sets<Dataset>, failed: &[FailedRun]) -> Result<()> {
 /// Simulates every run of the study's plan, then writes the tables and their record.
 pub fn stage(job: &Job) -> Result<Samples> {
     let start = Instant::now();
-    let (mut journal, mut failed) = (None, Vec::new());
-    let (progress, sets) = match &job.source {
+    match &job.source {
         Source::Simulation(simulation) => {
             let plan = Plan::new(&job.study);
-            let progress = Progress::runs(plan.named().iter().map(|(_, points)| points.len()).sum());
-            let kept = simulation.journal(&job.journal(), &job.study)?;
-            if !kept.is_empty() {
-                progress.note(&format!("{} runs are there from a sampling that was not finished", kept.len()));
-            }
-            let points = plan.named().map(|(_, points)| points.as_slice()).concat();
-            let outcomes = simulation.run_all(&points, &kept, interrupt::flag(), || progress.advance(1))?;
-            failed = failures(job, &plan, &outcomes);
-            tell(job, &progress, &failed, points.len());
-            let mut outcomes = outcomes.into_iter();
-            let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
-            let sets = plan.try_map(next)?;
-            enough(&sets, &failed)?;
-            journal = Some(kept);
-            (progress, sets)
+            let points = all_points(&plan);
+            let journal = simulation.journal(&job.journal(), &job.study)?;
+            let (outcomes, progress) = run_points(simulation, &points, points.len(), &journal)?;
+            let (sets, failed) = sort(job, simulation, plan, outcomes, &progress)?;
+            let samples = write(job, sets, failed, start.elapsed().as_secs_f64(), &progress)?;
+            journal.remove()?;
+            Ok(samples)
         }
         Source::Recorded(recorded) => {
             let sets = recorded.sample(interrupt::flag())?;
-            (Progress::runs(sets.named().iter().map(|(_, dataset)| dataset.runs.len()).sum()), sets)
+            let progress = Progress::runs(sets.named().iter().map(|(_, dataset)| dataset.runs.len()).sum());
+            write(job, sets, Vec::new(), start.elapsed().as_secs_f64(), &progress)
         }
-    };
+    }
+}
+
+/// Simulates a part of the study's plan and writes its file.
+fn sample_shard(job: &Job, part: Shard) -> Result<super::Outcome> {
+    let start = Instant::now();
+    let simulation = simulated(job)?;
+    let all = all_points(&Plan::new(&job.study));
+    let points: Vec<Vec<f64>> = part.positions(all.len()).map(|position| all[position].clone()).collect();
+    let journal = simulation.journal(&job.shard_journal(part), &job.study)?;
+    let (outcomes, progress) = run_points(simulation, &points, all.len(), &journal)?;
+    let path = part.file(job.folder());
+    let seconds = start.elapsed().as_secs_f64();
+    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+    shard::write(&path, &job.study, part, &outcomes, seconds)?;
+    journal.remove()?;
+    progress.finish(&format!("sampled shard {part}: {} runs, {failed} failed, in {seconds:.2} s", points.len()));
+    if job.json {
+        print_json(&serde_json::json!({ "shard": path, "runs": points.len(), "failed_runs": failed }))?;
+    } else {
+        print(&format!("{}\n", path.display()))?;
+    }
+    Ok(super::Outcome::Fine)
+}
+
+/// Writes the tables from shards: those given, else those in the folder of results.
+fn merge(job: &Job, files: &[PathBuf]) -> Result<Samples> {
+    let simulation = simulated(job)?;
+    let plan = Plan::new(&job.study);
+    let points = all_points(&plan);
+    let files = if files.is_empty() { Shard::files(job.folder())? } else { files.to_vec() };
+    let (outcomes, seconds) = shard::merge(&files, job.folder(), &job.study, simulation, &points)?;
+    simulation.check_failures(&points, &outcomes)?;
+    let progress = Progress::runs(points.len());
+    let (sets, failed) = sort(job, simulation, plan, outcomes, &progress)?;
+    write(job, sets, failed, seconds, &progress)
+}
+
+fn simulated(job: &Job) -> Result<&Simulation> {
+    match &job.source {
+        Source::Simulation(simulation) => Ok(simulation),
+        Source::Recorded(_) => {
+            let message = "recorded runs are not simulated: there are no shards of them".to_owned();
+            Err(job.study.refuse(vec![("source".into(), message)]).expect_err("there is a problem"))
+        }
+    }
+}
+
+/// The points of all sets, one after the other.
+fn all_points(plan: &Plan) -> Vec<Vec<f64>> {
+    plan.named().map(|(_, points)| points.as_slice()).concat()
+}
+
+/// Runs points that are all or part of so many.
+fn run_points(
+    simulation: &Simulation,
+    points: &[Vec<f64>],
+    total: usize,
+    journal: &Journal,
+) -> Result<(Vec<Outcome>, Progress)> {
+    let progress = Progress::runs(points.len());
+    if !journal.is_empty() {
+        progress.note(&format!("{} runs are there from a sampling that was not finished", journal.len()));
+    }
+    let outcomes = simulation.run_all(points, total, journal, interrupt::flag(), || progress.advance(1))?;
+    Ok((outcomes, progress))
+}
+
+/// What came of the points of a plan, by set, and what failed.
+fn sort(
+    job: &Job,
+    simulation: &Simulation,
+    plan: Plan,
+    outcomes: Vec<Outcome>,
+    progress: &Progress,
+) -> Result<(Sets<Dataset>, Vec<FailedRun>)> {
+    let failed = failures(job, &plan, &outcomes);
+    tell(job, progress, &failed, outcomes.len());
+    let mut outcomes = outcomes.into_iter();
+    let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
+    let sets = plan.try_map(next)?;
+    enough(&sets, &failed)?;
+    Ok((sets, failed))
+}
+
+/// Writes the tables and their record.
+fn write(
+    job: &Job,
+    sets: Sets<Dataset>,
+    failed: Vec<FailedRun>,
+    sample_seconds: f64,
+    progress: &Progress,
+) -> Result<Samples> {
     let record = SamplesRecord {
         sampling_digest: job.study.sampling_digest(),
         train_runs: sets.train.runs.len(),
@@ -142,7 +238,7 @@ pub fn stage(job: &Job) -> Result<Samples> {
         test_runs: sets.test.runs.len(),
         test_rows: sets.test.row_count(),
         calibration_runs: sets.calibration.runs.len(),
-        sample_seconds: start.elapsed().as_secs_f64(),
+        sample_seconds,
         failed_runs: failed.len(),
         failed,
     };
@@ -157,7 +253,6 @@ pub fn stage(job: &Job) -> Result<Samples> {
         if dataset.runs.is_empty() { files::remove(&table)? } else { dataset.write_csv(&table)? }
     }
     files::write_json(&job.samples_record(), &record)?;
-    journal.map_or(Ok(()), Journal::remove)?;
     Ok(Samples { sets, record })
 }
 
@@ -167,9 +262,8 @@ pub fn simulate(job: &Job, points: &[Vec<f64>]) -> Result<Dataset> {
         let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());
         return Err(job.study.refuse(vec![problem]).expect_err("there is a problem"));
     };
-    let progress = Progress::runs(points.len());
     let journal = simulation.journal(&job.journal(), &job.study)?;
-    let outcomes = simulation.run_all(points, &journal, interrupt::flag(), || progress.advance(1))?;
+    let (outcomes, progress) = run_points(simulation, points, points.len(), &journal)?;
     let failure = outcomes.iter().find_map(|outcome| outcome.as_ref().err().cloned());
     let runs = simulation.dataset(outcomes);
     progress.finish(&format!("simulated {} of {} further runs", runs.runs.len(), points.len()));

@@ -183,7 +183,8 @@ fn samples(study: &Study, source: &Source, journal: &Path) -> Result<Dataset> {
     match source {
         Source::Simulation(simulation) => {
             let kept = simulation.journal(journal, study)?;
-            let outcomes = simulation.run_all(&Plan::new(study).train, &kept, interrupt::flag(), || ())?;
+            let points = Plan::new(study).train;
+            let outcomes = simulation.run_all(&points, points.len(), &kept, interrupt::flag(), || ())?;
             Ok(simulation.dataset(outcomes))
         }
         Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.train),

@@ -4,6 +4,7 @@ pub mod fmu;
 mod journal;
 mod point;
 pub mod recorded;
+pub mod shard;
 pub mod simulation;
 pub mod systems;
 

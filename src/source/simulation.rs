@@ -97,12 +97,12 @@ impl Simulation {
             Model::Equations(equations) => {
                 let outputs = equations.run(parameters, &self.times);
                 let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
-                Ok(self.made(parameters, outputs))
+                Ok(self.run_of(parameters, outputs))
             }
             Model::Fmu(model) => {
-                let mut outcomes = model.run_all(&[parameters.to_vec()], None, &AtomicBool::new(false), || ())?;
+                let mut outcomes = model.run_all(&[parameters.to_vec()], 1, None, &AtomicBool::new(false), || ())?;
                 let outputs = outcomes.pop().unwrap_or_else(|| Err("no run".into()));
-                Ok(self.made(parameters, outputs.map_err(|message| self.failure("the FMU", parameters, message))?))
+                Ok(self.run_of(parameters, outputs.map_err(|message| self.failure("the FMU", parameters, message))?))
             }
         }
     }
@@ -116,7 +116,8 @@ impl Simulation {
         list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name)))
     }
 
-    fn made(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
+    /// A run from its outputs, row by row.
+    pub fn run_of(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
         Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs }
     }
 
@@ -131,7 +132,7 @@ impl Simulation {
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
     /// from there. `done` is called after each run; when `stop` turns true, the rest is left out. Only runs of an FMU may
-    /// fail without an end to everything, and only some of them.
+    /// fail without an end to everything, and only a share of the `total` that the points are all or part of.
     ///
     /// # Errors
     /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`], [`Error::Io`] of the journal; of an FMU
@@ -139,13 +140,14 @@ impl Simulation {
     pub fn run_all(
         &self,
         points: &[Vec<f64>],
+        total: usize,
         journal: &Journal,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
     ) -> Result<Vec<Outcome>> {
         if let Model::Fmu(model) = &self.model {
-            let outcomes = model.run_all(points, Some(journal), stop, done)?;
-            let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.made(point, outputs));
+            let outcomes = model.run_all(points, total, Some(journal), stop, done)?;
+            let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
             return Ok(outcomes.into_iter().zip(points).map(made).collect());
         }
         let run = |point: &Vec<f64>| {
@@ -153,7 +155,7 @@ impl Simulation {
                 return Err(Error::Interrupted);
             }
             let run = match journal.get(point) {
-                Some(outputs) => self.made(point, outputs.to_vec()),
+                Some(outputs) => self.run_of(point, outputs.to_vec()),
                 None => {
                     let begin = Instant::now();
                     let run = self.run(point)?;
@@ -168,6 +170,17 @@ impl Simulation {
         };
         let outcomes: Vec<Result<Outcome>> = points.par_iter().map(run).collect();
         outcomes.into_iter().collect()
+    }
+
+    /// Refuses more failed runs than a plan may have.
+    ///
+    /// # Errors
+    /// [`Error::FailedRuns`].
+    pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[Outcome]) -> Result<()> {
+        let Model::Fmu(model) = &self.model else { return Ok(()) };
+        let failed = points.iter().zip(outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
+        let last = failed.clone().next_back();
+        last.map_or(Ok(()), |(point, reason)| model.check_failures(failed.count(), points.len(), point, reason))
     }
 
     /// Runs with the names of their columns; those that failed are left out.

@@ -189,6 +189,25 @@ def test_a_hanging_fmu_ends_with_the_program(folder, end):
     wait_for(lambda: not list((folder / "temporary").iterdir()))
 
 
+def test_shards_with_failed_runs_are_merged_as_if_they_were_one_sampling(folder):
+    # nothing hangs there
+    study = folder / "campaign.toml"
+    study.write_text(STUDY.replace("min = 0, max = 1,", "min = 0.56, max = 1,"))
+    assert sample(folder).returncode == 0
+    for number in (1, 2, 3):
+        assert sample(folder, "--shard", f"{number}/3", out="shards").returncode == 0
+    result = sample(folder, "--merge", out="shards")
+    assert result.returncode == 0 and "runs failed and are left out" in result.stderr
+    for name in ("train.csv", "test.csv"):
+        assert (folder / "shards" / name).read_bytes() == (folder / "out" / name).read_bytes()
+    failed = [json.loads((folder / out / "samples.json").read_text())["failed"] for out in ("out", "shards")]
+    assert failed[0] and failed[0] == failed[1]
+    # the share that may fail is one of all shards together
+    study.write_text(study.read_text().replace("max_failed = 0.5", "max_failed = 0.1"))
+    result = sample(folder, "--merge", out="shards")
+    assert result.returncode == 2 and "of 70 runs failed, at most 7 may" in result.stderr
+
+
 def test_a_search_leaves_failed_runs_out(folder):
     # nothing hangs there
     text = STUDY.replace("min = 0, max = 1,", "min = 0.6, max = 1,")

@@ -1,8 +1,10 @@
 """Recorded runs as pandas writes them in other countries and other layouts give the surrogate of the plain table."""
 
+import subprocess
+
 import pandas as pd
 import pytest
-from conftest import ROOT, metafmu
+from conftest import METAFMU, ROOT, metafmu
 
 OUTPUTS = ["theta", "psi"]
 PARAMETERS = ["crank_length", "theta0", "damping"]
@@ -80,3 +82,38 @@ def test_a_value_that_pandas_left_out_is_named(runs, tmp_path):
     assert result.returncode == 2
     assert "runs.csv:9: column `psi`: is empty, expected a finite number" in result.stderr
     assert not (tmp_path / "out" / "train.csv").exists()
+
+
+def test_a_study_is_written_from_a_table(tmp_path):
+    rows = ["run;t;Rod.Length [m];mass;Tip.Angle [rad];on"]
+    for run in range(12):
+        for step in range(5):
+            time, length, angle = (str(x).replace(".", ",") for x in (0.25 * step, 1 + 0.125 * run, 0.5 * step + run))
+            rows.append(f"r{run};{time};{length};3;{angle};{step % 2}")
+    (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n")
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("new", "x", "--table", "runs.csv")
+    assert result.returncode == 0, result.stderr
+    text = (tmp_path / "x.toml").read_text()
+    for line in [
+        'columns = { time = "t", Rod_Length = "Rod.Length", Tip_Angle = "Tip.Angle" }',
+        "stop = 1.0 ",
+        "step = 0.25 ",
+        'Rod_Length = { min = 1.0, max = 2.375, unit = "m" }',
+        "# mass is always 3",
+        'Tip_Angle = { unit = "rad" }',
+        "on = {}",
+    ]:
+        assert line in text, text
+    result = run("sample", "x.toml", "--out", "out")
+    assert result.returncode == 0, result.stderr
+    # without labels a time that does not come after the one before begins a run
+    (tmp_path / "plain.csv").write_text("\n".join(row.partition(";")[2] for row in rows) + "\n")
+    assert run("new", "plain", "--table", "plain.csv").returncode == 0
+    body = lambda name: (tmp_path / name).read_text().partition("[time]")[2]
+    assert body("plain.toml") == body("x.toml")
+    # nothing to learn from
+    (tmp_path / "flat.csv").write_text("run,time,a,y\n0,0,1,2\n0,1,1,3\n1,0,1,2\n1,1,1,3\n")
+    result = run("new", "flat", "--table", "flat.csv")
+    assert result.returncode == 2 and "flat.csv:1: no column has one value in each run and others in other runs" in result.stderr
+    assert not (tmp_path / "flat.toml").exists()

@@ -83,7 +83,8 @@ impl FmuModel {
     }
 
     /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up.
+    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up. How many runs may fail
+    /// is a share of `total`, of which the points may be a part.
     ///
     /// # Errors
     /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Worker`] if the FMU cannot be loaded,
@@ -91,6 +92,7 @@ impl FmuModel {
     pub fn run_all(
         &self,
         points: &[Vec<f64>],
+        total: usize,
         journal: Option<&Journal>,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
@@ -111,7 +113,7 @@ impl FmuModel {
                 missing: &missing,
                 next: AtomicUsize::new(0),
                 failed: AtomicUsize::new(0),
-                allowed: (self.max_failed * points.len() as f64).floor() as usize,
+                total,
                 journal,
                 stop,
                 halt: AtomicBool::new(false),
@@ -125,6 +127,23 @@ impl FmuModel {
     }
 }
 
+impl FmuModel {
+    /// Refuses more failed runs than may be; the last one had parameters and a reason.
+    ///
+    /// # Errors
+    /// [`Error::FailedRuns`].
+    pub fn check_failures(&self, failed: usize, total: usize, point: &[f64], reason: &str) -> Result<()> {
+        let (share, reason) = (self.max_failed, reason.to_owned());
+        let allowed = (share * total as f64).floor() as usize;
+        if failed <= allowed {
+            return Ok(());
+        }
+        let names = self.task.variables.iter();
+        let parameters = super::list(names.zip(point).map(|(name, value)| format!("{name} = {value}")));
+        Err(Error::FailedRuns { failed, total, allowed, share, parameters, reason })
+    }
+}
+
 /// Runs on their way.
 struct Campaign<'a> {
     model: &'a FmuModel,
@@ -134,7 +153,8 @@ struct Campaign<'a> {
     missing: &'a [usize],
     next: AtomicUsize,
     failed: AtomicUsize,
-    allowed: usize,
+    /// Runs of the whole plan.
+    total: usize,
     journal: Option<&'a Journal>,
     stop: &'a AtomicBool,
     /// Another thread met an error.
@@ -206,16 +226,8 @@ impl Campaign<'_> {
             };
         }
         let failed = self.failed.fetch_add(1, Ordering::Relaxed) + 1;
-        if failed > self.allowed {
-            let Self { points, allowed, .. } = *self;
-            let (total, share, parameters) = (points.len(), self.model.max_failed, self.named(point));
-            return Err(Error::FailedRuns { failed, total, allowed, share, parameters, reason });
-        }
+        self.model.check_failures(failed, self.total, point, &reason)?;
         Ok(Some(Err(reason)))
-    }
-
-    fn named(&self, point: &[f64]) -> String {
-        super::list(self.model.task.variables.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
     }
 
     /// A process that has loaded the FMU; none if the program is to stop.
