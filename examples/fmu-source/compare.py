@@ -11,7 +11,7 @@ import json
 import subprocess
 from pathlib import Path
 
-from build import HERE, build_c, build_python, python_environment
+from make_fmus import HERE, build_c, build_python, python_environment
 
 
 def make(folder):

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 sys.path.insert(0, str(ROOT / "examples" / "fmu-source"))
-import build
+import make_fmus
 
 # where faulty.c goes wrong: range of k[1], and how
 FAULTS = [
@@ -60,7 +60,7 @@ def fault(k1):
 
 @pytest.fixture()
 def folder(tmp_path):
-    build.build_c(ROOT / "tests" / "data" / "faulty" / "faulty.c", tmp_path / "faulty.fmu")
+    make_fmus.build_c(ROOT / "tests" / "data" / "faulty" / "faulty.c", tmp_path / "faulty.fmu")
     (tmp_path / "campaign.toml").write_text(STUDY)
     # what a campaign unpacks is looked for here
     (tmp_path / "temporary").mkdir()
@@ -260,7 +260,7 @@ def expect_same(found, expected, names):
 
 
 def test_an_oscillator_of_c_becomes_a_surrogate_that_takes_its_place(tmp_path):
-    fmu = build.build_c(ROOT / "examples" / "fmu-source" / "van-der-pol" / "van_der_pol.c", tmp_path / "van_der_pol.fmu")
+    fmu = make_fmus.build_c(ROOT / "examples" / "fmu-source" / "van-der-pol" / "van_der_pol.c", tmp_path / "van_der_pol.fmu")
     surrogate, metrics = surrogate_of(fmu, tmp_path)
     assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
     found = variables(surrogate)
@@ -283,7 +283,7 @@ def test_an_oscillator_of_c_becomes_a_surrogate_that_takes_its_place(tmp_path):
 
 
 def test_an_fmi_3_fmu_with_an_input_and_an_array_keeps_them(tmp_path):
-    fmu = build.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", tmp_path / "chain.fmu")
+    fmu = make_fmus.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", tmp_path / "chain.fmu")
     surrogate, metrics = surrogate_of(fmu, tmp_path, **{"# constants = { NAME = VALUE }": "constants = { mass = 2 }"})
     assert read_model_description(surrogate).fmiVersion == "3.0"
     assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
@@ -304,8 +304,8 @@ def test_an_fmi_3_fmu_with_an_input_and_an_array_keeps_them(tmp_path):
 
 def test_a_pendulum_of_mujoco_becomes_a_surrogate(tmp_path):
     """PythonFMU around MuJoCo: nobody here wrote the simulator, nor what makes an FMU of it."""
-    fmu = build.build_python(ROOT / "examples" / "fmu-source" / "pendulum.py", tmp_path)
-    surrogate, metrics = surrogate_of(fmu, tmp_path, build.python_environment(), runs=60, **{"epochs = 150": "epochs = 60"})
+    fmu = make_fmus.build_python(ROOT / "examples" / "fmu-source" / "pendulum.py", tmp_path)
+    surrogate, metrics = surrogate_of(fmu, tmp_path, make_fmus.python_environment(), runs=60, **{"epochs = 150": "epochs = 60"})
     assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
     expect_same(variables(surrogate), variables(fmu), ["upper.length", "damping"])
     assert float(variables(surrogate)["upper.angle0"].start) == 1.2
@@ -343,6 +343,6 @@ def test_variables_that_cannot_be_used_are_refused_with_the_reason(folder):
     source.write_text("extern int nowhere;\nint *fmi2GetVersion = &nowhere;\n")
     description = (ROOT / "tests" / "data" / "faulty" / "modelDescription.xml").read_text()
     (folder / "modelDescription.xml").write_text(description.replace('"faulty"', '"broken"'))
-    build.build_c(source, folder / "faulty.fmu")
+    make_fmus.build_c(source, folder / "faulty.fmu")
     result = sample(folder)
     assert result.returncode == 2 and "undefined symbol: nowhere" in result.stderr, result.stderr

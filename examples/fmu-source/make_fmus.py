@@ -1,6 +1,6 @@
 """Builds the FMUs of this folder for 64-bit Linux: two of C with the compiler `cc`, one of PythonFMU around MuJoCo.
 
-Usage: build.py FOLDER
+Usage: make_fmus.py FOLDER
 """
 
 import os
