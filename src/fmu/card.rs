@@ -4,12 +4,12 @@
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
 use crate::{
     evaluation::Accuracy,
-    html::{escape, number},
+    html::{activation, escape, number},
     report::Drawn,
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Activation, Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
+    Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
     regression::{Function, Regression},
 };
 
@@ -154,15 +154,7 @@ fn model(surrogate: &Surrogate) -> String {
         Model::Regression(regression) => return size(regression),
     };
     let hidden: Vec<String> = layers.iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
-    let activation = match metadata.activation {
-        Activation::Tanh => "tanh",
-        Activation::Sigmoid => "sigmoid",
-        Activation::Relu => "ReLU",
-        Activation::Gelu => "GELU",
-        Activation::Silu => "SiLU",
-        Activation::Sine => "sine",
-        Activation::Identity => "linear",
-    };
+    let activation = activation(metadata.activation);
     let precision = match metadata.precision {
         Precision::Double => "double precision",
         Precision::Single => "single precision (source code in double)",

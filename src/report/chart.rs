@@ -399,9 +399,7 @@ fn draw_numbered(area: &Area, points: &[(usize, (i32, i32))], ink: Ink) -> Drawn
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as i32, height as i32);
     let mut taken: Vec<(i32, i32)> = Vec::new();
-    let style = ("sans-serif", 12.0 * 1.24 * f64::from(SCALE)).into_font().color(&WHITE);
-    let style = style.pos(Pos::new(HPos::Center, VPos::Center));
-    for &(number, (x, y)) in points {
+    for &(_, (x, y)) in points {
         let inside = |x: i32, y: i32| (radius..=width - radius).contains(&x) && (radius..=height - radius).contains(&y);
         let free = |&(x, y): &(i32, i32)| {
             inside(x, y) && taken.iter().all(|(u, v)| (x - u).pow(2) + (y - v).pow(2) > (2 * radius + 2 * unit).pow(2))
@@ -413,8 +411,14 @@ fn draw_numbered(area: &Area, points: &[(usize, (i32, i32))], ink: Ink) -> Drawn
         });
         let place = spiral.into_iter().find(free).unwrap_or((x, y));
         taken.push(place);
-        area.draw(&PathElement::new(vec![(x, y), place], Ink::Black.stroke(2)))?;
-        area.draw(&Circle::new((x, y), 3 * unit, Ink::Black.fill(1.0)))?;
+    }
+    for (&(_, point), &place) in points.iter().zip(&taken) {
+        area.draw(&PathElement::new(vec![point, place], Ink::Black.stroke(2)))?;
+        area.draw(&Circle::new(point, 3 * unit, Ink::Black.fill(1.0)))?;
+    }
+    let style = ("sans-serif", 13.0 * 1.24 * f64::from(SCALE)).into_font().color(&WHITE);
+    let style = style.pos(Pos::new(HPos::Center, VPos::Center));
+    for ((number, _), &place) in points.iter().zip(&taken) {
         area.draw(&Circle::new(place, radius, ink.fill(1.0)))?;
         area.draw_text(&number.to_string(), &style, place)?;
     }

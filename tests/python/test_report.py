@@ -14,7 +14,7 @@ DESKTOP, PHONE = (1200, 900), (390, 844)
 FIGURES = {
     "single-pendulum": ["density-theta", "histogram-thetadd", "median-theta", "worst-thetad", "cases-theta", "phase-worst-theta",
                         "path-median-mass", "error-time-theta", "error-L-relative", "worst-L-c", "sensitivity-theta",
-                        "training-loss", "training-rate", "beside-left-theta", "beside-right-worst-thetadd"],
+                        "training-loss", "training-rate", "coverage-theta", "models-predict", "beside-left-theta", "beside-right-worst-thetadd"],
     "double-pendulum": ["density-theta2d", "phase-median-theta1", "path-worst-lower_mass", "worst-L1-theta2d0"],
     "slider-crank": ["density-xB", "phase-worst-xB", "phase-median-phi", "path-worst-crank_pin", "error-L_over_r-relative-2"],
 }
@@ -61,6 +61,7 @@ def reports(tmp_path_factory):
         out = folder / example
         for verb in ("sample", "train"):
             metafmu(verb, study, "--out", out)
+        metafmu("compare", study, "--out", out, "--model", "ridge", "--model", "lasso", "--model", "decision-tree")
         extra = []
         if example == "single-pendulum":
             other = small(example, out, ("hidden = [128, 128]", "hidden = [8]"), ('"single-pendulum"    # names', '"other"    # names'))

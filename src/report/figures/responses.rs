@@ -44,12 +44,13 @@ fn cases(order: &[usize]) -> Vec<usize> {
 pub fn response(evaluated: &Evaluated, run: usize, column: usize, prefix: &str) -> Figure {
     let (name, unit) = output(evaluated, column);
     let (truth, prediction) = curves(evaluated, run, column);
+    let mut values: Vec<f64> = truth.iter().chain(&prediction).map(|point| point[1]).collect();
     let mut series = Vec::new();
     if let Some(bound) = evaluated.bound(column) {
-        let band = prediction.iter().map(|&[t, y]| [t, y - bound, y + bound]).collect();
+        let band: Vec<[f64; 3]> = prediction.iter().map(|&[t, y]| [t, y - bound, y + bound]).collect();
+        values.extend(band.iter().flat_map(|&[_, low, high]| [low, high]));
         series.push(Series::named("error bound", Ink::Sky, Shape::Band(band)));
     }
-    let values: Vec<f64> = truth.iter().chain(&prediction).map(|point| point[1]).collect();
     series.push(Series::named("truth", Ink::Black, Shape::Line(truth)));
     series.push(Series::named("prediction", Ink::Vermilion, Shape::Line(prediction)));
     let chart = Chart { x: time_axis(evaluated, run), y: Axis::linear(name, unit, values), series };

@@ -3,9 +3,10 @@
 use super::{Block, Material, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
     evaluation::{Accuracy, OutputMetrics},
+    html,
     study::NetworkOptions,
 };
-use metafmu_runtime::{Activation, Model, Role};
+use metafmu_runtime::{Model, Role};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -59,15 +60,7 @@ pub fn summary(material: &Material) -> Section {
 fn network(material: &Material) -> String {
     let NetworkOptions { hidden, activation, .. } = &material.study.network;
     let hidden: Vec<String> = hidden.iter().map(usize::to_string).collect();
-    let activation = match activation {
-        Activation::Tanh => "tanh",
-        Activation::Sigmoid => "sigmoid",
-        Activation::Relu => "ReLU",
-        Activation::Gelu => "GELU",
-        Activation::Silu => "SiLU",
-        Activation::Sine => "sine",
-        Activation::Identity => "linear",
-    };
+    let activation = html::activation(*activation);
     let layers = match hidden.as_slice() {
         [] => "no hidden layer".into(),
         hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),
