@@ -1,6 +1,6 @@
 //! Gradient boosting: trees that each correct the sum of those before.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows, at_least, expect, for_each_output, knn::interleave, svr::matrix};
+use crate::{Baseline, Fitted, LibraryModel, Rows, at_least, expect, for_each_output, svr::matrix};
 use serde::{Deserialize, Serialize};
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
@@ -69,6 +69,12 @@ impl Baseline for GradientBoosting {
             .chain(at_least("rows", self.rows, 2))
             .collect()
     }
+}
+
+/// Columns as rows.
+fn interleave(columns: &[Vec<f64>]) -> Vec<f64> {
+    let rows = columns.first().map_or(0, Vec::len);
+    (0..rows).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
 }
 
 #[cfg(test)]

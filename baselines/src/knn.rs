@@ -1,14 +1,10 @@
 //! k nearest neighbours.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows, at_least, for_each_output, svr::matrix};
-use rayon::prelude::*;
+use crate::{Baseline, Fitted, LibraryModel, Rows, at_least};
 use serde::{Deserialize, Serialize};
 use smartcore::{
-    metrics::distance::Distances,
-    neighbors::{
-        KNNWeightFunction,
-        knn_regressor::{KNNRegressor, KNNRegressorParameters},
-    },
+    algorithm::neighbour::cover_tree::CoverTree,
+    metrics::distance::{Distances, euclidian::Euclidian},
 };
 
 /// `[baselines.knn]`: the mean of the nearest training rows, weighted by the inverse of their distance in standardised
@@ -34,25 +30,19 @@ impl Baseline for Knn {
     }
 
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
-        let inputs = rows.inputs;
-        let x = matrix(rows.len(), inputs, rows.x.clone())?;
-        let fitted = for_each_output(rows, |output| {
-            let parameters = KNNRegressorParameters::default()
-                .with_k(self.neighbours)
-                .with_distance(Distances::euclidian())
-                .with_weight(KNNWeightFunction::Distance);
-            KNNRegressor::fit(&x, &rows.output(output), parameters).map_err(|error| error.to_string())
-        })?;
+        let (inputs, outputs, neighbours) = (rows.inputs, rows.outputs, self.neighbours);
+        let points = rows.x.chunks(inputs).map(<[f64]>::to_vec).collect();
+        // smartcore's regressor would search once for each output
+        let tree = CoverTree::new(points, Distances::euclidian()).map_err(|error| error.to_string())?;
+        let memory_bytes = (size_of_val(rows.x.as_slice()) + size_of_val(rows.y.as_slice())) as u64;
+        let y = rows.y.clone();
         let predict = move |x: &[f64]| {
-            let x = matrix(x.len() / inputs, inputs, x.to_vec())?;
-            let one = |regressor: &KNNRegressor<f64, f64, _, Vec<f64>, _>| regressor.predict(&x);
-            let outputs: Result<Vec<Vec<f64>>, _> = fitted.iter().map(one).collect();
-            Ok(interleave(&outputs.map_err(|error| error.to_string())?))
+            let at = |point: &[f64]| mean(&tree, point, neighbours, &y, outputs);
+            x.chunks(inputs).map(at).collect::<Result<Vec<Vec<f64>>, String>>().map(|rows| rows.concat())
         };
         Ok(Fitted::Library(LibraryModel {
             predict: Box::new(predict),
-            // each output's regressor keeps the rows
-            memory_bytes: (rows.outputs * rows.len() * (inputs + 1) * size_of::<f64>()) as u64,
+            memory_bytes,
             not_exportable: "an FMU of it would carry every training row and search them in each step",
         }))
     }
@@ -63,10 +53,24 @@ impl Baseline for Knn {
     }
 }
 
-/// Columns as rows.
-pub(super) fn interleave(columns: &[Vec<f64>]) -> Vec<f64> {
-    let rows = columns.first().map_or(0, Vec::len);
-    (0..rows).into_par_iter().flat_map_iter(|row| columns.iter().map(move |column| column[row])).collect()
+/// Mean outputs of the nearest rows, weighted by the inverse of their distance; of rows at the very point only those count.
+fn mean(
+    tree: &CoverTree<Vec<f64>, Euclidian<f64>>,
+    point: &[f64],
+    neighbours: usize,
+    y: &[f64],
+    outputs: usize,
+) -> Result<Vec<f64>, String> {
+    let nearest = tree.find(&point.to_vec(), neighbours).map_err(|error| error.to_string())?;
+    let at_the_point = nearest.iter().any(|(_, distance, _)| *distance == 0.0);
+    let (mut sum, mut weights) = (vec![0.0; outputs], 0.0);
+    for (row, distance, _) in nearest {
+        let weight = if at_the_point { f64::from(u8::from(distance == 0.0)) } else { 1.0 / distance };
+        weights += weight;
+        sum.iter_mut().zip(&y[row * outputs..]).for_each(|(sum, y)| *sum += weight * y);
+    }
+    sum.iter_mut().for_each(|sum| *sum /= weights);
+    Ok(sum)
 }
 
 #[cfg(test)]
