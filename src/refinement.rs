@@ -12,13 +12,14 @@ use rayon::prelude::*;
 /// Points among which one is chosen, for each that is wanted.
 const CANDIDATES: usize = 30;
 
-/// Parameter values of the next runs of a study, whose runs so far are `dataset`; `asked` points were given here before, some of
-/// whose runs may have failed. The same study, surrogate and runs give the same points.
+/// Parameter values of the next runs of a study, whose runs so far are `dataset`; runs at the points `failed` have failed, and
+/// `asked` points were given here before. The same study, surrogate and runs give the same points.
 pub fn next_points(
     study: &Study,
     target: &TargetOptions,
     surrogate: &Surrogate,
     dataset: &Dataset,
+    failed: &[Vec<f64>],
     asked: usize,
 ) -> Vec<Vec<f64>> {
     let count = target.runs.min(target.max_runs.saturating_sub(dataset.runs.len()));
@@ -29,8 +30,12 @@ pub fn next_points(
     // a stretch of the stream of its own for each round
     let candidates = uniform(study, asked * CANDIDATES, count * CANDIDATES);
     let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, &ranges)).collect::<Vec<_>>();
-    let runs: Vec<Vec<f64>> = dataset.runs.iter().map(|run| unit_cube(&run.parameters, &ranges)).collect();
-    let chosen = choose(&runs, &errors(surrogate, dataset), &places(&candidates), count);
+    let (mut runs, mut errors) = (Vec::new(), errors(surrogate, dataset));
+    runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, &ranges)));
+    // nothing is to be gained where runs fail
+    runs.extend(places(failed));
+    errors.resize(runs.len(), 0.0);
+    let chosen = choose(&runs, &errors, &places(&candidates), count);
     chosen.into_iter().map(|index| candidates[index].clone()).collect()
 }
 

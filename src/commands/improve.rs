@@ -7,8 +7,8 @@ use super::{
     train::{self, TrainingRecord},
 };
 use metafmu::{
-    Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, study::TargetOptions,
-    surrogate,
+    Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, sampling::Plan,
+    study::TargetOptions, surrogate,
 };
 use metafmu_runtime::Surrogate;
 use std::{io::Write, path::Path};
@@ -46,6 +46,7 @@ pub fn stage(
     }
     let validation = held_out(&job.study, planned);
     let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::new(), None, 0);
+    let mut failed = failures(Plan::new(&job.study).train, planned);
     let trained = loop {
         let round = job.round(rounds.len());
         round.prepare_folder()?;
@@ -61,9 +62,15 @@ pub fn stage(
         if is_last {
             break trained;
         }
-        let points = next_points(&job.study, target, &trained, &dataset, asked);
+        let points = next_points(&job.study, target, &trained, &dataset, &failed, asked);
         asked += points.len();
-        dataset.runs.extend(simulate(&round, &points)?.runs);
+        let added = simulate(&round, &points, dataset.runs.len() + points.len())?;
+        if added.runs.is_empty() {
+            eprintln!("no further run can be added: the training ends short of the target");
+            break trained;
+        }
+        failed.extend(failures(points, &added));
+        dataset.runs.extend(added.runs);
         start = Some(trained);
     };
     let trained = train::with_bounds(trained, Some(calibration), &job.study)?;
@@ -83,18 +90,26 @@ pub fn stage(
     Ok((trained, record))
 }
 
-/// The runs of these points: those a killed training has simulated already, or new ones.
-fn simulate(round: &Job, points: &[Vec<f64>]) -> Result<Dataset> {
+/// The runs of these points: those a killed training has simulated already, or new ones. There will be `total` with those
+/// before.
+fn simulate(round: &Job, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let path = round.table("added");
     let (parameters, outputs) = (round.source.parameters(), round.source.outputs());
     if let Ok(kept) = Dataset::read_csv(&path, parameters, outputs)
-        && kept.runs.iter().map(|run| &run.parameters).eq(points)
+        && !kept.runs.is_empty()
+        && failures(points.to_vec(), &kept).len() + kept.runs.len() == points.len()
     {
         return Ok(kept);
     }
-    let runs = sample::simulate(round, points)?;
+    let runs = sample::simulate(round, points, total)?;
     runs.write_csv(&path)?;
     Ok(runs)
+}
+
+/// The points whose runs are not there, because they failed; the others' are in the order of the points.
+fn failures(points: Vec<Vec<f64>>, made: &Dataset) -> Vec<Vec<f64>> {
+    let mut made = made.runs.iter().peekable();
+    points.into_iter().filter(|point| made.next_if(|run| run.parameters == *point).is_none()).collect()
 }
 
 fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {

@@ -256,22 +256,22 @@ fn write(
     Ok(Samples { sets, record })
 }
 
-/// Simulates further runs, those of the given points; runs of an FMU may fail, but not all of them.
-pub fn simulate(job: &Job, points: &[Vec<f64>]) -> Result<Dataset> {
+/// Simulates further runs, those of the given points, after which there are `total`. Of an FMU's as many may fail as of a plan
+/// of all of them.
+pub fn simulate(job: &Job, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let Source::Simulation(simulation) = &job.source else {
         let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());
         return Err(job.study.refuse(vec![problem]).expect_err("there is a problem"));
     };
     let journal = simulation.journal(&job.journal(), &job.study)?;
-    let (outcomes, progress) = run_points(simulation, points, points.len(), &journal)?;
-    let failure = outcomes.iter().find_map(|outcome| outcome.as_ref().err().cloned());
+    let (outcomes, progress) = run_points(simulation, points, total, &journal)?;
+    if let Some(reason) = outcomes.iter().find_map(|outcome| outcome.as_ref().err()) {
+        let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+        progress
+            .warn(&format!("{failed} of {} further runs failed and are left out, the first: {reason}", points.len()));
+    }
     let runs = simulation.dataset(outcomes);
     progress.finish(&format!("simulated {} of {} further runs", runs.runs.len(), points.len()));
     journal.remove()?;
-    match failure {
-        Some(reason) if runs.runs.is_empty() => {
-            Err(Error::Worker { message: format!("all {} further runs failed: {reason}", points.len()) })
-        }
-        _ => Ok(runs),
-    }
+    Ok(runs)
 }

@@ -221,6 +221,28 @@ def test_a_search_leaves_failed_runs_out(folder):
     assert subprocess.run([METAFMU, "sample", "out/campaign-best.toml"], cwd=folder, env=environment(folder)).returncode == 0
 
 
+def test_runs_that_fail_do_not_keep_a_target_from_being_pursued(folder):
+    # nothing hangs there
+    text = STUDY.replace("min = 0, max = 1,", "min = 0.56, max = 1,").replace("test_runs = 10", "test_runs = 20")
+    study = folder / "campaign.toml"
+    study.write_text(text + "[target]\nr2 = 0.9999999\nruns = 20\nmax_runs = 85\n")
+    build = lambda: subprocess.run([METAFMU, "build", study], cwd=folder, env=environment(folder), capture_output=True, text=True)
+    result = build()
+    assert result.returncode == 1 and "no more runs allowed" in result.stderr, result.stderr
+    rounds = rows(folder / "out" / "campaign" / "rounds.csv")
+    failed = 60 - int(rounds[0]["runs"])
+    assert failed > 0 and int(rounds[-1]["runs"]) == 85
+    # some of those added failed, too
+    assert any(20 > int(after["runs"]) - int(before["runs"]) > 0 for before, after in zip(rounds, rounds[1:-1])), rounds
+    added = rows(folder / "out" / "campaign" / "added.csv")
+    assert len({row["run"] for row in added}) == 85 - 60 + failed
+    assert not any(fault(float(row["rod.k[1]"])) for row in added)
+    # more than may
+    study.write_text(study.read_text().replace("max_failed = 0.5", "max_failed = 0.02"))
+    result = build()
+    assert result.returncode == 2 and "runs failed, at most 1 may (source.max_failed = 0.02)" in result.stderr, result.stderr
+
+
 # ---- Surrogates that take the place of their FMUs -------------------------------------------------------------------
 
 
