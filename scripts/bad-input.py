@@ -155,6 +155,7 @@ SECTIONS = {
         "another unit than the FMU's": of_fmu("x0 = {}", 'x0 = { unit = "m" }'),
         "a parameter that is constant as well": of_fmu("[time]", "constants = { mu = 1 }\n[time]"),
         "a step that does not divide that between rows": of_fmu("[time]", "step = 0.3\n[time]"),
+        "a tolerance that is none": of_fmu("[time]", "tolerance = 1\n[time]"),
         "a share of failed runs that is none": of_fmu("[time]", "max_failed = 10\n[time]"),
         "a time limit without an FMU": study("[time]", "time_limit = 10\n[time]"),
     },

@@ -270,7 +270,7 @@ pub enum FmiArg {
 pub enum InterfaceArg {
     /// Co-simulation
     Cs,
-    /// Model exchange, of FMUs without continuous states
+    /// Model exchange: continuous states are integrated here, events are located
     Me,
 }
 
@@ -307,6 +307,9 @@ pub struct SimulateArgs {
     /// Communication step size in seconds [default: the FMU's, else a 500th of the run]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub step_size: Option<f64>,
+    /// Model exchange: tolerance of a step, relative to each state and to its nominal value [default: the FMU's, else 1e-8]
+    #[arg(long, value_name = "TOLERANCE", value_parser = tolerance)]
+    pub tolerance: Option<f64>,
     /// CSV file to write [default: stdout, unless there is a plot]
     #[arg(long, value_name = "FILE.csv")]
     pub output: Option<PathBuf>,
@@ -319,6 +322,11 @@ fn name_and_value(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
     let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
     Ok((name.trim().to_owned(), number))
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| (1e-13..=0.1).contains(number));
+    number.ok_or_else(|| "expected a number from 1e-13 to 0.1".into())
 }
 
 fn tuple_and_file(text: &str) -> Result<(String, PathBuf), String> {

@@ -147,16 +147,13 @@ pub enum Error {
         /// What was needed.
         expected: String,
     },
-    /// An FMU for model exchange has states or event indicators, and there is no solver for them.
-    #[error(
-        "model exchange with {states} continuous states and {indicators} event indicators needs an integrator, which is \
-         not built in: run the FMU for co-simulation, or in another host"
-    )]
-    NeedsIntegrator {
-        /// Number of continuous states.
-        states: usize,
-        /// Number of event indicators.
-        indicators: usize,
+    /// An FMU that is run by model exchange cannot be integrated.
+    #[error("model exchange failed at {time} s: {message}")]
+    Integration {
+        /// When.
+        time: f64,
+        /// What is wrong.
+        message: String,
     },
     /// A platform that there is no library for in this program.
     #[error(

@@ -20,6 +20,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         start: args.start_time,
         stop: args.stop_time,
         step: args.step_size,
+        tolerance: args.tolerance,
         start_values: args.start.clone(),
         inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
         record: Vec::new(),

@@ -630,10 +630,22 @@ impl ModelDescription {
 
     /// Number of continuous states.
     pub fn state_count(&self) -> usize {
+        self.elements(&self.structure.derivatives)
+    }
+
+    /// Number of event indicators, those of arrays included.
+    pub fn indicator_count(&self) -> usize {
+        match self.fmi_version {
+            FmiVersion::V2 => self.event_indicators,
+            FmiVersion::V3 => self.elements(&self.structure.event_indicators),
+        }
+    }
+
+    fn elements(&self, unknowns: &[Unknown]) -> usize {
         let size = |unknown: &Unknown| {
             let shape = self.variables.get(unknown.variable).and_then(|variable| self.shape(variable));
-            shape.map_or(1, |shape| shape.iter().product::<u64>() as usize)
+            shape.map_or(1, |shape| shape.into_iter().fold(1, u64::saturating_mul) as usize)
         };
-        self.structure.derivatives.iter().map(size).sum()
+        unknowns.iter().map(size).fold(0, usize::saturating_add)
     }
 }

@@ -266,15 +266,19 @@ impl Study {
     }
 
     fn fmu_problems(&self, problems: &mut Problems) {
-        let SourceOptions { fmu, step, time_limit, retries, max_failed, .. } = self.source.clone();
+        let SourceOptions { fmu, step, tolerance, time_limit, retries, max_failed, .. } = self.source.clone();
         let keys = [
             ("step", step.is_some()),
+            ("tolerance", tolerance.is_some()),
             ("time_limit", time_limit.is_some()),
             ("retries", retries.is_some()),
             ("max_failed", max_failed.is_some()),
         ];
         for (key, _) in keys.into_iter().filter(|(_, given)| *given && fmu.is_none()) {
             problems.add(&format!("source.{key}"), "belongs to `fmu`".into());
+        }
+        if let Some(tolerance) = tolerance.filter(|tolerance| !(1e-13..=0.1).contains(tolerance)) {
+            problems.add("source.tolerance", format!("{tolerance}, expected a number from 1e-13 to 0.1"));
         }
         if let Some(limit) = time_limit {
             problems.expect_positive("source.time_limit", limit);

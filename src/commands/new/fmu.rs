@@ -5,7 +5,7 @@ use metafmu::{
     Error, Result,
     fmu::{
         ModelDescription,
-        host::describe,
+        host::{InterfaceKind, describe},
         model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable},
     },
     source::fmu::variables::{elements, range, recordable, varied},
@@ -24,7 +24,7 @@ const AROUND: f64 = 0.1;
 const LISTED: usize = 40;
 
 pub fn study(name: &str, file: &Path) -> Result<String> {
-    let (description, _) = describe(file, None)?;
+    let (description, interface) = describe(file, None)?;
     let (parameters, outputs) = (parameters(&description), outputs(&description));
     let what = match (&parameters, outputs.is_empty()) {
         (None, _) => "neither a real parameter with a start value nor an input with a range: there is nothing to vary",
@@ -39,6 +39,13 @@ pub fn study(name: &str, file: &Path) -> Result<String> {
     let communication = communication_step.map_or(String::new(), |step| {
         format!("step = {step:?}                # s, between two communication points; what the FMU suggests\n")
     });
+    // the FMU's own method integrates else
+    let integration = match interface {
+        InterfaceKind::CoSimulation => "",
+        InterfaceKind::ModelExchange => {
+            "# tolerance = 1e-8          # of the integration, relative to the states; the FMU's else\n"
+        }
+    };
     let text = format!(
         "# Made by `metafmu new {name} --fmu {file}`; build it with `metafmu build {name}.toml`.
 
@@ -48,7 +55,7 @@ seed = 1                    # everything random follows from it
 
 [source]
 fmu = {}    # relative to this file
-{communication}# time_limit = 60           # s; a run that takes longer, crashes or fails
+{communication}{integration}# time_limit = 60           # s; a run that takes longer, crashes or fails
 # retries = 1               # is tried again so often, then left out and reported
 # max_failed = 0.1          # share of the runs that may fail
 # constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else

@@ -91,6 +91,30 @@ impl Instance<'_> {
         })
     }
 
+    /// The event indicators.
+    ///
+    /// # Errors
+    /// [`Error::Fmi`](crate::Error::Fmi).
+    pub fn get_event_indicators(&self, indicators: &mut [f64]) -> Result<()> {
+        let function = self.exchange("GetEventIndicators")?.get_event_indicators;
+        self.call("GetEventIndicators", |component| {
+            // SAFETY: as for `call`; the array has the length that is passed
+            unsafe { function(component, indicators.as_mut_ptr(), indicators.len()) }
+        })
+    }
+
+    /// Nominal values of the continuous states.
+    ///
+    /// # Errors
+    /// [`Error::Fmi`](crate::Error::Fmi).
+    pub fn get_nominals(&self, nominals: &mut [f64]) -> Result<()> {
+        let function = self.exchange("GetNominalsOfContinuousStates")?.get_nominals;
+        self.call("GetNominalsOfContinuousStates", |component| {
+            // SAFETY: as for `call`; the array has the length that is passed
+            unsafe { function(component, nominals.as_mut_ptr(), nominals.len()) }
+        })
+    }
+
     /// Updates the discrete states at an event.
     ///
     /// # Errors

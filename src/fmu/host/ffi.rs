@@ -58,6 +58,8 @@ pub struct ExchangeFunctions {
     pub set_continuous_states: SetReals,
     pub get_continuous_states: GetReals,
     pub get_derivatives: GetReals,
+    pub get_event_indicators: GetReals,
+    pub get_nominals: GetReals,
 }
 
 /// Finds functions in the library of the FMU at `path`.

@@ -253,6 +253,8 @@ impl ModelExchange {
                     set_continuous_states: finder.required("fmi2SetContinuousStates")?,
                     get_continuous_states: finder.required("fmi2GetContinuousStates")?,
                     get_derivatives: finder.required("fmi2GetDerivatives")?,
+                    get_event_indicators: finder.required("fmi2GetEventIndicators")?,
+                    get_nominals: finder.required("fmi2GetNominalsOfContinuousStates")?,
                 },
                 new_discrete_states: finder.required("fmi2NewDiscreteStates")?,
                 completed_integrator_step: finder.required("fmi2CompletedIntegratorStep")?,

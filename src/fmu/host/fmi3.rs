@@ -289,6 +289,8 @@ impl ModelExchange {
                     set_continuous_states: finder.required("fmi3SetContinuousStates")?,
                     get_continuous_states: finder.required("fmi3GetContinuousStates")?,
                     get_derivatives: finder.required("fmi3GetContinuousStateDerivatives")?,
+                    get_event_indicators: finder.required("fmi3GetEventIndicators")?,
+                    get_nominals: finder.required("fmi3GetNominalsOfContinuousStates")?,
                 },
                 update_discrete_states: finder.required("fmi3UpdateDiscreteStates")?,
                 completed_integrator_step: finder.required("fmi3CompletedIntegratorStep")?,

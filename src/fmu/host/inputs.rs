@@ -59,8 +59,11 @@ impl Inputs {
         Ok(inputs)
     }
 
-    /// The variables that are set, in the order of the names.
-    pub(super) fn variables<'a>(&self, description: &'a ModelDescription) -> Result<Vec<&'a ScalarVariable>> {
+    /// The inputs with the variables of a description that they set.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`], [`Error::Variable`] if one is no input.
+    pub(in crate::fmu) fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<Driver<'a>> {
         let find = |name: &String| {
             let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
                 name: name.clone(),
@@ -72,28 +75,97 @@ impl Inputs {
             }
             Ok(variable)
         };
-        self.names.iter().map(find).collect()
+        Ok(Driver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
     }
 
-    /// Sets the variables to their values at a time; just after it, if there is a jump.
-    pub(super) fn set(&self, instance: &Instance, variables: &[&ScalarVariable], time: f64) -> Result<()> {
-        for (column, variable) in variables.iter().enumerate() {
-            let continuous = variable.variability == Variability::Continuous;
-            instance.set_numbers(variable, &[self.value(column, time, continuous)])?;
+    fn rows_until(&self, time: f64) -> usize {
+        self.times.partition_point(|row| *row <= time)
+    }
+
+    /// The value at a time that lies behind so many rows.
+    fn value(&self, column: usize, time: f64, rows: usize, continuous: bool) -> f64 {
+        let before = rows.saturating_sub(1);
+        let from = self.rows[before][column];
+        if !continuous || rows == 0 || rows == self.times.len() {
+            return from;
+        }
+        let share = (time - self.times[before]) / (self.times[rows] - self.times[before]);
+        from + share * (self.rows[rows][column] - from)
+    }
+}
+
+/// Inputs and the variables they set.
+#[derive(Debug)]
+pub struct Driver<'a> {
+    inputs: &'a Inputs,
+    variables: Vec<&'a ScalarVariable>,
+}
+
+/// Sets nothing.
+pub static NO_INPUTS: Driver = Driver {
+    inputs: {
+        static NONE: Inputs = Inputs { names: Vec::new(), times: Vec::new(), rows: Vec::new() };
+        &NONE
+    },
+    variables: Vec::new(),
+};
+
+impl Driver<'_> {
+    /// How many rows there are up to a time.
+    pub fn rows_until(&self, time: f64) -> usize {
+        self.inputs.rows_until(time)
+    }
+
+    /// Time of the first row behind so many.
+    pub fn next_row(&self, rows: usize) -> Option<f64> {
+        self.inputs.times.get(rows).copied()
+    }
+
+    /// Sets all variables to their values at a time behind so many rows.
+    pub fn set(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+        self.set_some(instance, time, rows, |_| true)
+    }
+
+    /// Sets the continuous ones, which is all that may be set between events.
+    pub fn set_continuous(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+        self.set_some(instance, time, rows, is_continuous)
+    }
+
+    fn set_some(
+        &self,
+        instance: &Instance,
+        time: f64,
+        rows: usize,
+        which: impl Fn(&ScalarVariable) -> bool,
+    ) -> Result<()> {
+        for (column, variable) in self.variables.iter().enumerate().filter(|(_, variable)| which(variable)) {
+            instance.set_numbers(variable, &[self.inputs.value(column, time, rows, is_continuous(variable))])?;
         }
         Ok(())
     }
 
-    fn value(&self, column: usize, time: f64, continuous: bool) -> f64 {
-        let after = self.times.partition_point(|row| *row <= time);
-        let before = after.saturating_sub(1);
-        let from = self.rows[before][column];
-        if !continuous || after == 0 || after == self.times.len() {
-            return from;
-        }
-        let share = (time - self.times[before]) / (self.times[after] - self.times[before]);
-        from + share * (self.rows[after][column] - from)
+    /// Whether a continuous variable changes from the last of so many rows to the next.
+    pub fn vary(&self, rows: usize) -> bool {
+        let of = &self.inputs.rows;
+        let changes = |(column, variable): (usize, &&ScalarVariable)| {
+            is_continuous(variable) && of[rows - 1][column] != of[rows][column]
+        };
+        (1..of.len()).contains(&rows) && self.variables.iter().enumerate().any(changes)
     }
+
+    /// Whether a variable has one value before the rows from `before` up to `after`, which have one time, and another after.
+    pub fn jump(&self, before: usize, after: usize) -> bool {
+        let of = &self.inputs.rows;
+        let jumps = |(column, variable): (usize, &&ScalarVariable)| {
+            let last = if is_continuous(variable) { before } else { before.saturating_sub(1) };
+            of[last][column] != of[after - 1][column]
+        };
+        self.variables.iter().enumerate().any(jumps)
+    }
+}
+
+fn is_continuous(variable: &ScalarVariable) -> bool {
+    variable.variability == Variability::Continuous
 }
 
 #[cfg(test)]
@@ -118,8 +190,27 @@ mod tests {
             (2.5, 45.0, 40.0),
             (9.0, 50.0, 50.0),
         ] {
-            assert_eq!(inputs.value(0, time, true), continuous, "{time}");
-            assert_eq!(inputs.value(0, time, false), held, "{time}");
+            assert_eq!(inputs.value(0, time, inputs.rows_until(time), true), continuous, "{time}");
+            assert_eq!(inputs.value(0, time, inputs.rows_until(time), false), held, "{time}");
+        }
+    }
+
+    #[test]
+    fn a_jump_of_a_continuous_variable_needs_two_rows_and_one_of_a_discrete_one_a_change() {
+        let inputs = read("time,u\n1,10\n2,20\n2,40\n3,40\n4,50\n").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = crate::fmu::testing::fmu_with_input(folder.path(), crate::fmu::FmiVersion::V3);
+        let (description, _) = crate::fmu::host::describe(&path, None).unwrap();
+        for (variability, jumps, varies) in [
+            (Variability::Continuous, [false, true, false, false], [false, true, false, true, false]),
+            (Variability::Discrete, [false, true, false, true], [false; 5]),
+        ] {
+            let mut variable = description.variable("speed").unwrap().clone();
+            variable.variability = variability;
+            let driver = Driver { inputs: &inputs, variables: vec![&variable] };
+            let found = [(0, 1), (1, 3), (3, 4), (4, 5)].map(|(before, after)| driver.jump(before, after));
+            assert_eq!(found, jumps);
+            assert_eq!([0, 1, 3, 4, 5].map(|rows| driver.vary(rows)), varies);
         }
     }
 

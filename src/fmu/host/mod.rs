@@ -12,6 +12,7 @@ mod fmi3;
 mod grid;
 mod inputs;
 mod instance;
+mod integrator;
 mod journal;
 pub mod process;
 mod recorder;
@@ -28,7 +29,12 @@ pub use journal::LogMessage;
 pub use recorder::{Column, element_names};
 pub use simulate::{SimulationOptions, Table, simulate};
 pub use state::State;
-pub(super) use {grid::Grid, recorder::Recorder, simulate::exchange_step};
+pub(super) use {
+    grid::Grid,
+    inputs::NO_INPUTS,
+    integrator::{Exchange, Place},
+    recorder::Recorder,
+};
 
 use super::{
     Archive, ModelDescription, Platform,

@@ -1,6 +1,6 @@
 //! A whole run of one FMU.
 
-use super::{Grid, Inputs, Instance, InterfaceKind, Recorder, Step, recorder::Column};
+use super::{Exchange, Grid, Inputs, Instance, InterfaceKind, Recorder, Step, recorder::Column};
 use crate::{
     Error, Result,
     fmu::model_description::{Causality, ScalarVariable, Variability, VariableType},
@@ -15,6 +15,9 @@ pub struct SimulationOptions {
     pub stop: Option<f64>,
     /// Communication step size; else the FMU's, else a 500th of the whole.
     pub step: Option<f64>,
+    /// Model exchange: tolerance of a step, relative to each state and to its nominal value; else that of the FMU's default
+    /// experiment, else 1e-8.
+    pub tolerance: Option<f64>,
     /// Values that variables start with, by name: 0 or 1 for a boolean.
     pub start_values: Vec<(String, f64)>,
     /// Inputs that change over time.
@@ -43,29 +46,26 @@ pub struct Table {
 /// Step `i` begins at `start + i * step`, with no accumulation of rounding; a last partial step reaches `stop`. Inputs
 /// are set at every communication point before the outputs are read there, so that outputs follow inputs without delay.
 ///
-/// In model exchange the communication points are where the outputs are evaluated, and time events in between are
-/// handled. Only FMUs without continuous states and event indicators are run: there is no integrator here.
+/// In model exchange the communication points are where the outputs are evaluated. In between, the continuous states are
+/// integrated, and events are handled where they happen: time events, state events, step events, jumps of inputs. The row
+/// of an event is what is there after it.
 ///
 /// # Errors
 /// - [`Error::Experiment`]: the times make no simulation, or need a partial step the FMU cannot do;
 /// - [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be;
-/// - [`Error::NeedsIntegrator`]: model exchange with states or event indicators;
+/// - [`Error::Integration`]: model exchange that cannot be integrated, or has no end of events;
 /// - [`Error::Fmi`]: the FMU failed.
 pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Table> {
     let fmu = instance.fmu();
     let exchange = fmu.interface() == InterfaceKind::ModelExchange;
-    let (states, indicators) = (fmu.description().state_count(), fmu.description().event_indicators);
-    if exchange && (states > 0 || indicators > 0) {
-        return Err(Error::NeedsIntegrator { states, indicators });
-    }
     let grid = Grid::new(fmu, options)?;
     let recorder = Recorder::new(instance, &options.record, options.record_only)?;
-    let driven = options.inputs.variables(fmu.description())?;
+    let inputs = options.inputs.drive(fmu.description())?;
     for (name, value) in &options.start_values {
         set_start(instance, name, *value)?;
     }
     let (start, stop) = (grid.time(0), grid.time(grid.steps()));
-    let set_inputs = |time: f64| options.inputs.set(instance, &driven, time);
+    let set_inputs = |time: f64| inputs.set(instance, time, inputs.rows_until(time));
     if !exchange {
         set_inputs(start)?;
     }
@@ -77,10 +77,11 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
     instance.exit_initialization_mode()?;
 
     let mut table = Table { columns: recorder.columns.clone(), times: Vec::new(), rows: Vec::new(), terminated: false };
-    let mut next_event = None;
+    let mut integration = None;
     if exchange {
-        let events = instance.settle_events()?;
-        (table.terminated, next_event) = (events.terminate, events.next_event_time);
+        let (run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
+        table.terminated = begun != Step::Done;
+        integration = Some(run);
     }
     table.times.push(start);
     table.rows.push(recorder.row()?);
@@ -89,54 +90,24 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
             break;
         }
         let time = grid.time(step + 1);
-        let reached = if exchange {
-            exchange_step(instance, time, &mut next_event)?
-        } else {
-            instance.do_step(grid.time(step), grid.size(step))?
+        let reached = match &mut integration {
+            Some(run) => run.advance(time)?,
+            None => instance.do_step(grid.time(step), grid.size(step))?,
         };
-        table.terminated = reached != Step::Done;
         match reached {
             Step::Done => {
-                set_inputs(time)?;
+                if !exchange {
+                    set_inputs(time)?;
+                }
                 table.times.push(time);
             }
             Step::Terminated { time } => table.times.push(time),
         }
+        table.terminated = reached != Step::Done;
         table.rows.push(recorder.row()?);
     }
     instance.terminate()?;
     Ok(table)
-}
-
-/// Goes on to a time in Continuous-Time Mode, through the time events before it.
-pub fn exchange_step(instance: &Instance, time: f64, next_event: &mut Option<f64>) -> Result<Step> {
-    while let Some(event) = next_event.filter(|event| *event <= time) {
-        instance.set_time(event)?;
-        instance.enter_event_mode()?;
-        let states = instance.settle_events()?;
-        if states.terminate {
-            return Ok(Step::Terminated { time: event });
-        }
-        // an event that stays where it was would be handled for ever
-        *next_event = states.next_event_time.filter(|next| *next > event);
-    }
-    instance.set_time(time)?;
-    let needed = instance.fmu().description().model_exchange.as_ref();
-    if needed.is_some_and(|exchange| exchange.needs_completed_integrator_step) {
-        let completed = instance.completed_integrator_step()?;
-        if completed.enter_event_mode && !completed.terminate {
-            instance.enter_event_mode()?;
-            let states = instance.settle_events()?;
-            *next_event = states.next_event_time;
-            if states.terminate {
-                return Ok(Step::Terminated { time });
-            }
-        }
-        if completed.terminate {
-            return Ok(Step::Terminated { time });
-        }
-    }
-    Ok(Step::Done)
 }
 
 /// Sets a start value before initialization.

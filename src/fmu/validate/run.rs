@@ -5,7 +5,7 @@ use crate::{
     Result,
     fmu::{
         Fmu, Instance, InterfaceKind,
-        host::{Grid, Recorder, SimulationOptions, Step, exchange_step},
+        host::{Exchange, Grid, NO_INPUTS, Place, Recorder, SimulationOptions, Step},
     },
 };
 use std::ops::Range;
@@ -17,8 +17,8 @@ const MAX_STEPS: usize = 1000;
 pub struct Run<'a> {
     pub instance: &'a Instance<'a>,
     experiment: &'a Grid,
-    /// Model exchange: when the FMU wants an event.
-    next_event: Option<f64>,
+    /// Model exchange.
+    exchange: Option<Exchange<'a>>,
 }
 
 impl<'a> Run<'a> {
@@ -32,11 +32,11 @@ impl<'a> Run<'a> {
         let (start, stop) = (experiment.time(0), experiment.time(experiment.steps()));
         instance.enter_initialization_mode(start, (stop > start).then_some(stop))?;
         instance.exit_initialization_mode()?;
-        let mut next_event = None;
+        let mut exchange = None;
         if instance.fmu().interface() == InterfaceKind::ModelExchange {
-            next_event = instance.settle_events()?.next_event_time;
+            exchange = Some(Exchange::start(instance, &NO_INPUTS, None, start)?.0);
         }
-        Ok(Self { instance, experiment, next_event })
+        Ok(Self { instance, experiment, exchange })
     }
 
     /// The outputs now.
@@ -46,10 +46,10 @@ impl<'a> Run<'a> {
 
     /// Goes on by one step of the experiment.
     pub fn step(&mut self, index: usize) -> Result<Step> {
-        if self.instance.fmu().interface() == InterfaceKind::ModelExchange {
-            return exchange_step(self.instance, self.experiment.time(index + 1), &mut self.next_event);
+        match &mut self.exchange {
+            Some(run) => run.advance(self.experiment.time(index + 1)),
+            None => self.instance.do_step(self.experiment.time(index), self.experiment.size(index)),
         }
-        self.instance.do_step(self.experiment.time(index), self.experiment.size(index))
     }
 
     /// Rows after each step, up to that in which the FMU ends the simulation.
@@ -66,14 +66,16 @@ impl<'a> Run<'a> {
         Ok(rows)
     }
 
-    /// What a state of the FMU does not hold: when the host is to handle the next event.
-    pub fn next_event(&self) -> Option<f64> {
-        self.next_event
+    /// What a state of the FMU does not hold: where the host is in model exchange.
+    pub fn place(&self) -> Option<Place> {
+        self.exchange.as_ref().map(|run| run.place().clone())
     }
 
     /// Back to where the instance was put.
-    pub fn rewind(&mut self, next_event: Option<f64>) {
-        self.next_event = next_event;
+    pub fn rewind(&mut self, place: Option<Place>) {
+        if let (Some(run), Some(place)) = (&mut self.exchange, place) {
+            run.rewind(place);
+        }
     }
 }
 

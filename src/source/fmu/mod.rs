@@ -67,6 +67,7 @@ impl FmuModel {
         task.path = path.to_owned();
         task.interface = interface;
         task.stop = study.time.stop;
+        task.tolerance = options.tolerance;
         // of whole steps, so that the last one ends at the stop time
         task.steps_per_row = options.step.map_or(1, |step| (study.time.step / step).round() as usize);
         task.step = study.time.stop / (rows * task.steps_per_row) as f64;

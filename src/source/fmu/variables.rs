@@ -33,6 +33,7 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
         interface: InterfaceKind::CoSimulation,
         stop: 0.0,
         step: 0.0,
+        tolerance: None,
         steps_per_row: 1,
         variables: Vec::new(),
         is_input: Vec::new(),

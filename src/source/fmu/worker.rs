@@ -43,6 +43,8 @@ pub struct Task {
     pub stop: f64,
     /// Communication step size.
     pub step: f64,
+    /// Tolerance of model exchange.
+    pub tolerance: Option<f64>,
     /// Communication steps from one row to the next.
     pub steps_per_row: usize,
     /// What is set: the parameters, whose values come with each run, then the constants. Inputs are set at every step.
@@ -123,6 +125,7 @@ fn run(fmu: &Fmu, task: &Task, mut values: Vec<f64>) -> std::result::Result<Vec<
         start: Some(0.0),
         stop: Some(task.stop),
         step: Some(task.step),
+        tolerance: task.tolerance,
         start_values: set().filter_map(|(setting, is_input)| (!is_input).then_some(setting)).collect(),
         inputs: Inputs { names, times: vec![0.0], rows: vec![row] },
         record: task.recorded.clone(),
