@@ -58,11 +58,11 @@ fn overview(models: &[ModelRow]) -> Block {
         };
         let separator = if status.is_empty() || note.is_empty() { "" } else { ": " };
         vec![
-            format!("{}. {}", index + 1, code(model)),
+            format!("<span class=\"whole\">{}. {}</span>", index + 1, code(model)),
             or_none(misfit(row).map(number)),
-            or_none(predict_seconds_per_point.map(|seconds| format!("{} µs", number(1e6 * seconds)))),
-            or_none(fit_seconds.map(|seconds| format!("{} s", number(seconds)))),
-            or_none(memory_bytes.map(|bytes| format!("{} kB", number(bytes as f64 / 1e3)))),
+            or_none(predict_seconds_per_point.map(|seconds| format!("{}\u{a0}µs", number(1e6 * seconds)))),
+            or_none(fit_seconds.map(|seconds| format!("{}\u{a0}s", number(seconds)))),
+            or_none(memory_bytes.map(|bytes| format!("{}\u{a0}kB", number(bytes as f64 / 1e3)))),
             rows.to_string(),
             if *exportable { "yes" } else { "no" }.into(),
             format!("{status}{separator}{}", escape(note)),
