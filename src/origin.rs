@@ -3,7 +3,9 @@
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::{
+    borrow::Cow,
     fmt,
+    ops::Range,
     path::{Path, PathBuf},
 };
 use toml::{Spanned, de::DeTable, de::DeValue};
@@ -48,13 +50,11 @@ impl Origin {
 
     /// Reads the text as a `T`; syntax errors, unknown keys and wrong types are located.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
-        let deserializer = toml::Deserializer::parse(&self.text).map_err(|error| self.toml_error(&error, ""))?;
-        serde_path_to_error::deserialize(deserializer).map_err(|error| {
-            let key = match error.path().to_string() {
-                root if root == "." => String::new(),
-                key => key,
-            };
-            self.toml_error(error.inner(), &key)
+        toml::from_str(&self.text).map_err(|error: toml::de::Error| {
+            let span = error.span().unwrap_or(0..0);
+            let (line, message) = (self.line_at(span.start), error.message().replace('\n', ", "));
+            let problem = Problem { path: self.path.clone(), line, key: self.key_at(&span), message };
+            Error::Study { problems: vec![problem] }
         })
     }
 
@@ -70,24 +70,10 @@ impl Origin {
         Err(Error::Study { problems: problems.into_iter().map(locate).collect() })
     }
 
-    fn toml_error(&self, error: &toml::de::Error, key: &str) -> Error {
-        let span = error.span().unwrap_or(0..0);
-        // for an unknown key the path ends at its table; the span is the key itself
-        let unknown = error.message().starts_with("unknown field");
-        let last = self.text.get(span.clone()).filter(|_| unknown).map(str::trim);
-        let key = match last {
-            Some(last) if key.split('.').next_back() != Some(last) => {
-                if key.is_empty() {
-                    last.to_owned()
-                } else {
-                    format!("{key}.{last}")
-                }
-            }
-            _ => key.to_owned(),
-        };
-        let message = error.message().replace('\n', ", ");
-        let problem = Problem { path: self.path.clone(), line: self.line_at(span.start), key, message };
-        Error::Study { problems: vec![problem] }
+    /// Dotted key of the innermost name or value that the span lies in; empty if there is none, or if the text is no TOML.
+    fn key_at(&self, span: &Range<usize>) -> String {
+        let root = DeTable::parse(&self.text).ok();
+        root.and_then(|root| innermost(root.get_ref(), "", span)).map_or(String::new(), |(_, key)| key)
     }
 
     /// Byte offset of the longest part of a dotted key that is in the text.
@@ -111,6 +97,37 @@ impl Origin {
     fn line_at(&self, offset: usize) -> usize {
         self.text.get(..offset).map_or(1, |before| before.matches('\n').count() + 1)
     }
+}
+
+/// The shortest span of a name or value in the table that `span` lies in: its length and its dotted key.
+fn innermost(table: &DeTable, prefix: &str, span: &Range<usize>) -> Option<(usize, String)> {
+    let separator = if prefix.is_empty() { "" } else { "." };
+    let of_entry = |(name, value): (&Spanned<_>, &Spanned<DeValue>)| {
+        let key = format!("{prefix}{separator}{}", Spanned::<Cow<str>>::get_ref(name));
+        let by_name = around(&name.span(), span).map(|length| (length, key.clone()));
+        by_name.into_iter().chain(innermost_of_value(value, &key, span)).min_by_key(|(length, _)| *length)
+    };
+    table.iter().filter_map(of_entry).min_by_key(|(length, _)| *length)
+}
+
+fn innermost_of_value(value: &Spanned<DeValue>, key: &str, span: &Range<usize>) -> Option<(usize, String)> {
+    let inner = match value.get_ref() {
+        DeValue::Table(table) => innermost(table, key, span),
+        DeValue::Array(elements) => {
+            let elements = elements.iter().enumerate();
+            let of_element = |(index, element)| innermost_of_value(element, &format!("{key}[{index}]"), span);
+            elements.filter_map(of_element).min_by_key(|(length, _)| *length)
+        }
+        _ => None,
+    };
+    // tables with a heading do not enclose their entries, so both are asked; of the same span the inner one counts
+    let own = around(&value.span(), span).map(|length| (length, key.to_owned()));
+    inner.into_iter().chain(own).min_by_key(|(length, _)| *length)
+}
+
+/// Length of `outer` if `inner` lies in it.
+fn around(outer: &Range<usize>, inner: &Range<usize>) -> Option<usize> {
+    (outer.start <= inner.start && inner.end <= outer.end).then_some(outer.len())
 }
 
 /// Whether `key` is `name` or goes on with a dot after it.
