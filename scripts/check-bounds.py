@@ -64,13 +64,28 @@ def network(path: Path):
     layers = sum(key.endswith(".weight") for key in tensors)
 
     def predict(inputs: np.ndarray) -> np.ndarray:
-        z = (inputs - tensors["input_mean"]) / tensors["input_scale"]
+        z = (encoded(inputs, metadata["inputs"]) - tensors["input_mean"]) / tensors["input_scale"]
         for layer in range(layers):
             z = z @ tensors[f"layers.{layer}.weight"].T + tensors[f"layers.{layer}.bias"]
             z = activation(z) if layer < layers - 1 else z
         return tensors["output_mean"] + tensors["output_scale"] * z
 
     return metadata, predict
+
+
+def encoded(rows: np.ndarray, inputs: list) -> np.ndarray:
+    """The columns that the inputs' values become."""
+    columns = []
+    for x, column in zip(rows.T, inputs):
+        encoding = column.get("encoding", "plain")
+        if encoding == "plain":
+            columns.append(x)
+        elif encoding == "periodic":
+            angle = 2 * np.pi * (x - column["min"]) / (column["max"] - column["min"])
+            columns += [np.sin(angle), np.cos(angle)]
+        else:
+            columns += [(x == value).astype(float) for value in encoding["nominal"]]
+    return np.stack(columns, axis=1)
 
 
 if __name__ == "__main__":

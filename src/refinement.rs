@@ -26,12 +26,11 @@ pub fn next_points(
     if !target.adaptive {
         return go_on(study, asked, count);
     }
-    let ranges: Vec<(f64, f64)> = study.parameters.values().map(|parameter| (parameter.min, parameter.max)).collect();
     // a stretch of the stream of its own for each round
     let candidates = uniform(study, asked * CANDIDATES, count * CANDIDATES);
-    let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, &ranges)).collect::<Vec<_>>();
+    let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, study)).collect::<Vec<_>>();
     let (mut runs, mut errors) = (Vec::new(), errors(surrogate, dataset));
-    runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, &ranges)));
+    runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, study)));
     // nothing is to be gained where runs fail
     runs.extend(places(failed));
     errors.resize(runs.len(), 0.0);
@@ -57,8 +56,8 @@ fn uniform(study: &Study, skip: usize, count: usize) -> Vec<Vec<f64>> {
     sampling::uniform(&parameters, sampling::random(study.seed, Stream::Refinement)).skip(skip).take(count).collect()
 }
 
-fn unit_cube(point: &[f64], ranges: &[(f64, f64)]) -> Vec<f64> {
-    point.iter().zip(ranges).map(|(value, (min, max))| (value - min) / (max - min)).collect()
+fn unit_cube(point: &[f64], study: &Study) -> Vec<f64> {
+    point.iter().zip(study.parameters.values()).map(|(value, parameter)| parameter.share(*value)).collect()
 }
 
 /// Error of each run: root mean square over rows and outputs, each output relative to its scale in training.

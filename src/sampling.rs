@@ -6,6 +6,7 @@ use crate::{
     table::Table,
 };
 use indexmap::IndexMap;
+use metafmu_runtime::TOLERANCE;
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
 use std::path::Path;
@@ -98,13 +99,12 @@ impl Plan {
     }
 }
 
-/// Every combination of evenly spaced levels; the last parameter changes fastest.
+/// Every combination of evenly spaced levels or nominal values; the last parameter changes fastest.
 fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>> {
     parameters.iter().fold(vec![Vec::new()], |points, parameter| {
         // a validated study has levels for every parameter
-        let steps = parameter.levels.or(levels).unwrap_or(2).max(2) - 1;
-        let level = |i: usize| parameter.min + (parameter.max - parameter.min) * i as f64 / steps as f64;
-        let extend = |point: Vec<f64>| (0..=steps).map(move |i| [point.as_slice(), &[level(i)]].concat());
+        let levels = parameter.mesh(parameter.levels.or(levels).unwrap_or(2).max(2));
+        let extend = |point: Vec<f64>| levels.iter().map(move |&level| [point.as_slice(), &[level]].concat());
         points.into_iter().flat_map(extend).collect()
     })
 }
@@ -113,12 +113,12 @@ fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>
 /// It is made for its number of runs: a shorter plan is no beginning of a longer one.
 fn latin_hypercube(parameters: &[&ParameterOptions], runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
     let mut points = vec![Vec::with_capacity(parameters.len()); runs];
-    for ParameterOptions { min, max, .. } in parameters {
+    for parameter in parameters {
         let mut slices: Vec<usize> = (0..runs).collect();
         slices.shuffle(&mut generator);
         for (point, slice) in points.iter_mut().zip(slices) {
             let place = (slice as f64 + unit_interval(&mut generator)) / runs as f64;
-            point.push(min + (max - min) * place);
+            point.push(parameter.at(place));
         }
     }
     points
@@ -127,14 +127,14 @@ fn latin_hypercube(parameters: &[&ParameterOptions], runs: usize, mut generator:
 /// Halton's sequences in the first primes, each moved by a random distance around the unit circle (Cranley, Patterson 1976):
 /// any first `n` points of a longer plan are the plan of `n`.
 fn halton(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
-    let columns: Vec<(u8, f64, f64, f64)> = parameters
+    let columns: Vec<(u8, f64, ParameterOptions)> = parameters
         .iter()
         .zip(HALTON_BASES)
-        .map(|(parameter, base)| (base, unit_interval(&mut generator), parameter.min, parameter.max))
+        .map(|(&parameter, base)| (base, unit_interval(&mut generator), parameter.clone()))
         .collect();
     (1..).map(move |index| {
-        let place = |(base, shift): (u8, f64)| (halton::number(base, index) + shift).fract();
-        columns.iter().map(|&(base, shift, min, max)| min + (max - min) * place((base, shift))).collect()
+        let place = |base: u8, shift: f64| (halton::number(base, index) + shift).fract();
+        columns.iter().map(|(base, shift, parameter)| parameter.at(place(*base, *shift))).collect()
     })
 }
 
@@ -153,9 +153,9 @@ pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>)
     let mut points: IndexMap<Vec<u64>, u64> = IndexMap::new();
     while table.next_row()? {
         let mut point = Vec::with_capacity(columns.len());
-        for &(column, ParameterOptions { min, max, .. }) in &columns {
+        for &(column, options) in &columns {
             // zeros of both signs are one point
-            point.push((table.number_in(column, *min, *max)? + 0.0).to_bits());
+            point.push((read_value(&mut table, column, options)? + 0.0).to_bits());
         }
         if let Some(before) = points.insert(point, table.line()) {
             return Err(table.mistake(&format!("the point of line {before} again")));
@@ -167,11 +167,30 @@ pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>)
     Ok(points.into_keys().map(|point| point.into_iter().map(f64::from_bits).collect()).collect())
 }
 
+/// The row's number in a column, which must be a value that the parameter may have. Of a nominal one it is the very value of
+/// the study.
+///
+/// # Errors
+/// [`Error::Table`](crate::Error::Table) with the line.
+pub fn read_value(table: &mut Table, column: usize, options: &ParameterOptions) -> Result<f64> {
+    let ParameterOptions { min, max, values, .. } = options;
+    if !options.is_nominal() {
+        return table.number_in(column, *min, *max);
+    }
+    let found = table.number(column)?;
+    let same = |value: &&f64| (**value - found).abs() <= TOLERANCE * (max - min);
+    values.iter().find(same).copied().ok_or_else(|| {
+        let expected: Vec<String> = values.iter().map(f64::to_string).collect();
+        let name = &table.columns()[column].name;
+        table.mistake(&format!("column `{name}`: {found}, expected one of {}, the study's values", expected.join(", ")))
+    })
+}
+
 /// Independent points, uniform over the ranges.
 pub(crate) fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
-    let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
+    let parameters: Vec<ParameterOptions> = parameters.iter().map(|&parameter| parameter.clone()).collect();
     std::iter::repeat_with(move || {
-        ranges.iter().map(|(min, max)| min + (max - min) * unit_interval(&mut generator)).collect()
+        parameters.iter().map(|parameter| parameter.at(unit_interval(&mut generator))).collect()
     })
 }
 
@@ -179,11 +198,11 @@ pub(crate) fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rn
 /// (digital shift), which keeps its even spread: any first `n` points of a longer plan are the plan of `n`.
 fn sobol(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
     const BITS: f64 = (1u64 << 53) as f64;
-    let ranges: Vec<(f64, f64)> = parameters.iter().map(|parameter| (parameter.min, parameter.max)).collect();
-    let shifts: Vec<u64> = ranges.iter().map(|_| generator.next_u64() >> 11).collect();
-    Sobol::<f64>::new(ranges.len(), &JoeKuoD6::minimal()).map(move |point| {
+    let parameters: Vec<ParameterOptions> = parameters.iter().map(|&parameter| parameter.clone()).collect();
+    let shifts: Vec<u64> = parameters.iter().map(|_| generator.next_u64() >> 11).collect();
+    Sobol::<f64>::new(parameters.len(), &JoeKuoD6::minimal()).map(move |point| {
         let shifted = point.iter().zip(&shifts).map(|(x, shift)| ((x * BITS) as u64 ^ shift) as f64 / BITS);
-        shifted.zip(&ranges).map(|(x, (min, max))| min + (max - min) * x).collect()
+        shifted.zip(&parameters).map(|(x, parameter)| parameter.at(x)).collect()
     })
 }
 
@@ -334,6 +353,62 @@ mod tests {
             let message = read(list).unwrap_err().to_string();
             assert!(message.contains(says), "{message} should contain {says}");
         }
+    }
+
+    /// The study of the paper with `L` one of three values and `thetad0` periodic.
+    fn encoded(text: String) -> String {
+        text.replacen("L = { min = 0.1, max = 0.2,", "L = { values = [0.15, 0.1, 0.2],", 1).replacen(
+            "thetad0 = { min = 0.0, max = 5.0,",
+            "thetad0 = { min = 0.0, max = 5.0, periodic = true,",
+            1,
+        )
+    }
+
+    #[test]
+    fn nominal_parameters_have_the_listed_values_only_and_each_equally_often() {
+        for method in ["random", "sobol", "halton", "latin-hypercube"] {
+            let study = study(|text| {
+                let text = encoded(text).replace("method = \"mesh\"", &format!("method = \"{method}\""));
+                format!("{}\n[bounds]\nruns = 50\n", text.replace("levels = 11", "runs = 600"))
+            });
+            let plan = Plan::new(&study);
+            assert_eq!((plan.train.len(), plan.test.len(), plan.calibration.len()), (600, 200, 50));
+            let count = |points: &[Vec<f64>], value: f64| points.iter().filter(|point| point[0] == value).count();
+            for (_, points) in plan.named() {
+                let listed: usize = [0.15, 0.1, 0.2].iter().map(|&value| count(points, value)).sum();
+                assert_eq!(listed, points.len(), "{method}");
+            }
+            // of 600 random points 200 +- 11.5 have each value: 4 standard deviations
+            for value in [0.15, 0.1, 0.2] {
+                assert!(count(&plan.train, value).abs_diff(200) <= 46, "{method}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mesh_has_all_nominal_values_and_leaves_out_the_end_that_is_the_beginning_again() {
+        let study = study(encoded);
+        let plan = Plan::new(&study);
+        assert_eq!((plan.train.len(), study.train_runs()), (3 * 11 * 11, 3 * 11 * 11));
+        assert_eq!((&plan.train[0][..], plan.train[362][0]), (&[0.15, 0.0, 0.0][..], 0.2));
+        assert!((plan.train[362][2] - 50.0 / 11.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_list_must_hold_listed_values() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = encoded(include_str!("../examples/paper/single-pendulum.toml").to_owned());
+        let text = text.replace("method = \"mesh\"", "method = \"list\"").replace("levels = 11", "file = \"p.csv\"");
+        let read = |list: &str| {
+            std::fs::write(folder.path().join("p.csv"), list).unwrap();
+            Study::parse(&text, &folder.path().join("study.toml"))
+        };
+        // the very value of the study is taken
+        let study = read("L,c,thetad0\n0.2,0,0\n0.15000000000001,0,0\n").unwrap();
+        assert_eq!(Plan::new(&study).train, [[0.2, 0.0, 0.0], [0.15, 0.0, 0.0]]);
+        let message = read("L,c,thetad0\n0.2,0,0\n0.16,0,0\n").unwrap_err().to_string();
+        let says = "p.csv:3: column `L`: 0.16, expected one of 0.15, 0.1, 0.2, the study's values";
+        assert!(message.contains(says), "{message}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Standardisation: columns of mean 0 and standard deviation 1, which is what a network learns best from.
 
 use crate::dataset::{Dataset, Run};
-use metafmu_runtime::Scaling;
+use metafmu_runtime::{Encoder, Scaling};
 
 /// Which rows of the runs count, and whether the time is an input column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,9 +13,9 @@ pub enum Selection {
 }
 
 impl Selection {
-    /// Number of input columns, for so many parameters.
-    pub fn inputs(self, parameters: usize) -> usize {
-        parameters + usize::from(self == Self::All)
+    /// Number of the network's input columns.
+    pub fn inputs(self, encoder: &Encoder) -> usize {
+        encoder.width() + usize::from(self == Self::All)
     }
 
     /// The time, if it is an input, and the outputs of each row of a run.
@@ -28,23 +28,29 @@ impl Selection {
     }
 }
 
-/// Means and standard deviations of the input columns (parameters, then time) and output columns over rows of the runs.
-/// A constant column gets scale 1.
-pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone, rows: Selection) -> Scaling {
-    let (parameters, outputs) = (dataset.parameters.len(), dataset.outputs.len());
-    let mut input = Moments::new(rows.inputs(parameters));
-    let mut output = Moments::new(outputs);
+/// Means and standard deviations of the input columns (encoded parameters, then time) and output columns over rows of the
+/// runs. A constant column gets scale 1.
+pub fn fit<'a>(
+    dataset: &Dataset,
+    encoder: &Encoder,
+    runs: impl Iterator<Item = &'a Run> + Clone,
+    rows: Selection,
+) -> Scaling {
+    let mut input = Moments::new(rows.inputs(encoder));
+    let mut output = Moments::new(dataset.outputs.len());
     for run in runs.clone() {
+        let parameters = encoded(encoder, run);
         for (time, row) in rows.of(run) {
-            input.count(run.parameters.iter().copied().chain(time));
+            input.count(parameters.iter().copied().chain(time));
             output.count(row.iter().copied());
         }
     }
     input.center();
     output.center();
     for run in runs {
+        let parameters = encoded(encoder, run);
         for (time, row) in rows.of(run) {
-            input.spread(run.parameters.iter().copied().chain(time));
+            input.spread(parameters.iter().copied().chain(time));
             output.spread(row.iter().copied());
         }
     }
@@ -56,13 +62,15 @@ pub fn fit<'a>(dataset: &Dataset, runs: impl Iterator<Item = &'a Run> + Clone, r
 /// `[rows, outputs]`.
 pub fn standardise<'a>(
     runs: impl Iterator<Item = &'a Run>,
+    encoder: &Encoder,
     scaling: &Scaling,
     rows: Selection,
 ) -> (Vec<f32>, Vec<f32>) {
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
     for run in runs {
+        let parameters = encoded(encoder, run);
         for (time, row) in rows.of(run) {
-            let values = run.parameters.iter().copied().chain(time);
+            let values = parameters.iter().copied().chain(time);
             let columns = scaling.input_mean.iter().zip(&scaling.input_scale);
             inputs.extend(values.zip(columns).map(|(x, (mean, scale))| ((x - mean) / scale) as f32));
             let columns = scaling.output_mean.iter().zip(&scaling.output_scale);
@@ -70,6 +78,13 @@ pub fn standardise<'a>(
         }
     }
     (inputs, outputs)
+}
+
+/// The columns that a run's parameters become.
+pub fn encoded(encoder: &Encoder, run: &Run) -> Vec<f64> {
+    let mut columns = vec![0.0; encoder.width()];
+    encoder.encode(&run.parameters, &mut columns);
+    columns
 }
 
 /// Two-pass mean and standard deviation per column: exact enough for columns whose mean is large beside their spread.
@@ -114,6 +129,7 @@ impl Moments {
 mod tests {
     use super::*;
     use crate::variable::Variable;
+    use metafmu_runtime::Encoding;
     use std::sync::Arc;
 
     #[test]
@@ -126,9 +142,10 @@ mod tests {
         };
         let outputs = vec![variable("u"), variable("constant")];
         let dataset = Dataset { parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
-        let scaling = fit(&dataset, dataset.runs.iter(), Selection::All);
+        let encoder = Encoder::new([(&Encoding::Plain, 1.0, 2.0)].into_iter());
+        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::All);
         assert_eq!(scaling.output_scale[1], 1.0);
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling, Selection::All);
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::All);
         for (column, width, values) in [(0, 2, &inputs), (1, 2, &inputs), (0, 2, &outputs)] {
             let column: Vec<f64> = values.iter().skip(column).step_by(width).map(|&value| value.into()).collect();
             let mean = column.iter().sum::<f64>() / 8.0;
@@ -136,12 +153,18 @@ mod tests {
             assert!(mean.abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{mean} {variance}");
         }
         // at one instant the time is no column, and the first output of the two runs is 1e6 + p
-        let scaling = fit(&dataset, dataset.runs.iter(), Selection::At(0));
+        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(0));
         assert_eq!((scaling.input_mean, scaling.input_scale), (vec![1.5], vec![0.5]));
         assert_eq!((&scaling.output_mean[..], &scaling.output_scale[..]), (&[1e6 + 1.5, 3.0][..], &[0.5, 1.0][..]));
-        let scaling = fit(&dataset, dataset.runs.iter(), Selection::At(2));
+        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(2));
         assert_eq!(scaling.output_scale, [1.0, 1.0], "every run has the same outputs there");
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &scaling, Selection::At(2));
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::At(2));
         assert_eq!((inputs, outputs), (vec![-1.0, 1.0], vec![0.0; 4]));
+        // one-hot: half of the rows have the one value, half the other, none the third
+        let encoder = Encoder::new([(&Encoding::Nominal(vec![2.0, 3.0, 1.0]), 1.0, 3.0)].into_iter());
+        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(0));
+        assert_eq!((&scaling.input_mean[..], &scaling.input_scale[..]), (&[0.5, 0.0, 0.5][..], &[0.5, 1.0, 0.5][..]));
+        let (inputs, _) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::At(0));
+        assert_eq!(inputs, [-1.0, 0.0, 1.0, 1.0, 0.0, -1.0]);
     }
 }

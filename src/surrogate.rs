@@ -9,14 +9,14 @@ use crate::{
     variable::Variable,
 };
 use metafmu_runtime::{
-    Activation, Bounds, Input, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
+    Activation, Bounds, Encoding, Input, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
     regression::{Function, Regression},
 };
 use std::path::Path;
 
 /// Puts a trained model and what is known about its columns together.
 ///
-/// The model's columns are parameters then time in, outputs out.
+/// The model's columns are encoded parameters then time in, outputs out.
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the parts do not fit each other.
@@ -56,7 +56,11 @@ fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
 fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| {
         let original_start = variable.original.and_then(|original| original.start);
-        let original_start = original_start.filter(|start| (range.min..=range.max).contains(start));
+        let valid = |start: &f64| match range.is_nominal() {
+            true => range.values.contains(start),
+            false => (range.min..=range.max).contains(start),
+        };
+        let middle = || 0.5 * (range.min + range.max);
         Input {
             name: variable.name.clone(),
             role: role(variable, range),
@@ -64,7 +68,8 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
             description: variable.description.clone(),
             min: range.min,
             max: range.max,
-            start: original_start.unwrap_or(0.5 * (range.min + range.max)),
+            start: original_start.filter(valid).or(range.values.first().copied()).unwrap_or_else(middle),
+            encoding: range.encoding(),
         }
     });
     let time = Input {
@@ -75,6 +80,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         min: 0.0,
         max: study.time.stop,
         start: 0.0,
+        encoding: Encoding::Plain,
     };
     let outputs = dataset.outputs.iter().enumerate().map(|(column, variable)| {
         let values = dataset.runs.iter().flat_map(|run| run.outputs.iter().skip(column).step_by(dataset.outputs.len()));

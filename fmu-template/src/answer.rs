@@ -17,11 +17,8 @@ pub(crate) enum Status {
 /// The call was carried out, but the user should know.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Warning {
-    #[error(
-        "variable `{name}`: {value} is outside the training range from {min} to {max}; \
-         outputs are extrapolated (said once a run)"
-    )]
-    OutsideDomain { name: String, value: f64, min: f64, max: f64 },
+    #[error("variable `{name}`: {value} is outside {valid}; outputs are {instead} (said once a run)")]
+    OutsideDomain { name: String, value: f64, valid: String, instead: &'static str },
     #[error("log category `{found}` is unknown, expected one of {expected}")]
     UnknownCategory { found: String, expected: String },
 }
@@ -55,8 +52,8 @@ pub(crate) enum Refusal {
     ValueNotFinite { name: String, reference: u32, value: f64 },
     #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
     Policy { found: i32 },
-    #[error("variable `{name}`: {value} is outside the training range from {min} to {max}, and domain_policy is 2")]
-    OutsideDomain { name: String, value: f64, min: f64, max: f64, status: Status },
+    #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2")]
+    OutsideDomain { name: String, value: f64, valid: String, status: Status },
     #[error("variable `{name}` (value reference {reference}) is no {expected}")]
     NotDifferentiable { name: String, reference: u32, expected: &'static str },
     #[error("derivatives of order {found} are not available, expected 1 to {max}")]

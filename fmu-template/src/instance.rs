@@ -531,7 +531,7 @@ impl Instance {
             return Ok(());
         }
         let input = &self.metadata.inputs[column];
-        Err(Refusal::OutsideDomain { name: input.name.clone(), value, min: input.min, max: input.max, status })
+        Err(Refusal::OutsideDomain { name: input.name.clone(), value, valid: input.valid(), status })
     }
 
     /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
@@ -543,8 +543,9 @@ impl Instance {
         }
         self.warned[column] = true;
         let input = &self.metadata.inputs[column];
-        let (name, min, max) = (input.name.clone(), input.min, input.max);
-        self.warnings.push(Warning::OutsideDomain { name, value, min, max });
+        let instead = if input.nominal_values().is_some() { "those of the nearest" } else { "extrapolated" };
+        let (name, valid) = (input.name.clone(), input.valid());
+        self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
     }
 
     // ---- State ---------------------------------------------------------------------------------------------------

@@ -6,15 +6,17 @@ use crate::{
     sampling::{self, Stream},
     scaling::{self, Selection},
 };
+use metafmu_runtime::Encoder;
 use std::borrow::Cow;
 
-/// All rows of the runs, standardised.
-pub fn rows(dataset: &Dataset, runs: &[&Run]) -> Rows {
-    let scaling = scaling::fit(dataset, runs.iter().copied(), Selection::All);
+/// All rows of the runs, parameters encoded as for the network, standardised.
+pub fn rows(dataset: &Dataset, encoder: &Encoder, runs: &[&Run]) -> Rows {
+    let scaling = scaling::fit(dataset, encoder, runs.iter().copied(), Selection::All);
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for run in runs {
+        let parameters = scaling::encoded(encoder, run);
         for (time, outputs) in run.rows() {
-            x.extend(run.parameters.iter().copied().chain([time]));
+            x.extend(parameters.iter().copied().chain([time]));
             y.extend_from_slice(outputs);
         }
     }
@@ -36,6 +38,7 @@ pub fn choose_rows(rows: &Rows, most: Option<usize>, seed: u64) -> Cow<'_, Rows>
 mod tests {
     use super::*;
     use crate::variable::Variable;
+    use metafmu_runtime::Encoding;
 
     #[test]
     fn rows_are_standardised_and_fewer_are_the_first_of_more() {
@@ -43,7 +46,8 @@ mod tests {
         let run = |p: f64| Run { parameters: vec![p], times: [0.0, 1.0].into(), outputs: vec![p, 2.0 * p] };
         let runs: Vec<Run> = (0..50).map(|i| run(f64::from(i))).collect();
         let dataset = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs };
-        let rows = rows(&dataset, &dataset.runs.iter().collect::<Vec<_>>());
+        let encoder = Encoder::new([(&Encoding::Plain, 0.0, 49.0)].into_iter());
+        let rows = rows(&dataset, &encoder, &dataset.runs.iter().collect::<Vec<_>>());
         assert_eq!((rows.len(), rows.inputs, rows.outputs), (100, 2, 1));
         assert!(rows.x.iter().step_by(2).sum::<f64>().abs() < 1e-12 && rows.y.iter().sum::<f64>().abs() < 1e-12);
         let (more, fewer) = (choose_rows(&rows, Some(20), 1), choose_rows(&rows, Some(5), 1));

@@ -11,9 +11,10 @@ use metafmu::{
         comparison::NETWORK,
         worker::{self, Answer, Fit, Task},
     },
-    dataset::Dataset,
+    dataset::{Dataset, Run},
     evaluation::{self, Accuracy, OutputMetrics},
     files,
+    scaling::encoded,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
 use std::{
@@ -111,12 +112,15 @@ fn measure(job: &Job, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRo
     }
     let all = rows.len();
     let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
-    let inputs = |(run, time): (&metafmu::dataset::Run, f64)| run.parameters.iter().copied().chain([time]).collect();
-    let points = test.runs.iter().flat_map(|run| run.times.iter().map(move |&time| (run, time)));
-    let points: Vec<Vec<f64>> = points.map(inputs).collect();
+    let encoder = study.encoder();
+    let of_run = |run: &Run| {
+        let parameters = encoded(&encoder, run);
+        run.times.iter().flat_map(|&time| [&parameters[..], &[time]].concat()).collect::<Vec<f64>>()
+    };
+    let points: Vec<f64> = test.runs.iter().flat_map(of_run).collect();
     let options = study.baselines.clone();
     let count = rows.len();
-    let task = Task { kind, options, seed: study.seed, rows, test: points.concat() };
+    let task = Task { kind, options, seed: study.seed, rows, test: points };
     Ok(match fit(&task)? {
         Ended::Answered(Answer { result: Ok(fit), predictions }) => {
             let metrics = evaluation::compare(test, &by_run(test, &predictions), None);

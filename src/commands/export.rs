@@ -9,7 +9,7 @@ use metafmu::{
     files,
     fmu::{self, Binary, Contents, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
-    study::{FmiChoice, Structure},
+    study::{FmiChoice, ParameterOptions, Structure},
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -52,6 +52,11 @@ impl Plan {
     pub fn new(job: &Job, args: &ExportArgs) -> Result<Self> {
         if args.sources && job.study.network.structure == Structure::Fixed {
             return Err(Error::NoSources);
+        }
+        let encoded = |parameter: &ParameterOptions| !parameter.encoding().is_plain();
+        let encoded = job.study.parameters.iter().find(|(_, parameter)| encoded(parameter));
+        if let Some((name, _)) = encoded.filter(|_| args.sources) {
+            return Err(Error::NoEncodedSources { parameter: name.clone() });
         }
         let choice = match args.fmi {
             None => job.study.export.fmi,

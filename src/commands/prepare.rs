@@ -52,11 +52,12 @@ fn of_rows(
     selection: Selection,
     start: Option<&ScaledNetwork>,
 ) -> Result<Prepared> {
-    let fit = || scaling::fit(dataset, training_runs.iter().copied(), selection);
+    let encoder = study.encoder();
+    let fit = || scaling::fit(dataset, &encoder, training_runs.iter().copied(), selection);
     let scaling = start.map_or_else(fit, |start| start.scaling.clone());
-    let (inputs, outputs) = (selection.inputs(dataset.parameters.len()), dataset.outputs.len());
+    let (inputs, outputs) = (selection.inputs(&encoder), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
-        let (x, y) = scaling::standardise(runs.iter().copied(), &scaling, selection);
+        let (x, y) = scaling::standardise(runs.iter().copied(), &encoder, &scaling, selection);
         Rows::new(inputs, outputs, x, y)
     };
     let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);
@@ -86,7 +87,7 @@ fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
 /// The rows a baseline may be fitted to: those the network is trained on.
 pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::Rows {
     let (training_runs, _) = split(&dataset.runs, study.training.validation, study.seed);
-    baseline::rows(dataset, &training_runs)
+    baseline::rows(dataset, &study.encoder(), &training_runs)
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

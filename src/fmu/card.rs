@@ -9,7 +9,7 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
+    Bounds, Encoding, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
     regression::{Function, Regression},
 };
 
@@ -67,7 +67,7 @@ fn what(model: &Model) -> &'static str {
 
 fn variables(page: &mut String, surrogate: &Surrogate) {
     line(page, "<h2>Variables</h2>\n<table><tr><th>Name</th><th>Kind</th><th>Range</th><th>Unit</th><th></th></tr>");
-    for Input { name, role, unit, description, min, max, start } in surrogate.inputs() {
+    for Input { name, role, unit, description, min, max, start, encoding } in surrogate.inputs() {
         let kind = match role {
             Role::Parameter(Variability::Fixed) => "parameter, fixed",
             Role::Parameter(Variability::Tunable) => "parameter, tunable",
@@ -75,7 +75,14 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
             Role::Input => "input",
         };
         let start = if *role == Role::Time { String::new() } else { format!(", starts at {}", number(*start)) };
-        row(page, name, kind, &format!("{} to {}{start}", number(*min), number(*max)), unit, description);
+        let range = match encoding {
+            Encoding::Plain => format!("{} to {}", number(*min), number(*max)),
+            Encoding::Nominal(values) => {
+                format!("only {}", values.iter().map(|&value| number(value)).collect::<Vec<_>>().join(", "))
+            }
+            Encoding::Periodic => format!("periodic, {} is the same as {}", number(*max), number(*min)),
+        };
+        row(page, name, kind, &format!("{range}{start}"), unit, description);
     }
     for Output { name, unit, description, min, max } in surrogate.outputs() {
         row(page, name, "output", &format!("{} to {} in training", number(*min), number(*max)), unit, description);

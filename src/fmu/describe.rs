@@ -9,7 +9,7 @@ use super::{
     unit::BaseUnit,
 };
 use metafmu_runtime::{
-    Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
+    Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
     extra::{self, Extra, Kind},
 };
 
@@ -130,16 +130,32 @@ fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
         }
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
+    // every number is a good value of a periodic input, and hosts may refuse or warn at limits
+    let limit = |limit: f64| (input.encoding != Encoding::Periodic).then_some(limit);
     let real = Real {
         unit: text(&input.unit),
-        min: Some(input.min),
-        max: Some(input.max),
+        min: limit(input.min),
+        max: limit(input.max),
         nominal: Some(nominal(input.min, input.max)),
         // the independent variable has none
         start: (input.role != Role::Time).then_some(input.start),
         ..Real::default()
     };
-    variable(&input.name, &input.description, what, VariableType::Real(real))
+    variable(&input.name, &input_description(input), what, VariableType::Real(real))
+}
+
+/// The text about an input, with what its limits do not tell.
+pub(crate) fn input_description(input: &Input) -> String {
+    let Input { description, min, max, encoding, .. } = input;
+    let more = match encoding {
+        Encoding::Plain => return description.clone(),
+        Encoding::Nominal(values) => {
+            let values: Vec<String> = values.iter().map(f64::to_string).collect();
+            format!("one of {}", values.join(", "))
+        }
+        Encoding::Periodic => format!("any number: values that differ by {} are the same", max - min),
+    };
+    if description.is_empty() { more } else { format!("{description} ({more})") }
 }
 
 /// FMI 2.0 has no arrays.
@@ -355,6 +371,21 @@ mod tests {
         assert_eq!(references, [0, 1, 2, 3, 4, 5, 6, 7]);
         let angle = description.variables[3].kind.as_real().unwrap();
         assert_eq!((angle.min, angle.max, angle.start), (Some(-2.4), Some(2.4), None));
+    }
+
+    #[test]
+    fn a_nominal_parameter_tells_its_values_and_a_periodic_one_has_no_limits() {
+        let surrogate = example::encoded(&example::surrogate());
+        let description = ModelDescription::of_surrogate(&surrogate, FmiVersion::V3);
+        let [length, speed] = [0, 1].map(|index| &description.variables[index]);
+        let real = |variable: &ScalarVariable| {
+            let real = variable.kind.as_real().unwrap();
+            (real.min, real.max, real.start)
+        };
+        assert_eq!(length.description.as_deref(), Some("example input length (one of 0.14, 0.1, 0.2)"));
+        assert_eq!(real(length), (Some(0.1), Some(0.2), Some(0.14)));
+        let says = "example input speed (any number: values that differ by 5 are the same)";
+        assert_eq!((speed.description.as_deref(), real(speed)), (Some(says), (None, None, Some(2.5))));
     }
 
     #[test]

@@ -9,7 +9,7 @@
 mod archive;
 mod binary;
 mod card;
-mod describe;
+pub(crate) mod describe;
 pub mod host;
 pub mod model_description;
 mod package;

@@ -7,7 +7,7 @@
 use super::describe::nominal;
 use crate::table::header_field;
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Precision, Role, Surrogate};
+use metafmu_runtime::{Evaluator, Input, Precision, Role, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -49,8 +49,12 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let steps = ((stop - start) / step + 1e-9).floor() as usize;
     // away from start values and ends of ranges, each at another share: variables that are mixed up are noticed
     let share = |column: usize| 0.15 + 0.7 * (0.618_033_988_749_894_9 * (column + 1) as f64).fract();
-    let mut point: Vec<f64> =
-        inputs.iter().enumerate().map(|(column, input)| input.min + share(column) * (input.max - input.min)).collect();
+    let value = |(column, input): (usize, &Input)| match input.nominal_values() {
+        // the first one is mostly the start value
+        Some(values) => values[1 + (share(column) * (values.len() - 1) as f64) as usize],
+        None => input.min + share(column) * (input.max - input.min),
+    };
+    let mut point: Vec<f64> = inputs.iter().enumerate().map(value).collect();
     let settable = inputs.iter().zip(&point).filter(|(input, _)| input.role != Role::Time);
     let tolerance = match surrogate.metadata().precision {
         Precision::Double => DOUBLE_TOLERANCE,
@@ -102,6 +106,9 @@ mod tests {
         for (input, value) in surrogate.inputs().iter().zip(options.start_values.values()) {
             assert!(input.min < *value && *value < input.max && *value != input.start, "{}", input.name);
         }
+        let (encoded, _) = reference(&example::encoded(&surrogate));
+        let encoded: ReferenceOptions = serde_json::from_str(&encoded).unwrap();
+        assert!([0.1, 0.2].contains(&encoded.start_values["length"]), "a listed value, and not the start");
         assert_eq!(csv.lines().next(), Some("time,angle,velocity"));
         assert_eq!(csv.lines().count(), 102);
         assert!(csv.lines().last().unwrap().starts_with("2,"), "{csv}");

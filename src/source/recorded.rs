@@ -12,7 +12,7 @@ use crate::{
     Error, Result,
     dataset::{Dataset, Run},
     sampling::{self, Sets, Stream},
-    study::Study,
+    study::{ParameterOptions, Study},
     table::Table,
     variable::Variable,
 };
@@ -33,8 +33,8 @@ pub struct Recorded {
     names: Names,
     parameters: Vec<Variable>,
     outputs: Vec<Variable>,
-    /// Each parameter's range in the study.
-    ranges: Vec<(f64, f64)>,
+    /// Each parameter's range or values in the study.
+    options: Vec<ParameterOptions>,
     stop: f64,
     test_runs: usize,
     calibration_runs: usize,
@@ -83,7 +83,7 @@ impl Recorded {
             },
             parameters: Vec::new(),
             outputs: Vec::new(),
-            ranges: study.parameters.values().map(|parameter| (parameter.min, parameter.max)).collect(),
+            options: study.parameters.values().cloned().collect(),
             stop: study.time.stop,
             test_runs: study.sampling.test_runs,
             calibration_runs: study.calibration_runs(),
@@ -222,8 +222,8 @@ impl Recorded {
     }
 
     fn point(&self, table: &mut Table, columns: &[usize]) -> Result<Vec<f64>> {
-        let ranges = columns.iter().zip(&self.ranges);
-        ranges.map(|(&column, &(min, max))| table.number_in(column, min, max)).collect()
+        let columns = columns.iter().zip(&self.options);
+        columns.map(|(&column, options)| sampling::read_value(table, column, options)).collect()
     }
 }
 

@@ -20,6 +20,8 @@
 //! [parameters]                          # inputs of the surrogate, beside the time
 //! L = { min = 0.1, max = 0.2, unit = "m" }
 //! thetad0 = { min = 0.0, max = 5.0, variability = "fixed" }
+//! theta0 = { min = -3.141592653589793, max = 3.141592653589793, periodic = true }  # max is min again
+//! m = { values = [0.1, 0.3, 1.0] }      # nominal: it has these values only
 //!
 //! [outputs]
 //! theta = { unit = "rad" }
@@ -49,6 +51,7 @@ use crate::{
     table::Table,
 };
 use indexmap::IndexMap;
+use metafmu_runtime::{Encoder, Encoding};
 pub use options::{
     BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
     SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
@@ -346,12 +349,8 @@ impl Study {
             }
         }
         for (name, parameter) in &self.parameters {
-            let ParameterOptions { min, max, .. } = *parameter;
-            if !min.is_finite() || !max.is_finite() {
-                problems.add(&format!("parameters.{name}"), format!("range from {min} to {max} is not finite"));
-            } else if min >= max {
-                let message = format!("range is empty: min {min} is not below max {max}");
-                problems.add(&format!("parameters.{name}"), message);
+            if let Some(problem) = parameter.problem() {
+                problems.add(&format!("parameters.{name}"), problem);
             }
         }
     }
@@ -398,7 +397,11 @@ impl Study {
                 problems.add("sampling.method", format!("the method \"{name}\" takes at most {limit} parameters"));
             }
         }
-        for (name, parameter) in &self.parameters {
+        if !self.parameters.is_empty() && self.parameters.values().all(ParameterOptions::is_nominal) {
+            let message = "every parameter has `values`, expected one with a range: no run would be left for the tests";
+            problems.add("parameters", message.into());
+        }
+        for (name, parameter) in self.parameters.iter().filter(|(_, parameter)| !parameter.is_nominal()) {
             let key = format!("parameters.{name}.levels");
             match (mesh, parameter.levels.or(*levels)) {
                 (false, _) if parameter.levels.is_some() => problems.add(&key, "belongs to the method \"mesh\"".into()),
@@ -415,11 +418,21 @@ impl Study {
         }
     }
 
+    /// How the parameters' values become columns of the network.
+    pub fn encoder(&self) -> Encoder {
+        let encodings: Vec<(Encoding, f64, f64)> =
+            self.parameters.values().map(|parameter| (parameter.encoding(), parameter.min, parameter.max)).collect();
+        Encoder::new(encodings.iter().map(|(encoding, min, max)| (encoding, *min, *max)))
+    }
+
     /// Number of training runs that are simulated, those held out for validation included.
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
             Some(Method::Mesh) => {
-                let levels = |parameter: &ParameterOptions| parameter.levels.or(self.sampling.levels).unwrap_or(0);
+                let levels = |parameter: &ParameterOptions| match parameter.values.len() {
+                    0 => parameter.levels.or(self.sampling.levels).unwrap_or(0),
+                    count => count,
+                };
                 self.parameters.values().fold(1, |product, parameter| product.saturating_mul(levels(parameter) as u64))
             }
             Some(Method::List) => self.points().map_or(0, <[_]>::len) as u64,
@@ -621,6 +634,39 @@ mod tests {
                 assert!(found.starts_with(&format!("study.toml:{expected}:")), "{to}: not line {expected}: {found}");
             }
         }
+    }
+
+    #[test]
+    fn nominal_and_periodic_parameters_are_checked_and_count_for_the_digest() {
+        let l = "L = { min = 0.1, max = 0.2,";
+        for (to, says) in [
+            ("L = { values = [],", "parameters.L: no `values`, expected at least 2"),
+            ("L = { values = [0.1],", "parameters.L: 1 value, expected at least 2"),
+            ("L = { values = [0.1, 0.2, 0.1],", "parameters.L: value 0.1 stands twice"),
+            ("L = { values = [0.1, inf],", "parameters.L: value inf is not finite"),
+            ("L = { values = [0.1, nan],", "parameters.L: value NaN is not finite"),
+            ("L = { values = [0.1, 0.2], min = 0.1,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
+            ("L = { values = [0.1, 0.2], levels = 2,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
+            ("L = { values = [0.1, 0.2], periodic = true,", "parameters.L: `values` exclude `min`, `max`, `levels`"),
+            ("L = { max = 0.2,", "parameters.L: missing field `min`"),
+            ("L = { min = 0.2,", "parameters.L: missing field `max`"),
+            ("L = { periodic = true,", "parameters.L: expected `min` and `max`, or `values`"),
+            ("L = { min = 0.1, max = 0.2, cyclic = true,", "parameters.L.cyclic: unknown field"),
+            ("L = { values = [\"a\"],", "parameters.L.values[0]: invalid type"),
+        ] {
+            let found = message(l, to);
+            assert!(found.contains(says), "{to}: {found}");
+            assert_eq!(found.split(':').nth(1), message(l, "L = { min = 0.3, max = 0.2,").split(':').nth(1), "{found}");
+        }
+        let nominal = |text: &str| text.replacen("min = 0.0, max = 0.15", "values = [0, 1]", 1);
+        let all = nominal(GOOD).replacen("min = 0.0, max = 5.0", "values = [0, 1]", 1);
+        assert_eq!(problems(&all), Vec::<String>::new());
+        let all = problems(&all.replacen("min = 0.1, max = 0.2", "values = [0.1, 0.2]", 1));
+        assert!(all.len() == 1 && all[0].contains("parameters: every parameter has `values`"), "{all:?}");
+        let digest = |text: &str| Study::parse(text, Path::new("s.toml")).unwrap().sampling_digest();
+        let of = [GOOD, &nominal(GOOD), &GOOD.replacen("max = 5.0", "max = 5.0, periodic = true", 1)].map(digest);
+        assert!(of[0] != of[1] && of[1] != of[2] && of[0] != of[2]);
+        assert_eq!(of[0], digest(&GOOD.replacen("max = 5.0", "max = 5.0, periodic = false", 1)));
     }
 
     #[test]

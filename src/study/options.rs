@@ -1,7 +1,7 @@
 //! The sections of a study file as plain data.
 
 use indexmap::IndexMap;
-use metafmu_runtime::{Activation, Precision, Variability};
+use metafmu_runtime::{Activation, Encoding, Precision, Variability};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -74,12 +74,18 @@ impl TimeOptions {
 
 /// An entry of `[parameters]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "ParameterEntry")]
 pub struct ParameterOptions {
-    /// Lower end of the range.
+    /// Lower end of the range; of a nominal parameter the smallest value.
     pub min: f64,
-    /// Upper end of the range.
+    /// Upper end of the range; of a nominal parameter the largest value.
     pub max: f64,
+    /// The values of a nominal parameter, which has no others; none: it has a range.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub values: Vec<f64>,
+    /// Whether `max` is `min` again, as of an angle of a full turn.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub periodic: bool,
     /// Unit; must be the source's own.
     pub unit: Option<String>,
     /// One sentence for people; the source has one.
@@ -88,6 +94,106 @@ pub struct ParameterOptions {
     pub levels: Option<usize>,
     /// When the host of the surrogate's FMU may change it; without it, what the source says, else tunable.
     pub variability: Option<Variability>,
+}
+
+/// [`ParameterOptions`] as they stand in the study.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ParameterEntry {
+    min: Option<f64>,
+    max: Option<f64>,
+    values: Option<Vec<f64>>,
+    #[serde(default)]
+    periodic: bool,
+    unit: Option<String>,
+    description: Option<String>,
+    levels: Option<usize>,
+    variability: Option<Variability>,
+}
+
+impl TryFrom<ParameterEntry> for ParameterOptions {
+    type Error = String;
+
+    fn try_from(entry: ParameterEntry) -> Result<Self, String> {
+        let ParameterEntry { min, max, values, periodic, unit, description, levels, variability } = entry;
+        let (min, max) = match (&values, min, max) {
+            (None, Some(min), Some(max)) => (min, max),
+            (None, None, None) => return Err("expected `min` and `max`, or `values`".into()),
+            (None, None, _) => return Err("missing field `min`".into()),
+            (None, _, None) => return Err("missing field `max`".into()),
+            (Some(values), None, None) if levels.is_none() && !periodic => values
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &value| (min.min(value), max.max(value))),
+            (Some(_), ..) => return Err("`values` exclude `min`, `max`, `levels` and `periodic`".into()),
+        };
+        if values.as_ref().is_some_and(Vec::is_empty) {
+            return Err("no `values`, expected at least 2".into());
+        }
+        let values = values.unwrap_or_default();
+        Ok(Self { min, max, values, periodic, unit, description, levels, variability })
+    }
+}
+
+impl ParameterOptions {
+    /// How its value becomes columns of the network.
+    pub fn encoding(&self) -> Encoding {
+        if self.is_nominal() {
+            Encoding::Nominal(self.values.clone())
+        } else if self.periodic {
+            Encoding::Periodic
+        } else {
+            Encoding::Plain
+        }
+    }
+
+    /// Whether it has `values` instead of a range.
+    pub fn is_nominal(&self) -> bool {
+        !self.values.is_empty()
+    }
+
+    /// The value at a `share` from 0 to 1: of the range, or of the list of values, each of which has an equal part.
+    pub fn at(&self, share: f64) -> f64 {
+        let Self { min, max, values, .. } = self;
+        match values.len() {
+            0 => min + (max - min) * share,
+            count => values[((share * count as f64) as usize).min(count - 1)],
+        }
+    }
+
+    /// Where a value is, from 0 to 1: in the range, or in the list of values.
+    pub fn share(&self, value: f64) -> f64 {
+        match self.values.iter().position(|known| *known == value) {
+            Some(index) => index as f64 / (self.values.len() - 1) as f64,
+            None => (value - self.min) / (self.max - self.min),
+        }
+    }
+
+    /// The values of a mesh: all of a nominal parameter, else `levels`, evenly spaced, both ends of the range included; of a
+    /// periodic one without its upper end, which is its lower end again.
+    pub fn mesh(&self, levels: usize) -> Vec<f64> {
+        let Self { min, max, values, periodic, .. } = self;
+        if self.is_nominal() {
+            return values.clone();
+        }
+        let steps = if *periodic { levels } else { levels - 1 };
+        (0..levels).map(|i| min + (max - min) * i as f64 / steps as f64).collect()
+    }
+
+    /// What is wrong with the range or the values.
+    pub fn problem(&self) -> Option<String> {
+        let Self { min, max, values, .. } = self;
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            Some(format!("value {value} is not finite"))
+        } else if let Some(index) = (1..values.len()).find(|&index| values[..index].contains(&values[index])) {
+            Some(format!("value {} stands twice", values[index]))
+        } else if values.len() == 1 {
+            Some("1 value, expected at least 2".into())
+        } else if !min.is_finite() || !max.is_finite() {
+            Some(format!("range from {min} to {max} is not finite"))
+        } else {
+            (min >= max).then(|| format!("range is empty: min {min} is not below max {max}"))
+        }
+    }
 }
 
 /// An entry of `[outputs]`.

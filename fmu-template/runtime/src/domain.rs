@@ -1,14 +1,24 @@
-//! The domain of validity: the box of training ranges.
+//! The domain of validity: the box of training ranges, and the values of nominal inputs.
 
-use crate::Input;
+use crate::{Encoding, Input, encoding::nearest};
 
 /// How far outside the domain a point may be and still count as inside: hosts add up step sizes and convert units.
 pub const TOLERANCE: f64 = 1e-9;
 
-/// The training range of every input column.
+/// Where every input was trained: in a range, or, if it is nominal, at some values. A periodic one is valid everywhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain {
-    ranges: Vec<Range>,
+    inputs: Vec<Valid>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Valid {
+    Range(Range),
+    /// Distances from them are relative to `scale`.
+    Values {
+        values: Vec<f64>,
+        scale: f64,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +35,11 @@ struct Range {
 impl Range {
     fn new(min: f64, max: f64) -> Self {
         let scale = [max - min, max.abs()].into_iter().find(|&scale| scale > 0.0).unwrap_or(1.0);
+        Self::relative_to(scale, min, max)
+    }
+
+    #[inline]
+    fn relative_to(scale: f64, min: f64, max: f64) -> Self {
         Self { min, max, scale, lowest: min - TOLERANCE * scale, highest: max + TOLERANCE * scale }
     }
 
@@ -37,39 +52,57 @@ impl Range {
 impl Domain {
     /// The ranges of these columns.
     pub fn new(inputs: &[Input]) -> Self {
-        Self { ranges: inputs.iter().map(|input| Range::new(input.min, input.max)).collect() }
+        let valid = |input: &Input| match &input.encoding {
+            Encoding::Plain => Valid::Range(Range::new(input.min, input.max)),
+            Encoding::Nominal(values) => Valid::Values { values: values.clone(), scale: input.max - input.min },
+            Encoding::Periodic => Valid::Range(Range::relative_to(1.0, f64::NEG_INFINITY, f64::INFINITY)),
+        };
+        Self { inputs: inputs.iter().map(valid).collect() }
     }
 
-    /// Distance of a point from the domain, zero inside: the largest of its columns' distances, each relative to the
-    /// width of the column's range. Finite for every finite point: it is an output of the FMU.
+    /// The range that counts for a value: of a nominal input the one that holds the nearest value only.
+    #[inline]
+    fn range(&self, input: usize, value: f64) -> Range {
+        match &self.inputs[input] {
+            Valid::Range(range) => *range,
+            Valid::Values { values, scale } => {
+                let nearest = values[nearest(values, value)];
+                Range::relative_to(*scale, nearest, nearest)
+            }
+        }
+    }
+
+    /// Distance of a point from the domain, zero inside: the largest of its inputs' distances, each relative to the
+    /// width of the input's range; of a nominal one that from the nearest value. Finite for every finite point: it is an output of the FMU.
     pub fn distance(&self, inputs: &[f64]) -> f64 {
-        self.ranges.iter().zip(inputs).map(|(range, &value)| range.distance(value)).fold(0.0, f64::max).min(f64::MAX)
+        let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
+        inputs.iter().enumerate().map(distance).fold(0.0, f64::max).min(f64::MAX)
     }
 
-    /// Whether a column's value is in its range, up to [`TOLERANCE`].
+    /// Whether an input's value is in its range or one of its values, up to [`TOLERANCE`].
     #[inline]
     pub fn contains(&self, column: usize, value: f64) -> bool {
-        let Range { lowest, highest, .. } = self.ranges[column];
+        let Range { lowest, highest, .. } = self.range(column, value);
         lowest <= value && value <= highest
     }
 
-    /// Whether every column's value is in its range, up to [`TOLERANCE`].
+    /// Whether every input's value is in its range or one of its values, up to [`TOLERANCE`].
     pub fn contains_point(&self, inputs: &[f64]) -> bool {
         inputs.iter().enumerate().all(|(column, &value)| self.contains(column, value))
     }
 
-    /// The value in the column's range that is nearest.
+    /// The valid value that is nearest.
     #[inline]
     pub fn clamp(&self, column: usize, value: f64) -> f64 {
-        let Range { min, max, .. } = self.ranges[column];
+        let Range { min, max, .. } = self.range(column, value);
         value.clamp(min, max)
     }
 
     /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain.
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
-        let distance = |&(column, value): &(usize, &f64)| self.ranges[column].distance(*value);
+        let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-        let Range { min, max, scale, .. } = self.ranges[column];
+        let Range { min, max, scale, .. } = self.range(column, *value);
         match value {
             value if *value > max => Some((column, 1.0 / scale)),
             value if *value < min => Some((column, -1.0 / scale)),
@@ -119,6 +152,30 @@ mod tests {
                 assert!((quotient - expected).abs() < 1e-6, "{point:?} {column}: {quotient} {expected}");
             }
         }
+    }
+
+    #[test]
+    fn a_nominal_input_is_inside_at_its_values_only_and_a_periodic_one_everywhere() {
+        // length is one of 0.14, 0.1 and 0.2, speed is periodic
+        let domain = Domain::new(example::encoded(&example::surrogate()).inputs());
+        for (length, distance, nearest, slope) in [
+            (0.14, 0.0, 0.14, None),
+            (0.2 + 5e-11, 5e-10, 0.2, Some(10.0)),
+            (0.15, 0.1, 0.14, Some(10.0)),
+            (0.18, 0.2, 0.2, Some(-10.0)),
+            (0.0, 1.0, 0.1, Some(-10.0)),
+            (0.3, 1.0, 0.2, Some(10.0)),
+        ] {
+            let point = [length, 1e6, 1.0];
+            assert!((domain.distance(&point) - distance).abs() < 1e-12, "{length}: {}", domain.distance(&point));
+            assert_eq!(domain.contains_point(&point), distance <= TOLERANCE, "{length}");
+            assert_eq!(domain.clamp(0, length), nearest);
+            let found = domain.distance_derivative(&point).map(|(input, slope)| (input, slope.round()));
+            assert_eq!(found, slope.map(|slope| (0, slope)), "{length}");
+        }
+        assert_eq!((domain.clamp(1, -1e300), domain.contains(1, f64::MIN)), (-1e300, true));
+        assert!(!domain.contains(0, f64::NAN) && !domain.contains(1, f64::NAN));
+        assert_eq!(domain.distance(&[-f64::MAX, 0.0, 1.0]), f64::MAX);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The surrogate prepared for evaluation.
 
 use crate::{
-    Activation, Model, Precision, ScaledNetwork, Scaling, Surrogate,
+    Activation, Encoder, Model, Precision, ScaledNetwork, Scaling, Surrogate,
     network::{Buffers, Network},
     regression::{Regression, RegressionScratch},
     series::{Instants, Sides},
@@ -17,8 +17,11 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 /// Every method panics if a slice has the wrong length or the scratch belongs to another evaluator.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
-    columns: usize,
+    inputs: usize,
     outputs: usize,
+    /// What makes columns of the inputs, if some are not what they are.
+    encoder: Option<Encoder>,
+    columns: usize,
     layouts: Layouts,
     /// The networks' instants, if there are several.
     instants: Option<Instants>,
@@ -46,6 +49,15 @@ struct Scaled<T, const WIDTH: usize> {
 pub struct Scratch {
     memory: Memory,
     sides: Option<Sides>,
+    columns: Option<Columns>,
+}
+
+/// Columns of the network after the inputs' encoding: their values, rates along a curve, and adjoint derivatives.
+#[derive(Clone, Debug)]
+struct Columns {
+    point: Vec<f64>,
+    rates: [Vec<f64>; 2],
+    gradient: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
@@ -66,6 +78,7 @@ impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub fn new(surrogate: &Surrogate) -> Self {
         let metadata = surrogate.metadata();
+        let encoder = Encoder::of(surrogate.inputs());
         let laid_out = |networks: &[ScaledNetwork]| match metadata.precision {
             Precision::Double => Layouts::Double(laid_out(networks, metadata.activation)),
             Precision::Single => Layouts::Single(laid_out(networks, metadata.activation)),
@@ -74,13 +87,15 @@ impl Evaluator {
             Model::Network(network) => (laid_out(std::slice::from_ref(network)), None),
             Model::Series { instants, networks } => {
                 let time = surrogate.time_column().expect("a series has a time column");
-                (laid_out(networks), Some(Instants::new(instants, time)))
+                (laid_out(networks), Some(Instants::new(instants, encoder.first_column(time))))
             }
             Model::Regression(regression) => (Layouts::Regression(regression.clone()), None),
         };
         Self {
-            columns: metadata.inputs.len(),
+            inputs: metadata.inputs.len(),
             outputs: metadata.outputs.len(),
+            columns: encoder.width(),
+            encoder: (!encoder.is_plain()).then_some(encoder),
             layouts,
             instants,
             simd: Simd::detect(),
@@ -96,10 +111,13 @@ impl Evaluator {
             Layouts::Regression(regression) => Memory::Regression(regression.scratch()),
         };
         let sides = self.instants.is_some().then(|| Sides::new(self.columns - 1, self.outputs));
-        Scratch { memory, sides }
+        let zeros = || vec![0.0; self.columns];
+        let columns =
+            self.encoder.is_some().then(|| Columns { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() });
+        Scratch { memory, sides, columns }
     }
 
-    /// Outputs at one point: `inputs` has one value per input column, `outputs` one per output column.
+    /// Outputs at one point: `inputs` has one value per input, `outputs` one per output column.
     pub fn evaluate(&self, inputs: &[f64], outputs: &mut [f64], scratch: &mut Scratch) {
         self.check_outputs(outputs);
         self.perform(inputs, Task::Outputs(outputs), scratch);
@@ -129,20 +147,57 @@ impl Evaluator {
         self.perform(inputs, Task::Adjoint { weights, gradient }, scratch);
     }
 
-    fn check_inputs(&self, columns: &[f64]) {
-        assert_eq!(columns.len(), self.columns, "number of inputs");
+    fn check_inputs(&self, inputs: &[f64]) {
+        assert_eq!(inputs.len(), self.inputs, "number of inputs");
     }
 
-    fn check_outputs(&self, columns: &[f64]) {
-        assert_eq!(columns.len(), self.outputs, "number of outputs");
+    fn check_outputs(&self, outputs: &[f64]) {
+        assert_eq!(outputs.len(), self.outputs, "number of outputs");
     }
 
     #[inline]
     fn perform(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
         self.check_inputs(inputs);
-        match (&self.instants, &mut scratch.sides) {
-            (None, None) => self.dispatch(0, inputs, task, &mut scratch.memory),
-            (Some(instants), Some(sides)) => self.interpolate(instants, inputs, task, sides, &mut scratch.memory),
+        let Scratch { memory, sides, columns } = scratch;
+        match (&self.encoder, columns) {
+            (None, None) => self.compute(inputs, task, sides, memory),
+            (Some(encoder), Some(columns)) => self.encode(encoder, inputs, task, columns, sides, memory),
+            _ => panic!("the scratch belongs to another evaluator"),
+        }
+    }
+
+    /// Does a task of the inputs with the columns after their encoding, by the chain rule.
+    fn encode(
+        &self,
+        encoder: &Encoder,
+        inputs: &[f64],
+        task: Task,
+        columns: &mut Columns,
+        sides: &mut Option<Sides>,
+        memory: &mut Memory,
+    ) {
+        let Columns { point, rates: [velocity, change], gradient: by_columns } = columns;
+        encoder.encode(inputs, point);
+        match task {
+            Task::Outputs(outputs) => self.compute(point, Task::Outputs(outputs), sides, memory),
+            Task::Series { rates, first, second } => {
+                encoder.along_curve(point, rates, [velocity, change]);
+                let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
+                self.compute(point, Task::Series { rates, first, second }, sides, memory);
+            }
+            Task::Adjoint { weights, gradient } => {
+                self.compute(point, Task::Adjoint { weights, gradient: by_columns }, sides, memory);
+                encoder.gradient(point, by_columns, gradient);
+            }
+        }
+    }
+
+    /// Does a task at the columns of the network.
+    #[inline]
+    fn compute(&self, columns: &[f64], task: Task, sides: &mut Option<Sides>, memory: &mut Memory) {
+        match (&self.instants, sides) {
+            (None, None) => self.dispatch(0, columns, task, memory),
+            (Some(instants), Some(sides)) => self.interpolate(instants, columns, task, sides, memory),
             _ => panic!("the scratch belongs to another evaluator"),
         }
     }

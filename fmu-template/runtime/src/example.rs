@@ -1,8 +1,8 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, ScaledNetwork,
-    Scaling, Surrogate, Variability,
+    Activation, Bounds, Encoder, Encoding, Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance,
+    Role, ScaledNetwork, Scaling, Surrogate, Variability,
 };
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
@@ -31,6 +31,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         min,
         max,
         start: if role == Role::Time { min } else { 0.5 * (min + max) },
+        encoding: Encoding::Plain,
     };
     let output = |name: &str, unit: &str| Output {
         name: name.into(),
@@ -103,6 +104,37 @@ pub fn with_input() -> Surrogate {
     let mut metadata = surrogate.metadata().clone();
     metadata.inputs[1].role = Role::Input;
     Surrogate::new(metadata, surrogate.model().clone()).expect("the example is valid")
+}
+
+/// A surrogate of either structure with encoded inputs: `length` is one of 0.1, 0.14 and 0.2, and `speed` is periodic.
+///
+/// # Panics
+/// If it is a regression.
+pub fn encoded(surrogate: &Surrogate) -> Surrogate {
+    let mut metadata = surrogate.metadata().clone();
+    metadata.inputs[0].encoding = Encoding::Nominal(vec![0.14, 0.1, 0.2]);
+    metadata.inputs[0].start = 0.14;
+    metadata.inputs[1].encoding = Encoding::Periodic;
+    let mut uniform = uniform_sequence();
+    let mut encode = |network: &ScaledNetwork| {
+        let mut network = network.clone();
+        let Scaling { input_mean, input_scale, .. } = &mut network.scaling;
+        input_mean.splice(..2, [0.3, 0.35, 0.3, 0.1, -0.05]);
+        input_scale.splice(..2, [0.45, 0.5, 0.45, 0.7, 0.75]);
+        let mut sizes: Vec<usize> = network.layers.iter().map(|layer| layer.outputs).collect();
+        sizes.insert(0, input_mean.len());
+        network.layers = layers(&sizes, &mut uniform);
+        network
+    };
+    let model = match surrogate.model() {
+        Model::Network(network) => Model::Network(encode(network)),
+        Model::Series { instants, networks } => {
+            Model::Series { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
+        }
+        Model::Regression(_) => panic!("the examples are networks"),
+    };
+    debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
+    Surrogate::new(metadata, model).expect("the example is valid")
 }
 
 /// [`surrogate`] with outputs `x` and `y` in metres, and arrays of them: `position` is `[x, y]` and `swapped` `[y, x]`.

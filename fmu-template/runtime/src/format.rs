@@ -5,14 +5,17 @@
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
-//! | `input_mean`, `input_scale` | F64 | `[inputs]` | `z = (x - mean) / scale` |
+//! | `input_mean`, `input_scale` | F64 | `[input columns]` | `z = (x - mean) / scale` |
 //! | `layers.K.weight` | F32 | `[outputs of layer K, inputs of layer K]` | K counts from 0; PyTorch's `Linear` convention |
 //! | `layers.K.bias` | F32 | `[outputs of layer K]` | |
 //! | `output_mean`, `output_scale` | F64 | `[outputs]` | `y = mean + scale * z` |
 //!
+//! Input columns are those after the inputs' [`Encoding`](crate::Encoding), input by input: one column unless the metadata say
+//! otherwise, for a nominal input one for each value, for a periodic one sine and cosine.
+//!
 //! That is a single network. A series of networks, one for each instant, has one more tensor, `instants`, F64 of shape
-//! `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the instant, and `inputs` are the
-//! columns other than the time, in order. How outputs are interpolated is said at [`Model::Series`].
+//! `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the instant, and the
+//! input columns are those other than the time, in order. How outputs are interpolated is said at [`Model::Series`].
 //!
 //! A regression has the four columns of scaling and the tensors of one kind of function between them, which are specified at
 //! [`Polynomial`](crate::regression::Polynomial), [`Forest`](crate::regression::Forest) and
@@ -151,6 +154,14 @@ pub enum FormatError {
         min: f64,
         /// Upper end.
         max: f64,
+    },
+    /// An encoding that does not fit its input.
+    #[error("variable `{name}`: its encoding makes no sense, {expected}")]
+    Encoding {
+        /// The variable.
+        name: String,
+        /// What must hold.
+        expected: &'static str,
     },
     /// More than one time column.
     #[error("{count} inputs are the time, expected at most one")]

@@ -3,6 +3,7 @@
 //! - [`Surrogate`]: the variables and the [`Model`] of a surrogate, as they stand in the model file.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
 //! - [`Evaluator`]: the surrogate prepared for evaluation, with exact derivatives.
+//! - [`Encoding`]: how an input's value becomes columns of the network.
 //! - [`regression`]: models that are a formula in double precision, such as polynomials and forests.
 //! - [`Domain`]: the ranges the surrogate was trained in.
 //! - [`extra`]: the variables every FMU adds to those of the surrogate.
@@ -24,6 +25,7 @@
 mod activation;
 mod bounds;
 mod domain;
+mod encoding;
 mod evaluator;
 pub mod example;
 pub mod extra;
@@ -39,6 +41,7 @@ mod surrogate;
 pub use activation::Activation;
 pub use bounds::Bounds;
 pub use domain::{Domain, TOLERANCE};
+pub use encoding::{Encoder, Encoding};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;
 pub use surrogate::{

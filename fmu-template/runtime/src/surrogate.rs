@@ -1,7 +1,7 @@
 //! The surrogate as data: variables, scaling, layers, provenance.
 
 use crate::{
-    Activation, Bounds, FormatError,
+    Activation, Bounds, Encoder, Encoding, FormatError,
     extra::{self, Extra},
     regression::Regression,
 };
@@ -44,7 +44,7 @@ pub enum Model {
 
 /// A feed-forward network and the scaling of its columns.
 ///
-/// With standardised inputs `z = (x - input_mean) / input_scale`, hidden layers `h = act(W h + b)` and a linear last
+/// With standardised inputs `z = (x - input_mean) / input_scale`, `x` the inputs after their [`Encoding`], hidden layers `h = act(W h + b)` and a linear last
 /// layer, the outputs are `y = output_mean + output_scale * (W h + b)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScaledNetwork {
@@ -62,7 +62,7 @@ pub struct Metadata {
     pub name: String,
     /// One sentence for people.
     pub description: String,
-    /// The network's input columns, in order.
+    /// The inputs, in order.
     pub inputs: Vec<Input>,
     /// The network's output columns, in order.
     pub outputs: Vec<Output>,
@@ -83,13 +83,13 @@ pub struct Metadata {
     pub provenance: Provenance,
 }
 
-/// One input column of the network.
+/// One input of the surrogate: a column of the network, or several if its encoding says so.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Input {
     /// Variable name, as the FMU shows it.
     pub name: String,
-    /// What the column is to a host.
+    /// What the input is to a host.
     pub role: Role,
     /// Unit, for instance `rad/s`; empty for a dimensionless quantity.
     pub unit: String,
@@ -99,8 +99,11 @@ pub struct Input {
     pub min: f64,
     /// Largest value in the training range.
     pub max: f64,
-    /// Value before a host sets one; within the range.
+    /// Value before a host sets one; within the range, and one of the values of a nominal input.
     pub start: f64,
+    /// How its value becomes columns of the network.
+    #[serde(default, skip_serializing_if = "Encoding::is_plain")]
+    pub encoding: Encoding,
 }
 
 /// What an input column of the network is to a host.
@@ -197,7 +200,8 @@ pub struct Provenance {
     pub content_digest: String,
 }
 
-/// Column-wise affine scaling of inputs and outputs: `standardised = (value - mean) / scale`.
+/// Column-wise affine scaling of inputs and outputs: `standardised = (value - mean) / scale`. Input columns are those after
+/// the inputs' [`Encoding`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     /// Means of the input columns.
@@ -231,11 +235,12 @@ impl Surrogate {
     pub fn new(metadata: Metadata, model: Model) -> Result<Self, FormatError> {
         validate_metadata(&metadata)?;
         let array_columns = array_columns(&metadata)?;
+        let columns = Encoder::of(&metadata.inputs).width();
         match &model {
-            Model::Network(network) => validate_network(network, metadata.inputs.len(), metadata.outputs.len())?,
+            Model::Network(network) => validate_network(network, columns, metadata.outputs.len())?,
             Model::Series { instants, networks } => validate_series(instants, networks, &metadata)?,
             Model::Regression(regression) => {
-                validate_scaling(&regression.scaling, metadata.inputs.len(), metadata.outputs.len())?;
+                validate_scaling(&regression.scaling, columns, metadata.outputs.len())?;
                 regression.check()?;
             }
         }
@@ -247,7 +252,7 @@ impl Surrogate {
         &self.metadata
     }
 
-    /// The network's input columns, in order.
+    /// The inputs, in order.
     pub fn inputs(&self) -> &[Input] {
         &self.metadata.inputs
     }
@@ -405,6 +410,7 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
         }
     }
     for input in &metadata.inputs {
+        input.check_encoding()?;
         if !(input.min..=input.max).contains(&input.start) {
             let Input { name, start, min, max, .. } = input.clone();
             return Err(FormatError::StartOutsideRange { name, start, min, max });
@@ -484,10 +490,11 @@ fn validate_scaling(scaling: &Scaling, inputs: usize, outputs: usize) -> Result<
 }
 
 fn validate_series(instants: &[f64], networks: &[ScaledNetwork], metadata: &Metadata) -> Result<(), FormatError> {
-    let columns = metadata.inputs.iter().filter(|input| input.role != Role::Time).count();
-    if columns == metadata.inputs.len() {
+    if metadata.inputs.iter().all(|input| input.role != Role::Time) {
         return Err(FormatError::NoTime);
     }
+    // the time is one of them
+    let columns = Encoder::of(&metadata.inputs).width() - 1;
     if columns == 0 {
         return Err(FormatError::OnlyTime);
     }

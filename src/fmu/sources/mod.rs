@@ -53,9 +53,12 @@ const FMI3: [(&str, &str); 3] = [
 /// `identifier` is the model identifier of the FMU.
 ///
 /// # Errors
-/// [`Error::NoSources`] if the surrogate is no single network.
+/// [`Error::NoSources`] if the surrogate is no single network, [`Error::NoEncodedSources`] if an input is nominal or periodic.
 pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
     let network = surrogate.network().ok_or(Error::NoSources)?;
+    if let Some(input) = surrogate.inputs().iter().find(|input| !input.encoding.is_plain()) {
+        return Err(Error::NoEncodedSources { parameter: input.name.clone() });
+    }
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, network, identifier).into_bytes()));

@@ -6,7 +6,7 @@ use crate::{
     fmu::{Fmu, Instance},
 };
 use metafmu_runtime::{
-    Domain, Evaluator, Role, Surrogate,
+    Domain, Encoding, Evaluator, Input, Role, Surrogate,
     extra::{self, DomainPolicy},
 };
 
@@ -17,7 +17,9 @@ const TOLERANCE: f64 = 1e-9;
 pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
     for policy in [DomainPolicy::Warn, DomainPolicy::Clamp, DomainPolicy::Error] {
         for column in 0..surrogate.inputs().len() {
-            if surrogate.inputs()[column].role == Role::Time {
+            let Input { role, encoding, .. } = &surrogate.inputs()[column];
+            // a periodic input is never outside
+            if *role == Role::Time || *encoding == Encoding::Periodic {
                 continue;
             }
             match outside(fmu, surrogate, policy, column) {
@@ -31,7 +33,15 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
     }
 }
 
-/// Half a range beyond the largest value of one column.
+/// Half a range beyond the largest value of one column; of a nominal one a quarter of the way between two values.
+fn outside_value(input: &Input) -> f64 {
+    let Some(values) = input.nominal_values() else {
+        return input.max + 0.5 * (input.max - input.min).max(1.0);
+    };
+    let next = values.iter().copied().filter(|value| *value > input.min).fold(input.max, f64::min);
+    0.75 * input.min + 0.25 * next
+}
+
 fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize) -> Result<Option<String>> {
     let instance = fmu.instantiate("domain", true)?;
     let inputs = surrogate.inputs();
@@ -40,7 +50,7 @@ fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize
     if let Some(time) = surrogate.time_column() {
         point[time] = start;
     }
-    point[column] = inputs[column].max + 0.5 * (inputs[column].max - inputs[column].min).max(1.0);
+    point[column] = outside_value(&inputs[column]);
     instance.set_integer(&[surrogate.extra_value_reference(&extra::DOMAIN_POLICY)], &[policy as i32])?;
     instance.enter_initialization_mode(start, None)?;
     let set = instance.set_real(&[column as u32], &[point[column]]);

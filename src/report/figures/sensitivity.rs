@@ -16,6 +16,9 @@ pub fn section(evaluated: &Evaluated) -> Section {
                     much the output changes over the whole range if it goes on as at the point. Derivatives are the surrogate's own \
                     and exact."
         .to_owned();
+    if evaluated.surrogate.inputs().iter().any(|input| input.nominal_values().is_some()) {
+        text += " A parameter that has some values only has no derivatives, and stands as 0.";
+    }
     if runs > SENSITIVITY_RUNS {
         text += &format!(" Thinned: from {SENSITIVITY_RUNS} of {runs} test runs.");
     }

@@ -3,6 +3,7 @@
 use super::{Block, Material, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
     evaluation::{Accuracy, OutputMetrics},
+    fmu::describe::input_description,
     html,
     study::NetworkOptions,
 };
@@ -45,12 +46,12 @@ pub fn summary(material: &Material) -> Section {
     ));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = if input.role == Role::Time { "time" } else { "parameter" };
-        (&input.name, kind, input.min, input.max, &input.unit, &input.description)
+        (&input.name, kind, input.min, input.max, &input.unit, input_description(input))
     });
     let outputs = evaluated.surrogate.outputs().iter();
-    let outputs = outputs.map(|o| (&o.name, "output", o.min, o.max, &o.unit, &o.description));
+    let outputs = outputs.map(|o| (&o.name, "output", o.min, o.max, &o.unit, o.description.clone()));
     let rows = inputs.chain(outputs).map(|(name, kind, min, max, u, description)| {
-        vec![code(name), kind.into(), number(min), number(max), unit(u), escape(description)]
+        vec![code(name), kind.into(), number(min), number(max), unit(u), escape(&description)]
     });
     blocks.push(table(&["variable", "kind", "from", "to", "unit", "meaning"], rows));
     Section { id: "summary", title: "Summary".into(), blocks }

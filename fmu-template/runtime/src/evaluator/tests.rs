@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Activation, example};
+use crate::{Activation, Encoding, encoding::nearest, example};
 use extended::Extended;
 
 mod extended;
@@ -136,12 +136,24 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
     };
     let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
-    let mut values: Vec<Extended> = (0..inputs.len())
-        .map(|i| {
-            let x = exact(inputs[i]) + h * exact(rates[0][i]) + h * h * exact(0.5) * exact(rates[1][i]);
-            (x - exact(input_mean[i])) / exact(input_scale[i])
-        })
-        .collect();
+    let columns = surrogate.inputs().iter().enumerate().flat_map(|(i, input)| {
+        let x = exact(inputs[i]) + h * exact(rates[0][i]) + h * h * exact(0.5) * exact(rates[1][i]);
+        match &input.encoding {
+            Encoding::Plain => vec![x],
+            Encoding::Nominal(values) => {
+                let hot = nearest(values, inputs[i]);
+                (0..values.len()).map(|value| exact(f64::from(u8::from(value == hot)))).collect()
+            }
+            Encoding::Periodic => {
+                let turn = exact(std::f64::consts::TAU);
+                let angle = turn * (x - exact(input.min)) / exact(input.max - input.min);
+                vec![angle.sin(), (angle + turn * exact(0.25)).sin()]
+            }
+        }
+    });
+    let scaling = input_mean.iter().zip(input_scale);
+    let mut values: Vec<Extended> =
+        columns.zip(scaling).map(|(x, (&mean, &scale))| (x - exact(mean)) / exact(scale)).collect();
     for (index, layer) in layers.iter().enumerate() {
         let last = index + 1 == layers.len();
         let row = |o: usize| {
@@ -214,6 +226,37 @@ fn derivatives_of_a_series_agree_with_differences_in_higher_precision() {
     let points = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.01], [0.2, 5.0, 0.7]];
     for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
         check_derivatives(&example::series(hidden, activation, Precision::Double), &points);
+    }
+}
+
+#[test]
+fn derivatives_by_encoded_inputs_agree_with_differences_in_higher_precision() {
+    let points = [[0.15, 0.3, 1.0], [0.1, 1.1, 0.01], [0.2, 4.7, 0.7]];
+    for hidden in SHAPES {
+        check_derivatives(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &points);
+        check_derivatives(&example::encoded(&example::series(hidden, Activation::Tanh, Precision::Double)), &points);
+    }
+}
+
+#[test]
+fn encoded_inputs_give_the_textbook_formula_of_their_columns() {
+    for precision in [Precision::Double, Precision::Single] {
+        let surrogate = example::encoded(&example::with_precision(&[7, 33], Activation::Tanh, precision));
+        let evaluator = Evaluator::new(&surrogate);
+        let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+        for (length, hot) in [(0.14, 0), (0.1, 1), (0.2, 2), (0.19, 2), (-5.0, 1)] {
+            for speed in [0.0, 1.3, 5.0, -3.7] {
+                let angle = std::f64::consts::TAU * speed / 5.0;
+                let mut columns = [0.0, 0.0, 0.0, angle.sin(), angle.cos(), 0.6];
+                columns[hot] = 1.0;
+                let expected = reference(&surrogate, &columns);
+                evaluator.evaluate(&[length, speed, 0.6], &mut outputs, &mut scratch);
+                let tolerance = if precision == Precision::Single { 2e-5 } else { 1e-13 };
+                assert_close(&outputs, &expected, tolerance, "encoded");
+            }
+        }
+        evaluator.evaluate(&[f64::NAN, 0.0, 0.0], &mut outputs, &mut scratch);
+        assert!(outputs[0].is_nan());
     }
 }
 

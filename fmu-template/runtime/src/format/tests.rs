@@ -1,13 +1,14 @@
 use super::*;
-use crate::{Activation, Bounds, Precision, Role, Variability, example};
+use crate::{Activation, Bounds, Encoding, Precision, Role, Variability, example};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
     let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
     let series = example::series(&[7, 3], Activation::Tanh, Precision::Double);
-    for surrogate in
-        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single, series]
-    {
+    let encoded = [&single, &series].map(example::encoded);
+    let surrogates =
+        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single, series];
+    for surrogate in surrogates.into_iter().chain(encoded) {
         let bytes = surrogate.to_bytes().unwrap();
         let again = Surrogate::from_bytes(&bytes).unwrap();
         assert_eq!(again, surrogate);
@@ -23,6 +24,52 @@ fn double_precision_is_what_a_file_without_the_field_means() {
     };
     assert!(!text(Precision::Double).contains("precision"));
     assert!(text(Precision::Single).contains(r#""precision":"single""#));
+}
+
+#[test]
+fn a_plain_encoding_is_what_a_file_without_the_field_means() {
+    let text = |surrogate: &Surrogate| serde_json::to_string(surrogate.metadata()).unwrap();
+    assert!(!text(&example::surrogate()).contains("encoding"));
+    let encoded = text(&example::encoded(&example::surrogate()));
+    assert!(encoded.contains(r#""start":0.14,"encoding":{"nominal":[0.14,0.1,0.2]}}"#), "{encoded}");
+    assert!(encoded.contains(r#""encoding":"periodic"}"#), "{encoded}");
+}
+
+#[test]
+fn encodings_that_make_no_sense_are_refused_by_name() {
+    let surrogate = example::encoded(&example::surrogate());
+    let refused = |change: &dyn Fn(&mut Metadata)| {
+        let mut metadata = surrogate.metadata().clone();
+        change(&mut metadata);
+        Surrogate::new(metadata, surrogate.model().clone()).unwrap_err().to_string()
+    };
+    let values =
+        |values: &'static [f64]| refused(&|metadata| metadata.inputs[0].encoding = Encoding::Nominal(values.into()));
+    let sense = |input: &str, expected: &str| format!("variable `{input}`: its encoding makes no sense, {expected}");
+    for wrong in [&[][..], &[0.1], &[0.1, 0.2, 0.1], &[0.1, f64::NAN, 0.2], &[0.1, f64::INFINITY]] {
+        assert_eq!(values(wrong), sense("length", "nominal values are at least two, finite and distinct"), "{wrong:?}");
+    }
+    let range = "the range is from the smallest to the largest nominal value";
+    assert_eq!(values(&[0.1, 0.14, 0.3]), sense("length", range));
+    let start = refused(&|metadata| metadata.inputs[0].start = 0.15);
+    assert_eq!(start, sense("length", "the start is one of the nominal values"));
+    let period = refused(&|metadata| metadata.inputs[1].max = metadata.inputs[1].min);
+    assert_eq!(period, sense("speed", "a period is longer than zero"));
+    let time = refused(&|metadata| metadata.inputs[2].encoding = Encoding::Periodic);
+    assert_eq!(time, sense("time", "the time is its own column"));
+    // six columns, and with another encoding as many as are left
+    let columns = |found: &str, expected: &str| format!("tensor `input_mean` has shape {found}, expected {expected}");
+    assert_eq!(refused(&|metadata| metadata.inputs[1].encoding = Encoding::Plain), columns("[6]", "[5]"));
+    let fewer = refused(&|metadata| {
+        metadata.inputs[0].encoding = Encoding::Nominal(vec![0.1, 0.2]);
+        metadata.inputs[0].start = 0.1;
+    });
+    assert_eq!(fewer, columns("[6]", "[5]"));
+    let text = serde_json::to_string(surrogate.metadata()).unwrap();
+    for unknown in [r#""spiral""#, r#"{"nominal":["a"]}"#, "3"] {
+        let text = text.replace(r#""periodic""#, unknown);
+        assert!(serde_json::from_str::<Metadata>(&text).is_err(), "{unknown}");
+    }
 }
 
 #[test]

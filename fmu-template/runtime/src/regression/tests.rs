@@ -1,6 +1,7 @@
 use super::*;
 
-use crate::{Evaluator, Model, Surrogate, example};
+use crate::{Evaluator, Input, Model, Surrogate, example};
+use std::f64::consts::TAU;
 
 fn scaling() -> Scaling {
     Scaling {
@@ -164,6 +165,24 @@ fn a_surrogate_evaluates_as_its_regression_does() {
         let is_forest = matches!(regression.function, Function::Forest(_));
         assert_eq!(found == [0.0; 2], is_forest);
     }
+}
+
+#[test]
+fn a_regression_takes_the_columns_that_the_inputs_are_encoded_as() {
+    let like = example::encoded(&example::surrogate());
+    let degrees: Vec<u8> = (0..36).map(|index| u8::from(index % 7 == 0)).collect();
+    let coefficients = (1..=12).map(f64::from).collect();
+    let scaling = like.network().unwrap().scaling.clone();
+    let regression = Regression { scaling, function: Function::Polynomial(Polynomial { degrees, coefficients }) };
+    let Input { min, max, .. } = like.inputs()[1];
+    let angle = TAU * (1.1 - min) / (max - min);
+    let expected = outputs(&regression, &[0.0, 1.0, 0.0, angle.sin(), angle.cos(), 1.3]);
+    let evaluator = Evaluator::new(&Surrogate::new(like.metadata().clone(), Model::Regression(regression)).unwrap());
+    let mut found = [0.0; 2];
+    evaluator.evaluate(&[0.1, 1.1, 1.3], &mut found, &mut evaluator.scratch());
+    assert!(found.iter().zip(&expected).all(|(found, expected)| (found - expected).abs() < 1e-12), "{found:?}");
+    let refused = Surrogate::new(like.metadata().clone(), Model::Regression(polynomial())).unwrap_err();
+    assert!(refused.to_string().contains('6'), "{refused}");
 }
 
 #[test]

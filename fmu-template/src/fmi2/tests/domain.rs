@@ -112,3 +112,58 @@ fn the_policy_is_a_tunable_parameter_of_three_values() {
     assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Ok, "part of the state");
     host.free_state(state);
 }
+
+/// With `length` one of 0.14, 0.1 and 0.2, and `speed` periodic.
+fn encoded() -> Host {
+    let host = Host::of(&example::encoded(&example::surrogate()));
+    host.initialize(0.0);
+    host
+}
+
+#[test]
+fn a_nominal_parameter_takes_its_values_and_else_the_nearest_one() {
+    let host = encoded();
+    let at = |length: f64| {
+        assert_ne!(host.set(&[LENGTH], &[length]), Status::Error);
+        host.outputs()
+    };
+    assert_eq!(host.try_get([LENGTH]), Ok([0.14]));
+    let [middle, least, most] = [0.14, 0.1, 0.2].map(at);
+    assert!(middle != least && least != most && host.in_domain());
+    assert_eq!(host.messages().len(), 0);
+    assert_eq!(at(0.18), most);
+    let message = host.message();
+    let says = "`length`: 0.18 is outside the trained values 0.14, 0.1, 0.2; outputs are those of the nearest (said";
+    assert!(message.contains(says), "{message}");
+    assert_eq!((host.in_domain(), (10.0 * distance(&host)).round()), (false, 2.0));
+    assert_eq!(host.set_policy(1), Status::Ok);
+    assert_eq!((at(0.13), host.try_get([LENGTH])), (middle, Ok([0.13])));
+    assert_eq!((at(0.1), host.set_policy(2)), (least, Status::Ok));
+    host.messages();
+    assert_eq!(host.set(&[LENGTH], &[0.15]), Status::Error);
+    assert!(host.message().contains("`length`: 0.15 is outside the trained values 0.14, 0.1, 0.2, and domain_policy"));
+}
+
+#[test]
+fn a_periodic_parameter_is_never_outside() {
+    let outputs = [1.25, 6.25, -3.75, 5001.25].map(|speed| {
+        let host = Host::of(&example::encoded(&example::surrogate()));
+        assert_eq!(host.set_policy(2), Status::Ok);
+        assert_eq!(host.set(&[SPEED], &[speed]), Status::Ok);
+        host.initialize(0.0);
+        assert_eq!((host.in_domain(), distance(&host), host.messages().len()), (true, 0.0, 0));
+        host.outputs()
+    });
+    assert!(outputs.iter().all(|found| *found == outputs[0]), "{outputs:?}");
+}
+
+#[test]
+fn a_step_with_encoded_inputs_does_not_allocate() {
+    let host = encoded();
+    let (before, _) = allocations();
+    for step in 0..10 {
+        host.step(0.1 * f64::from(step), 0.1);
+        host.outputs();
+    }
+    assert_eq!(allocations().0, before);
+}

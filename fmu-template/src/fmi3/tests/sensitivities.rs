@@ -152,3 +152,30 @@ fn types_and_clocks_that_do_not_exist_are_refused() {
         refused(State::Event, &|c| fmi3GetIntervalDecimal(c, &5, 1, &mut 0.0, &mut 0), "1 variables of type Clock");
     }
 }
+
+#[test]
+fn derivatives_by_encoded_inputs_are_those_of_differences() {
+    let host = Host::of(&example::encoded(&example::surrogate()), Use::Steps);
+    assert_eq!(host.set(&[LENGTH, SPEED], &[0.2, 1.3]), Status::Ok);
+    assert_eq!(host.enter(0.3), Status::Ok);
+    let unknowns = [3, 4];
+    let at = |speed: f64| {
+        assert_eq!(host.set(&[SPEED], &[speed]), Status::Ok);
+        host.outputs()
+    };
+    let (above, below) = (at(1.3 + 1e-5), at(1.3 - 1e-5));
+    at(1.3);
+    let found = host.directional(&unknowns, &[SPEED], &[1.0]);
+    for index in 0..2 {
+        let difference = (above[index] - below[index]) / 2e-5;
+        assert!((found[index] - difference).abs() < 1e-8 * difference.abs().max(1.0), "{} {difference}", found[index]);
+        let mut seed = [0.0; 2];
+        seed[index] = 1.0;
+        let row = host.adjoint(&unknowns, &[LENGTH, SPEED], &seed);
+        assert_eq!(row[0], 0.0);
+        assert!((row[1] - found[index]).abs() < 1e-12 * found[index].abs().max(1.0));
+    }
+    assert_eq!(host.directional(&unknowns, &[LENGTH], &[1.0]), [0.0; 2]);
+    assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Warning);
+    assert_eq!(host.in_domain(), 0);
+}
