@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Polynomial {
-    /// Highest sum of the powers in a term.
-    pub degree: u8,
+    /// Highest sum of the powers in a term; unless given the highest of 1 to 6 that makes no more than 1000 terms.
+    pub degree: Option<u8>,
     /// Strength of the penalty.
     pub alpha: f64,
     /// At most so many rows.
@@ -28,7 +28,7 @@ pub struct Polynomial {
 
 impl Default for Polynomial {
     fn default() -> Self {
-        Self { degree: 6, alpha: 1e-9, rows: 500_000 }
+        Self { degree: None, alpha: 1e-9, rows: 500_000 }
     }
 }
 
@@ -39,6 +39,10 @@ const PART: usize = 64 * BLOCK;
 /// More and the normal equations take longer than anyone waits.
 const MOST_TERMS: usize = 5000;
 
+/// Of the degree that is chosen unless one is given.
+const USUAL_TERMS: usize = 1000;
+const USUAL_DEGREE: u8 = 6;
+
 impl Baseline for Polynomial {
     fn most_rows(&self) -> Option<usize> {
         Some(self.rows)
@@ -46,7 +50,10 @@ impl Baseline for Polynomial {
 
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
         let inputs = rows.inputs;
-        let degrees = degrees(inputs, self.degree)?;
+        let degrees = match self.degree {
+            Some(degree) => degrees(inputs, degree, MOST_TERMS)?,
+            None => usual_degrees(inputs)?,
+        };
         let mut polynomial = regression::Polynomial { degrees, coefficients: Vec::new() };
         let (middle, half) = ranges(rows);
         let parts: Vec<(DMatrix<f64>, DMatrix<f64>)> = rows
@@ -70,7 +77,7 @@ impl Baseline for Polynomial {
     }
 
     fn problems(&self) -> Vec<(&'static str, String)> {
-        let degree = expect((1..=20).contains(&self.degree), "degree", &self.degree, "1 to 20");
+        let degree = self.degree.and_then(|degree| expect((1..=20).contains(&degree), "degree", &degree, "1 to 20"));
         let rows = super::at_least("rows", self.rows, 2);
         degree.into_iter().chain(not_negative("alpha", self.alpha)).chain(rows).collect()
     }
@@ -104,8 +111,14 @@ fn normal_equations(
     (matrix, right)
 }
 
-/// Every combination of powers with a sum of at most `degree`, row by row.
-fn degrees(inputs: usize, degree: u8) -> Result<Vec<u8>, String> {
+/// [`degrees`] up to the highest usual degree that makes no more than the usual number of terms; else up to 1.
+fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
+    let usual = (2..=USUAL_DEGREE).rev().find_map(|degree| degrees(inputs, degree, USUAL_TERMS).ok());
+    usual.map_or_else(|| degrees(inputs, 1, MOST_TERMS), Ok)
+}
+
+/// Every combination of powers with a sum of at most `degree`, row by row; fails if there are more than `most`.
+fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
     let mut all = vec![Vec::new()];
     for _ in 0..inputs {
         let longer = |powers: &Vec<u8>| {
@@ -114,8 +127,8 @@ fn degrees(inputs: usize, degree: u8) -> Result<Vec<u8>, String> {
             (0..=left).map(move |power| [powers.as_slice(), &[power]].concat())
         };
         all = all.iter().flat_map(longer).collect();
-        if all.len() > MOST_TERMS {
-            return Err(format!("more than {MOST_TERMS} terms of degree {degree} in {inputs} inputs: lower `degree`"));
+        if all.len() > most {
+            return Err(format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`"));
         }
     }
     Ok(all.concat())
@@ -148,7 +161,7 @@ mod tests {
     #[test]
     fn of_degree_one_it_is_linear_least_squares() {
         let rows = wavy_rows(400);
-        let fitted = Polynomial { degree: 1, alpha: 0.0, ..Polynomial::default() }.fit(&rows, 1).unwrap();
+        let fitted = Polynomial { degree: Some(1), alpha: 0.0, ..Polynomial::default() }.fit(&rows, 1).unwrap();
         let expected = least_squares(&rows, 0, 0.0);
         for row in 0..40 {
             let z = &rows.x[row * 3..][..3];
@@ -161,7 +174,7 @@ mod tests {
     fn a_polynomial_is_found_again_at_points_between_the_rows() {
         // the second output is a polynomial of degree 2
         let rows = wavy_rows(800);
-        let fitted = Polynomial { degree: 4, alpha: 0.0, ..Polynomial::default() };
+        let fitted = Polynomial { degree: Some(4), alpha: 0.0, ..Polynomial::default() };
         let fitted = fitted.fit(&rows.choose(&(0..400).collect::<Vec<_>>()), 1).unwrap();
         for row in 400..800 {
             let error = formula_at(&fitted, &rows, row)[1] - rows.y[row * 2 + 1];
@@ -171,8 +184,14 @@ mod tests {
 
     #[test]
     fn many_rows_are_summed_in_parts_and_too_many_terms_are_refused() {
-        assert_eq!(degrees(2, 2).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
-        assert_eq!(degrees(4, 6).unwrap().len() / 4, 210);
-        assert!(degrees(100, 6).unwrap_err().starts_with("more than 5000 terms"));
+        assert_eq!(degrees(2, 2, MOST_TERMS).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
+        assert_eq!(degrees(4, 6, MOST_TERMS).unwrap().len() / 4, 210);
+        assert!(degrees(100, 6, MOST_TERMS).unwrap_err().starts_with("more than 5000 terms"));
+    }
+
+    #[test]
+    fn the_usual_degree_falls_with_the_number_of_inputs() {
+        let usual = |inputs| usual_degrees(inputs).unwrap().iter().copied().max().unwrap();
+        assert_eq!([1, 4, 6, 7, 9, 16, 100].map(usual), [6, 6, 6, 5, 4, 3, 1]);
     }
 }

@@ -226,7 +226,7 @@ mod tests {
         let mut options = Baselines::default();
         options.gaussian_process.rows = 50;
         options.gaussian_process.steps = 5;
-        options.polynomial.degree = 3;
+        options.polynomial.degree = Some(3);
         Task { kind, options, seed: 1, rows, test }
     }
 

@@ -122,6 +122,25 @@ def test_it_learns_from_both(built):
         assert all(metrics[output]["r2"] > 0.98 for output in OUTPUTS), metrics
 
 
+def test_a_baseline_takes_the_same_columns_in_the_fmu_as_when_it_was_measured(study):
+    path, folder = study.with_stem("polynomial"), study.parent / "polynomial"
+    path.write_text(study.read_text().replace('fmi = "both"', 'fmi = "2"').replace("epochs = 60", "epochs = 1"))
+    for verb in ("sample", "train", "compare", "export"):
+        model = ("--model", "polynomial") if verb in ("compare", "export") else ()
+        metafmu(verb, path, "--out", folder, *model)
+    measured = json.loads((folder / "comparison.json").read_text())["models"][1]
+    table = pd.read_csv(folder / "test.csv")
+    squares = []
+    for _, run in table.groupby("run"):
+        start_values = {name: run[name].iloc[0] for name in ("L", "c", "thetad0", "m", "theta0")}
+        result = simulate_fmu(
+            str(folder / "study-polynomial.fmu"), start_values=start_values, output=OUTPUTS, stop_time=0.5, output_interval=0.05
+        )
+        squares += [[(result[output] - run[output].to_numpy()) ** 2 for output in OUTPUTS]]
+    for output, found in zip(OUTPUTS, np.mean(squares, axis=(0, 2))):
+        assert found == pytest.approx(measured["outputs"][output]["mse"], rel=1e-9)
+
+
 def test_source_code_is_refused(study, built):
     refused = metafmu("export", built.with_suffix(".toml"), "--out", built, "--sources", check=False)
     says = "source code is written of "
