@@ -61,15 +61,10 @@ impl Dataset {
         files::write_with(path, |file| {
             let header: Vec<String> = self.columns().iter().map(|name| header_field(name)).collect();
             writeln!(file, "{}", header.join(","))?;
-            for (index, run) in self.runs.iter().enumerate() {
-                let parameters: String = run.parameters.iter().map(|value| format!("{value:?},")).collect();
-                for (time, outputs) in run.rows() {
-                    write!(file, "{index},{time:?},{parameters}")?;
-                    for (column, value) in outputs.iter().enumerate() {
-                        let end = if column + 1 == outputs.len() { '\n' } else { ',' };
-                        write!(file, "{value:?}{end}")?;
-                    }
-                }
+            for (block, runs) in self.runs.chunks(RUNS).enumerate() {
+                let lines = |(index, run)| csv_lines(block * RUNS + index, run);
+                let written: Vec<Vec<u8>> = runs.par_iter().enumerate().map(lines).collect();
+                written.iter().try_for_each(|lines| file.write_all(lines))?;
             }
             Ok(())
         })
@@ -113,6 +108,29 @@ impl Dataset {
         }
         Ok(dataset)
     }
+}
+
+/// Runs of a table that are put into words at a time, by all threads.
+const RUNS: usize = 256;
+
+/// The lines of a run.
+fn csv_lines(index: usize, run: &Run) -> Vec<u8> {
+    let (mut lines, mut digits) = (Vec::new(), zmij::Buffer::new());
+    let mut append = |lines: &mut Vec<u8>, value: f64, end: u8| {
+        lines.extend_from_slice(digits.format(value).as_bytes());
+        lines.push(end);
+    };
+    let (begin, mut parameters) = (format!("{index},"), Vec::new());
+    run.parameters.iter().for_each(|&value| append(&mut parameters, value, b','));
+    for (time, outputs) in run.rows() {
+        lines.extend_from_slice(begin.as_bytes());
+        append(&mut lines, time, b',');
+        lines.extend_from_slice(&parameters);
+        for (column, &value) in outputs.iter().enumerate() {
+            append(&mut lines, value, if column + 1 == outputs.len() { b'\n' } else { b',' });
+        }
+    }
+    lines
 }
 
 /// Bytes of a table that are read at a time.
