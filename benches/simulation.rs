@@ -3,6 +3,7 @@
 //! `cargo bench --bench simulation` prints the tables of docs/multibody.md.
 
 use metafmu::{
+    integrate::TOLERANCE,
     integrate::{Integration, advance},
     multibody::{
         Mechanism,
@@ -77,8 +78,8 @@ fn twin(mechanism: &Mechanism, name: &str, values: &[f64]) -> f64 {
     let system = SYSTEMS.iter().find(|system| system.name == name).unwrap();
     let value = |name: &str| mechanism.parameters().get_index_of(name).map(|index| values[index]);
     let quantities: Vec<f64> = system.quantities.iter().map(|q| value(q.name).unwrap_or(q.default)).collect();
-    let exact = (system.simulate)(&quantities, &grid(5.0)).unwrap();
-    let found = mechanism.simulate(values, &grid(5.0)).unwrap();
+    let exact = (system.simulate)(&quantities, &grid(5.0), TOLERANCE).unwrap();
+    let found = mechanism.simulate(values, &grid(5.0), TOLERANCE).unwrap();
     let rows = exact.chunks(system.outputs.len()).zip(found.chunks(mechanism.outputs().len()));
     let column = |name: &str| mechanism.outputs().iter().position(|output| output.name == name).unwrap();
     let columns: Vec<usize> = system.outputs.iter().map(|output| column(output.name)).collect();
@@ -146,7 +147,7 @@ fn cost() {
     for system in SYSTEMS {
         let quantities: Vec<f64> = system.quantities.iter().map(|quantity| quantity.default).collect();
         report(&format!("{}, closed form", system.name), &|| {
-            (system.simulate)(&quantities, &grid(5.0)).unwrap();
+            (system.simulate)(&quantities, &grid(5.0), TOLERANCE).unwrap();
         });
     }
     for name in MECHANISMS {
@@ -154,7 +155,7 @@ fn cost() {
             let mechanism = mechanism(name, formulation);
             let values: Vec<f64> = mechanism.parameters().values().map(|parameter| parameter.default).collect();
             report(&format!("{name}, {formulation}"), &|| {
-                mechanism.simulate(&values, &grid(5.0)).unwrap();
+                mechanism.simulate(&values, &grid(5.0), TOLERANCE).unwrap();
             });
         }
     }

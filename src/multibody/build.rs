@@ -8,6 +8,7 @@ use super::{
     measure::Measure,
     model::{Actuator, Force, Model, Spring},
 };
+use crate::integrate::TOLERANCE;
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
 
@@ -56,6 +57,7 @@ impl Builder<'_> {
         let (initial_positions, initial_velocities) = self.initial();
         Model {
             formulation: description.formulation,
+            tolerance: TOLERANCE,
             mass: DVector::from_vec(mass),
             gravity: self.vector("gravity", &description.gravity),
             constraints: self.constraints(),

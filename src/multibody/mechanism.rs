@@ -73,16 +73,17 @@ impl Mechanism {
         &self.outputs
     }
 
-    /// Simulates one run: a value for each parameter and evenly spaced times in; rows of all outputs out, one after the
-    /// other.
+    /// Simulates one run: a value for each parameter, evenly spaced times and the integration's tolerance in; rows of all
+    /// outputs out, one after the other.
     ///
     /// # Errors
     /// A sentence that says what failed, when, and at which joint.
-    pub fn simulate(&self, values: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
+    pub fn simulate(&self, values: &[f64], times: &[f64], tolerance: f64) -> std::result::Result<Vec<f64>, String> {
         let sentence = |problems: Problems| {
             problems.into_iter().map(|(key, message)| format!("{key}: {message}")).collect::<Vec<_>>().join("; ")
         };
-        let (model, measures) = build(&self.description, values).map_err(sentence)?;
+        let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
+        model.tolerance = tolerance;
         let mut rows = Vec::with_capacity(times.len() * measures.len());
         for sample in simulate(&model, times)? {
             for (measure, output) in measures.iter().zip(&self.outputs) {

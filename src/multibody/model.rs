@@ -50,6 +50,8 @@ pub struct Actuator {
 pub struct Model {
     /// How the equations of motion are solved.
     pub formulation: FormulationKind,
+    /// Relative and absolute tolerance of the integration.
+    pub tolerance: f64,
     /// Diagonal of the mass matrix: mass, mass, moment of inertia about the centre of mass of each body.
     pub mass: DVector<f64>,
     /// Acceleration of gravity.

@@ -5,7 +5,7 @@ use super::{
     formulation::{Acceleration, Formulation, augmented},
     model::Model,
 };
-use crate::integrate::{self, Integration, TOLERANCE};
+use crate::integrate::{self, Integration};
 use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
@@ -113,7 +113,7 @@ impl Stretch<'_> {
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
         let state = self.formulation.state(&from.q, &from.v).push(from.t);
         let problem = Problem { stretch: self, start: from.t };
-        let Integration { states, failure, .. } = integrate::advance(problem, state, times, TOLERANCE);
+        let Integration { states, failure, .. } = integrate::advance(problem, state, times, self.model.tolerance);
         // after a failure the next stretch may do better, if there is a row from which it goes on
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
     }

@@ -6,7 +6,7 @@ use super::{
     model::Model,
     simulate::{Sample, simulate},
 };
-use crate::source::systems::SYSTEMS;
+use crate::{integrate::TOLERANCE, source::systems::SYSTEMS};
 use std::path::Path;
 
 const SINGLE_PENDULUM: &str = include_str!("../../examples/mechanisms/single-pendulum.toml");
@@ -59,12 +59,12 @@ fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], st
     for mechanism in both_formulations(text) {
         for point in points {
             let set: Vec<(&str, f64)> = parameters.iter().copied().zip(point.iter().copied()).collect();
-            let twin = mechanism.simulate(&values(&mechanism, &set), &times).unwrap();
+            let twin = mechanism.simulate(&values(&mechanism, &set), &times, TOLERANCE).unwrap();
             let quantity = |quantity: &crate::source::systems::Quantity| {
                 set.iter().find(|(name, _)| *name == quantity.name).map_or(quantity.default, |(_, value)| *value)
             };
             let quantities: Vec<f64> = system.quantities.iter().map(quantity).collect();
-            let exact = (system.simulate)(&quantities, &times).unwrap();
+            let exact = (system.simulate)(&quantities, &times, TOLERANCE).unwrap();
             let rows = exact.chunks(system.outputs.len()).zip(twin.chunks(mechanism.outputs().len()));
             for (exact, twin) in rows {
                 for (output, exact) in system.outputs.iter().zip(exact) {
@@ -149,7 +149,7 @@ fn the_pivot_carries_weight_and_centripetal_force() {
     let (m, l, g) = (0.3, 0.15, 9.81);
     for mechanism in both_formulations(SINGLE_PENDULUM) {
         let all = values(&mechanism, &[("c", 0.0), ("thetad0", 3.0)]);
-        let rows = mechanism.simulate(&all, &grid(2.0, 200)).unwrap();
+        let rows = mechanism.simulate(&all, &grid(2.0, 200), TOLERANCE).unwrap();
         for row in rows.chunks(mechanism.outputs().len()) {
             let (theta, thetad, fx, fy) = (row[0], row[1], row[5], row[6]);
             let rod = m * l * thetad * thetad + m * g * theta.cos();
@@ -161,7 +161,7 @@ fn the_pivot_carries_weight_and_centripetal_force() {
 #[test]
 fn the_motor_of_the_slider_crank_does_the_work_on_the_slider() {
     let mechanism = parse(SLIDER_CRANK);
-    let rows = mechanism.simulate(&values(&mechanism, &[("tau", 1.3)]), &grid(5.0, 100)).unwrap();
+    let rows = mechanism.simulate(&values(&mechanism, &[("tau", 1.3)]), &grid(5.0, 100), TOLERANCE).unwrap();
     for (row, t) in rows.chunks(mechanism.outputs().len()).zip(grid(5.0, 100)) {
         let (thetad, xbd, xbdd, torque) = ((1.0 - (1.3 * t).cos()) / 1.3, row[5], row[6], row[7]);
         assert!((torque * thetad - xbd * xbdd).abs() < 1e-11, "t = {t}");
@@ -185,7 +185,7 @@ fn prismatic_and_fixed_joints_hold_their_angle() {
         outputs.moment = { measure = "weld.moment" }
     "#;
     for mechanism in both_formulations(text) {
-        let rows = mechanism.simulate(&[], &grid(1.0, 10)).unwrap();
+        let rows = mechanism.simulate(&[], &grid(1.0, 10), TOLERANCE).unwrap();
         let first = rows[0];
         for (row, t) in rows.chunks(6).zip(grid(1.0, 10)) {
             let &[s, acceleration, angle, fx, fy, moment] = row else { panic!() };
@@ -261,16 +261,16 @@ fn redundant_and_contradicting_constraints_are_named() {
 fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
     // a rod shorter than the crank: the loop opens on the way
     let mechanism = parse(SLIDER_CRANK);
-    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 0.6)]), &grid(5.0, 100)).unwrap_err();
+    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 0.6)]), &grid(5.0, 100), TOLERANCE).unwrap_err();
     assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
     // rod and crank of the same length: at 90 degrees the slider stands on the crank's bearing
-    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 1.0)]), &grid(5.0, 100)).unwrap_err();
+    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 1.0)]), &grid(5.0, 100), TOLERANCE).unwrap_err();
     assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
 }
 
 #[test]
 fn a_motion_without_inertia_is_refused() {
     let mechanism = parse(SINGLE_PENDULUM);
-    let error = mechanism.simulate(&values(&mechanism, &[("m", 0.0)]), &grid(1.0, 10)).unwrap_err();
+    let error = mechanism.simulate(&values(&mechanism, &[("m", 0.0)]), &grid(1.0, 10), TOLERANCE).unwrap_err();
     assert!(error.contains("without mass or inertia"), "{error}");
 }

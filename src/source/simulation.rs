@@ -11,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
+    integrate::TOLERANCE,
     multibody::{Mechanism, description::OutputOptions},
     study::Study,
     variable::Variable,
@@ -196,6 +197,8 @@ struct Equations {
     /// Name for messages.
     name: String,
     of: Of,
+    /// Of the integration.
+    tolerance: f64,
     /// Value of each quantity; those of parameters are overwritten for each run.
     quantities: Vec<f64>,
     /// Position of each parameter among the quantities.
@@ -258,10 +261,10 @@ impl Of {
         }
     }
 
-    fn simulate(&self, quantities: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
+    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64) -> std::result::Result<Vec<f64>, String> {
         match self {
-            Self::System(system) => (system.simulate)(quantities, times),
-            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times),
+            Self::System(system) => (system.simulate)(quantities, times, tolerance),
+            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance),
         }
     }
 
@@ -290,7 +293,8 @@ impl Equations {
         };
         let quantities = of.quantities().iter().map(|(_, default)| *default).collect();
         let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
-        let mut equations = Self { name, of, quantities, parameter_positions, output_positions };
+        let tolerance = study.source.tolerance.unwrap_or(TOLERANCE);
+        let mut equations = Self { name, of, tolerance, quantities, parameter_positions, output_positions };
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
@@ -304,7 +308,7 @@ impl Equations {
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;
         }
-        let rows = self.of.simulate(&quantities, times)?;
+        let rows = self.of.simulate(&quantities, times, self.tolerance)?;
         let rows = rows.chunks(self.of.output_count());
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }
@@ -402,6 +406,22 @@ mod tests {
                 let run = simulation.run(&point).unwrap();
                 assert_eq!(run.outputs.len(), simulation.times().len() * simulation.outputs().len(), "{name}");
             }
+        }
+    }
+
+    #[test]
+    fn the_studys_tolerance_is_that_of_the_integration() {
+        let mechanism = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/mechanisms/single-pendulum-study.toml");
+        let of_mechanism = std::fs::read_to_string(&mechanism).unwrap();
+        for (text, path) in [(SYSTEMS[0].study, Path::new("s.toml")), (&of_mechanism, &mechanism)] {
+            let run = |tolerance: &str| {
+                let text = text.replacen("[source]", &format!("[source]\n{tolerance}"), 1);
+                Simulation::new(&Study::parse(&text, path).unwrap()).unwrap().run(&[0.1, 0.05, 2.0]).unwrap().outputs
+            };
+            let (usual, same, loose) = (run(""), run("tolerance = 1e-13"), run("tolerance = 1e-6"));
+            assert_eq!(usual, same);
+            let difference = usual.iter().zip(&loose).map(|(usual, loose)| (usual - loose).abs()).fold(0.0, f64::max);
+            assert!((1e-9..1e-2).contains(&difference), "{difference:e}");
         }
     }
 

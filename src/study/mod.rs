@@ -272,13 +272,15 @@ impl Study {
         let SourceOptions { fmu, step, tolerance, time_limit, retries, max_failed, .. } = self.source.clone();
         let keys = [
             ("step", step.is_some()),
-            ("tolerance", tolerance.is_some()),
             ("time_limit", time_limit.is_some()),
             ("retries", retries.is_some()),
             ("max_failed", max_failed.is_some()),
         ];
         for (key, _) in keys.into_iter().filter(|(_, given)| *given && fmu.is_none()) {
             problems.add(&format!("source.{key}"), "belongs to `fmu`".into());
+        }
+        if tolerance.is_some() && self.source.is_recorded() {
+            problems.add("source.tolerance", "belongs to `system`, `mechanism` and `fmu`".into());
         }
         if let Some(tolerance) = tolerance.filter(|tolerance| !(1e-13..=0.1).contains(tolerance)) {
             problems.add("source.tolerance", format!("{tolerance}, expected a number from 1e-13 to 0.1"));

@@ -20,8 +20,9 @@ pub struct SourceOptions {
     /// Communication step size of the FMU in seconds, a whole part of `time.step`; without it, `time.step`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
-    /// Tolerance of the integration of an FMU for model exchange, relative to each state and to its nominal value; without it
-    /// that of the FMU's default experiment, else 1e-8.
+    /// Tolerance of the integration. Of a system or mechanism relative and absolute, [`crate::integrate::TOLERANCE`] without
+    /// it. Of an FMU for model exchange relative to each state and to its nominal value; without it that of the FMU's default
+    /// experiment, else 1e-8.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
     /// Seconds after which a run of the FMU, or its loading, is given up. Like the next two it does not count for digests.

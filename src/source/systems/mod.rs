@@ -20,12 +20,13 @@ pub struct System {
     pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
-    /// Simulates one run: values of `quantities` and evenly spaced times in; rows of all outputs out, one after the other.
+    /// Simulates one run: values of `quantities`, evenly spaced times and the integration's tolerance in; rows of all outputs
+    /// out, one after the other.
     pub simulate: Simulate,
 }
 
-/// Quantities and times in, rows of outputs or a sentence that says what failed out.
-pub type Simulate = fn(&[f64], &[f64]) -> Result<Vec<f64>, String>;
+/// Quantities, times and tolerance in, rows of outputs or a sentence that says what failed out.
+pub type Simulate = fn(&[f64], &[f64], f64) -> Result<Vec<f64>, String>;
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
 #[derive(Debug)]
