@@ -1,14 +1,18 @@
 #!/usr/bin/env python3
 """Prints docs/bad-input.md: malformed descriptions, plans, tables and FMUs, each with what `metafmu` says to it.
 
-Needs target/release/metafmu. Every case must end with exit code 2, without a panic, and write no file.
+Needs target/release/metafmu, and pandas with pyarrow: `.venv/bin/python scripts/bad-input.py`. Every case must end with exit code 2, without a panic, and write no file.
 """
 
+import datetime
+import io
 import subprocess
 import sys
 import tempfile
 import zipfile
 from pathlib import Path
+
+import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[1]
 STUDY = """name = "s"
@@ -51,6 +55,17 @@ def fmu(old="", new="", more=BINARY):
 def of_fmu(old, new, **changes):
     """A study of an FMU."""
     return {**study(old, new, FMU_STUDY), **fmu(**changes)}
+
+
+def parquet(change=lambda runs: runs, cut=None, **options):
+    """The recorded runs as Parquet, some rows changed, the file cut off."""
+    rows = change(pd.read_csv(io.StringIO(RUNS)))
+    return {"study.toml": RECORDED.replace("runs.csv", "runs.parquet"), "runs.parquet": rows.to_parquet(**options)[:cut]}
+
+
+def cell(row, column, value):
+    """Sets the value of a row, counted from 1."""
+    return lambda runs: runs.assign(**{column: runs[column].where(runs.index != row - 1, value)})
 
 
 def study(old, new, text=STUDY):
@@ -131,6 +146,19 @@ SECTIONS = {
             "runs.csv": RUNS.replace(",", ";").replace("a;0.5;0.1", "a;0,5;0.1"),
         },
         "a quote that is not closed": runs("a,0.5", '"a,0.5'),
+        "Parquet: a missing value": parquet(cell(2, "theta", None)),
+        "Parquet: infinity": parquet(cell(2, "theta", float("inf"))),
+        "Parquet: a column that is not there": parquet(lambda runs: runs.rename(columns={"theta": "angle"})),
+        "Parquet: another unit": parquet(lambda runs: runs.rename(columns={"theta": "theta [deg]"})),
+        "Parquet: rows out of order": parquet(cell(2, "time", 1.5)),
+        "Parquet: a parameter that changes in a run": parquet(cell(2, "L", 0.2)),
+        "Parquet: a run that broke off": parquet(lambda runs: runs.drop(index=2)),
+        "Parquet: a run whose rows are apart": parquet(lambda runs: runs.replace({"run": {"c": "a"}})),
+        "Parquet: text for numbers": parquet(lambda runs: runs.astype({"theta": "str"})),
+        "Parquet: points of time": parquet(lambda runs: runs.assign(theta=datetime.datetime(2026, 1, 1))),
+        "Parquet: lists": parquet(lambda runs: runs.assign(theta=[[1.0, 2.0]] * len(runs))),
+        "Parquet: another codec": parquet(compression="zstd"),
+        "Parquet: a file that is cut off": parquet(cut=1000),
         "a file of the index that is not there": {"study.toml": INDEX, "index.csv": "file,L\na.csv,0.1\n"},
     },
     "FMUs": {
@@ -172,6 +200,8 @@ def message(folder, files, arguments):
             with zipfile.ZipFile(folder / name, "w") as archive:
                 for entry, content in text.items():
                     archive.writestr(entry, content)
+        elif isinstance(text, bytes):
+            (folder / name).write_bytes(text)
         else:
             (folder / name).write_text(text)
     command = [ROOT / "target" / "release" / "metafmu", *arguments]

@@ -146,8 +146,8 @@ pub struct NewArgs {
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", group = "source")]
     pub fmu: Option<PathBuf>,
-    /// Table of recorded runs: CSV with a row for each time of each run
-    #[arg(long, value_name = "FILE.csv", group = "source")]
+    /// Table of recorded runs: CSV or Parquet with a row for each time of each run
+    #[arg(long, value_name = "FILE", group = "source")]
     pub table: Option<PathBuf>,
 }
 

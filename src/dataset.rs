@@ -3,7 +3,11 @@
 //! The table is CSV, one row per time of a run: `run,time,<parameters>,<outputs>`. Numbers are the shortest decimals that
 //! read back as the same doubles.
 
-use crate::{Error, Result, files, table::header_field, variable::Variable};
+use crate::{
+    Error, Result, files,
+    table::{Place, header_field},
+    variable::Variable,
+};
 use rayon::prelude::*;
 use std::{
     fs::File,
@@ -76,7 +80,8 @@ impl Dataset {
     /// [`Error::Io`], or [`Error::Table`] with the line of the first mistake.
     pub fn read_csv(path: &Path, parameters: &[Variable], outputs: &[Variable]) -> Result<Self> {
         let mut dataset = Self { parameters: parameters.to_vec(), outputs: outputs.to_vec(), runs: Vec::new() };
-        let mistake = |line: u64, message: String| Error::Table { path: path.to_owned(), line, message };
+        let mistake =
+            |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
         let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
         let mut header = Vec::new();
         file.read_until(b'\n', &mut header).map_err(Error::io(path, "read"))?;

@@ -1,6 +1,6 @@
 //! The one error type: every message says where, what was found and what was expected.
 
-use crate::origin::Problem;
+use crate::{origin::Problem, table::Place};
 use std::path::{Path, PathBuf};
 
 /// Everything that can go wrong in the tool.
@@ -62,12 +62,12 @@ pub enum Error {
     #[error("stopped")]
     Interrupted,
     /// A table is wrong.
-    #[error("{}:{line}: {message}", path.display())]
+    #[error("{}{}: {message}", path.display(), place.behind_path())]
     Table {
         /// The table's file.
         path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
+        /// Where in it.
+        place: Place,
         /// What was found and what was expected.
         message: String,
     },

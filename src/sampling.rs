@@ -3,7 +3,7 @@
 use crate::{
     Result,
     study::{Method, ParameterOptions, Study},
-    table::Table,
+    table::{Place, Table},
 };
 use indexmap::IndexMap;
 use metafmu_runtime::TOLERANCE;
@@ -138,7 +138,7 @@ fn halton(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl I
     })
 }
 
-/// Reads the points of the method "list": a CSV file with a column for each parameter; others are not looked at.
+/// Reads the points of the method "list": a table with a column for each parameter; others are not looked at.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io), or [`Error::Table`](crate::Error::Table) with the line that is wrong.
@@ -150,15 +150,15 @@ pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>)
         table.check_unit(column, options.unit.as_deref())?;
         columns.push((column, options));
     }
-    let mut points: IndexMap<Vec<u64>, u64> = IndexMap::new();
+    let mut points: IndexMap<Vec<u64>, Place> = IndexMap::new();
     while table.next_row()? {
         let mut point = Vec::with_capacity(columns.len());
         for &(column, options) in &columns {
             // zeros of both signs are one point
             point.push((read_value(&mut table, column, options)? + 0.0).to_bits());
         }
-        if let Some(before) = points.insert(point, table.line()) {
-            return Err(table.mistake(&format!("the point of line {before} again")));
+        if let Some(before) = points.insert(point, table.place()) {
+            return Err(table.mistake(&format!("the point of {before} again")));
         }
     }
     if points.len() < 2 {

@@ -1,14 +1,17 @@
-//! Tables of other tools, read row by row: CSV as spreadsheets and multibody packages write it.
+//! Tables of other tools, read row by row: CSV (see [`csv`]) and Parquet (see [`parquet`]), told apart by how they begin.
 //!
-//! Columns are separated by commas, semicolons or tabs, whichever the header has; with semicolons and tabs numbers may have
-//! decimal commas. Names may be quoted and carry a unit, `angle [rad]` or `angle (rad)`; or the second row holds the units.
-//! Empty lines and lines that begin with `#` are skipped, a separator at the end of every line is not a column. UTF-8, with
-//! or without a byte order mark, or Latin-1.
+//! Both give named columns with units and one row after the other; whatever is checked is checked here and by those who read,
+//! for both alike.
+
+mod csv;
+mod parquet;
 
 use crate::{Error, Result};
-use csv_core::{Reader, ReaderBuilder};
+use csv::Csv;
+use parquet::Parquet;
 use std::{
     borrow::Cow,
+    fmt,
     fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
@@ -29,42 +32,59 @@ pub fn header_field(name: &str) -> String {
     if is_plain { name.to_owned() } else { format!("\"{}\"", name.replace('"', "\"\"")) }
 }
 
+/// Where in a table. Displayed as `line 3` or `row 3`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A line of text, counted from 1.
+    Line(u64),
+    /// A row below the header, counted from 1, where there are no lines.
+    Row(u64),
+    /// The table as a whole, or its header where that is no line.
+    Whole,
+}
+
+impl Place {
+    /// What is counted.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Line(_) => "line",
+            Self::Row(_) => "row",
+            Self::Whole => "table",
+        }
+    }
+
+    /// Behind the name of the file: `:3` or `, row 3`.
+    pub(crate) fn behind_path(self) -> String {
+        match self {
+            Self::Line(line) => format!(":{line}"),
+            Self::Row(row) => format!(", row {row}"),
+            Self::Whole => String::new(),
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(number) | Self::Row(number) => write!(f, "{} {number}", self.unit()),
+            Self::Whole => f.write_str(self.unit()),
+        }
+    }
+}
+
 /// A table that is being read.
 #[derive(Debug)]
 pub struct Table {
     path: PathBuf,
-    input: BufReader<File>,
-    parser: Reader,
-    separator: u8,
     columns: Vec<Column>,
-    record: Record,
-    /// The record is one that was read to see whether it holds units, and is still to be given out.
-    is_waiting: bool,
-    /// Line of the first number with a decimal point, and of the first with a decimal comma.
-    point: Option<u64>,
-    comma: Option<u64>,
+    rows: Rows,
 }
 
-/// A line and its fields.
-#[derive(Debug, Default)]
-struct Record {
-    /// Counted from 1.
-    line: u64,
-    raw: Vec<u8>,
-    /// The fields without quotes, one after the other, and where each ends.
-    text: Vec<u8>,
-    ends: Vec<usize>,
-}
-
-impl Record {
-    fn field(&self, index: usize) -> Cow<'_, str> {
-        let start = if index == 0 { 0 } else { self.ends[index - 1] };
-        decode(self.text[start..self.ends[index]].trim_ascii())
-    }
-
-    fn fields(&self) -> impl Iterator<Item = Cow<'_, str>> {
-        (0..self.ends.len()).map(|index| self.field(index))
-    }
+/// How a table is written.
+#[derive(Debug)]
+enum Rows {
+    Csv(Box<Csv>),
+    Parquet(Box<Parquet>),
 }
 
 impl Table {
@@ -73,38 +93,15 @@ impl Table {
     /// # Errors
     /// [`Error::Io`], or [`Error::Table`] if the header is not one.
     pub fn open(path: &Path) -> Result<Self> {
-        let input = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path, "read"))?);
-        let mut table = Self {
-            path: path.to_owned(),
-            input,
-            parser: Reader::new(),
-            separator: b',',
-            columns: Vec::new(),
-            record: Record::default(),
-            is_waiting: false,
-            point: None,
-            comma: None,
+        let mut input = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path, "read"))?);
+        let (rows, columns) = if parquet::begins(input.fill_buf().map_err(Error::io(path, "read"))?) {
+            let (rows, columns) = Parquet::new(path, input.into_inner())?;
+            (Rows::Parquet(Box::new(rows)), columns)
+        } else {
+            let (rows, columns) = Csv::new(path, input)?;
+            (Rows::Csv(Box::new(rows)), columns)
         };
-        if !table.next_line()? {
-            return Err(table.mistake("the table is empty"));
-        }
-        let mut header = std::mem::take(&mut table.record.raw);
-        if header.starts_with(b"\xFF\xFE") || header.starts_with(b"\xFE\xFF") {
-            return Err(table.mistake("the text is UTF-16, expected UTF-8: save the table with that encoding"));
-        }
-        if header.starts_with(b"PAR1") {
-            return Err(table.mistake("this is a Parquet file, expected CSV"));
-        }
-        if let Some(rest) = header.strip_prefix(b"\xEF\xBB\xBF") {
-            header = rest.to_vec();
-        }
-        table.separator = separator(&header);
-        table.parser = ReaderBuilder::new().delimiter(table.separator).build();
-        table.record.raw = header;
-        table.split()?;
-        table.read_header()?;
-        table.read_units()?;
-        Ok(table)
+        Ok(Self { path: path.to_owned(), columns, rows })
     }
 
     /// The columns, in the order of the header.
@@ -120,7 +117,7 @@ impl Table {
         let found = self.columns.iter().position(|column| column.name == name);
         found.ok_or_else(|| {
             let known: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
-            self.at(1, format!("no column `{name}`, expected it among {}", known.join(", ")))
+            self.mistake_in_header(&format!("no column `{name}`, expected it among {}", known.join(", ")))
         })
     }
 
@@ -129,56 +126,47 @@ impl Table {
     /// # Errors
     /// [`Error::Io`], or [`Error::Table`] if the row has another number of fields than the header.
     pub fn next_row(&mut self) -> Result<bool> {
-        if std::mem::take(&mut self.is_waiting) {
-            return Ok(true);
+        match &mut self.rows {
+            Rows::Csv(csv) => csv.next_row(),
+            Rows::Parquet(parquet) => Ok(parquet.next_row()),
         }
-        if !self.next_line()? {
-            return Ok(false);
-        }
-        self.split()?;
-        let (found, expected) = (self.record.ends.len(), self.columns.len());
-        if found < expected || !self.record.fields().skip(expected).all(|field| field.is_empty()) {
-            return Err(self.mistake(&format!("{found} fields, expected {expected}")));
-        }
-        Ok(true)
     }
 
-    /// Line of the row, counted from 1.
-    pub fn line(&self) -> u64 {
-        self.record.line
+    /// Where the row is.
+    pub fn place(&self) -> Place {
+        match &self.rows {
+            Rows::Csv(csv) => csv.place(),
+            Rows::Parquet(parquet) => parquet.place(),
+        }
     }
 
-    /// The row's text in a column.
-    pub fn text(&self, column: usize) -> Cow<'_, str> {
-        self.record.field(column)
+    /// The row's text in a column; empty where there is no value.
+    ///
+    /// # Errors
+    /// [`Error::Table`] if a Parquet file is damaged, or its column holds something else than text and numbers.
+    pub fn text(&mut self, column: usize) -> Result<Cow<'_, str>> {
+        match &mut self.rows {
+            Rows::Csv(csv) => Ok(csv.text(column)),
+            Rows::Parquet(parquet) => parquet.text(column),
+        }
     }
 
     /// The row's number in a column.
     ///
     /// # Errors
-    /// [`Error::Table`] if it is missing or no finite number.
+    /// [`Error::Table`] if it is missing or no finite number, or as [`Table::text`].
     pub fn number(&mut self, column: usize) -> Result<f64> {
-        let (field, line) = (self.record.field(column), self.record.line);
-        let parsed = if self.separator != b',' && field.contains(',') {
-            self.comma = self.comma.or(Some(line));
-            field.replacen(',', ".", 1).parse().ok().filter(|_| !field.contains('.'))
-        } else {
-            if field.contains('.') {
-                self.point = self.point.or(Some(line));
-            }
-            field.parse().ok()
+        let found = match &mut self.rows {
+            Rows::Csv(csv) => csv.number(column)?,
+            Rows::Parquet(parquet) => parquet.number(column)?,
         };
-        if let (Some(point), Some(comma)) = (self.point, self.comma) {
-            let message = format!("decimal points (line {point}) and decimal commas (line {comma}) in one table");
-            return Err(self.at(point.max(comma), message));
-        }
-        match parsed {
-            Some(value) if f64::is_finite(value) => Ok(value),
+        match found {
+            Some(value) if value.is_finite() => Ok(value),
             _ => {
+                let text = self.text(column)?;
+                let found = if text.is_empty() { "is empty".into() } else { format!("`{text}`") };
                 let name = &self.columns[column].name;
-                let found = if field.is_empty() { "is empty".into() } else { format!("`{field}`") };
-                let message = format!("column `{name}`: {found}, expected a finite number");
-                Err(self.mistake(&message))
+                Err(self.mistake(&format!("column `{name}`: {found}, expected a finite number")))
             }
         }
     }
@@ -204,84 +192,24 @@ impl Table {
         let Column { name, .. } = &self.columns[column];
         match (self.columns[column].unit(), expected) {
             (Some(found), Some(expected)) if found != expected => {
-                Err(self.at(1, format!("column `{name}`: unit `{found}`, expected `{expected}`")))
+                Err(self.mistake_in_header(&format!("column `{name}`: unit `{found}`, expected `{expected}`")))
             }
             _ => Ok(()),
         }
     }
 
-    /// A mistake in the row.
+    /// A mistake in the row, or at the end of the table.
     pub fn mistake(&self, message: &str) -> Error {
-        self.at(self.record.line, message.into())
+        wrong(&self.path, self.place(), message.into())
     }
 
-    /// A mistake in a line.
-    pub fn at(&self, line: u64, message: String) -> Error {
-        Error::Table { path: self.path.clone(), line: line.max(1), message }
-    }
-
-    /// Reads the next line that is neither empty nor a comment.
-    fn next_line(&mut self) -> Result<bool> {
-        loop {
-            self.record.raw.clear();
-            let count = self.input.read_until(b'\n', &mut self.record.raw).map_err(Error::io(&self.path, "read"))?;
-            if count == 0 {
-                return Ok(false);
-            }
-            self.record.line += 1;
-            if !self.record.raw.trim_ascii().is_empty() && !self.record.raw.starts_with(b"#") {
-                return Ok(true);
-            }
-        }
-    }
-
-    /// Splits the line into fields.
-    fn split(&mut self) -> Result<()> {
-        let Record { raw, text, ends, .. } = &mut self.record;
-        let line = trim_end(raw);
-        let is_open = line.iter().filter(|&&byte| byte == b'"').count() % 2 == 1;
-        text.resize(line.len() + 1, 0);
-        ends.resize(line.len() + 2, 0);
-        self.parser.reset();
-        let (_, _, written, fields) = self.parser.read_record(line, text, ends);
-        // no input is the end of the last field
-        let (_, _, _, last) = self.parser.read_record(&[], &mut text[written..], &mut ends[fields..]);
-        ends.truncate(fields + last);
-        if is_open { Err(self.mistake("a quote is opened and not closed in the line")) } else { Ok(()) }
-    }
-
-    fn read_header(&mut self) -> Result<()> {
-        self.columns = self.record.fields().map(|name| Column::parse(&name)).collect();
-        while self.columns.last().is_some_and(|column| column.name.is_empty()) {
-            self.columns.pop();
-        }
-        for (index, Column { name, .. }) in self.columns.iter().enumerate() {
-            if name.is_empty() {
-                return Err(self.mistake(&format!("column {} has no name", index + 1)));
-            }
-            if name.parse::<f64>().is_ok() {
-                return Err(self.mistake(&format!("`{name}` is a number, expected a header with the columns' names")));
-            }
-            if self.columns[..index].iter().any(|before| before.name == *name) {
-                return Err(self.mistake(&format!("column `{name}` stands twice")));
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes the second row for units if it holds no number.
-    fn read_units(&mut self) -> Result<()> {
-        self.is_waiting = self.next_row()?;
-        let is_number = |field: Cow<'_, str>| field.replacen(',', ".", 1).parse::<f64>().is_ok();
-        let mut fields = self.record.fields();
-        if self.is_waiting && !self.record.fields().any(is_number) && fields.any(|field| !field.is_empty()) {
-            for (column, field) in self.columns.iter_mut().zip(self.record.fields()) {
-                let unit = bracketed(&field).unwrap_or(&field);
-                column.unit = Some(unit.to_owned()).filter(|unit| !unit.is_empty()).or(column.unit.take());
-            }
-            self.is_waiting = false;
-        }
-        Ok(())
+    /// A mistake in the header.
+    pub fn mistake_in_header(&self, message: &str) -> Error {
+        let place = match &self.rows {
+            Rows::Csv(_) => Place::Line(1),
+            Rows::Parquet(_) => Place::Whole,
+        };
+        wrong(&self.path, place, message.into())
     }
 }
 
@@ -310,29 +238,21 @@ fn bracketed(text: &str) -> Option<&str> {
     square.or_else(|| text.strip_prefix('(').and_then(|text| text.strip_suffix(')'))).map(str::trim)
 }
 
-/// What separates the columns of a header: the first of these that stands outside of quotes.
-fn separator(header: &[u8]) -> u8 {
-    let mut is_quoted = false;
-    let plain: Vec<u8> = header
-        .iter()
-        .copied()
-        .filter(|&byte| {
-            is_quoted ^= byte == b'"';
-            !is_quoted
-        })
-        .collect();
-    *b";\t,".iter().find(|separator| plain.contains(separator)).unwrap_or(&b',')
+/// What is wrong with the names of the columns: each has one, no two the same.
+fn check_names(columns: &[Column]) -> std::result::Result<(), String> {
+    for (index, Column { name, .. }) in columns.iter().enumerate() {
+        if name.is_empty() {
+            return Err(format!("column {} has no name", index + 1));
+        }
+        if columns[..index].iter().any(|before| before.name == *name) {
+            return Err(format!("column `{name}` stands twice"));
+        }
+    }
+    Ok(())
 }
 
-/// Text in UTF-8, or else Latin-1, whose bytes are the first characters of Unicode.
-fn decode(bytes: &[u8]) -> Cow<'_, str> {
-    let latin_1 = |_| bytes.iter().map(|&byte| char::from(byte)).collect::<String>().into();
-    std::str::from_utf8(bytes).map_or_else(latin_1, Cow::from)
-}
-
-fn trim_end(line: &[u8]) -> &[u8] {
-    let line = line.strip_suffix(b"\n").unwrap_or(line);
-    line.strip_suffix(b"\r").unwrap_or(line)
+fn wrong(path: &Path, place: Place, message: String) -> Error {
+    Error::Table { path: path.to_owned(), place, message }
 }
 
 #[cfg(test)]
@@ -345,23 +265,23 @@ mod tests {
         Table::open(file.path())
     }
 
-    type Rows = Vec<(u64, Vec<f64>)>;
+    type Lines = Vec<(Place, Vec<f64>)>;
 
     /// Names with units, and all rows as numbers with their lines.
-    fn read(text: &str) -> Result<(Vec<String>, Rows)> {
+    fn read(text: &str) -> Result<(Vec<String>, Lines)> {
         let mut table = open(text.as_bytes())?;
         let names = table.columns().iter().map(|c| format!("{}|{}", c.name, c.unit().unwrap_or("?"))).collect();
         let mut rows = Vec::new();
         while table.next_row()? {
             let values = (0..table.columns().len()).map(|column| table.number(column)).collect::<Result<_>>()?;
-            rows.push((table.line(), values));
+            rows.push((table.place(), values));
         }
         Ok((names, rows))
     }
 
     #[test]
     fn what_other_tools_write_is_the_same_table() {
-        let rows = vec![(2, vec![0.0, 1.5]), (3, vec![0.5, -2.5e-3])];
+        let rows = vec![(Place::Line(2), vec![0.0, 1.5]), (Place::Line(3), vec![0.5, -2.5e-3])];
         for text in [
             "time [s],theta [rad]\n0,1.5\n0.5,-2.5e-3\n",
             "\u{feff}time (s);theta (rad)\r\n0,0;1,5\r\n0,5;-2,5E-3",
@@ -373,7 +293,7 @@ mod tests {
         let (names, rows) =
             read("# written by a tool\n\ntime,\"the, angle\",n\n[s],rad,-\n# here\n1,2,3\n\n4,5,6").unwrap();
         assert_eq!(names, ["time|s", "the, angle|rad", "n|"]);
-        assert_eq!(rows, [(6, vec![1.0, 2.0, 3.0]), (8, vec![4.0, 5.0, 6.0])]);
+        assert_eq!(rows, [(Place::Line(6), vec![1.0, 2.0, 3.0]), (Place::Line(8), vec![4.0, 5.0, 6.0])]);
     }
 
     #[test]
@@ -400,7 +320,6 @@ mod tests {
             ("time;x\n0;1.500,2\n", ":2: column `x`: `1.500,2`, expected"),
             ("time;x\n0;1,5\n1;2.5\n", ":3: decimal points (line 3) and decimal commas (line 2) in one table"),
             ("time,x\n0,\"1\n", ":2: a quote is opened and not closed"),
-            ("PAR1\u{15}\u{4}", ":1: this is a Parquet file, expected CSV"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(says), "{text:?}: {message}");

@@ -9,7 +9,7 @@ mod numbers;
 mod page;
 mod plot;
 
-use crate::{Error, Result, baseline::Comparison, source::Point, study::Study};
+use crate::{Error, Result, baseline::Comparison, source::Point, study::Study, table::Place};
 use chart::Chart;
 pub use figures::{Beside, card_figures};
 pub use numbers::Evaluated;
@@ -116,7 +116,7 @@ impl Epoch {
         let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
         let wrong = |error: csv::Error| {
             let line = error.position().map_or(1, csv::Position::line);
-            Error::Table { path: path.to_owned(), line, message: error.to_string() }
+            Error::Table { path: path.to_owned(), place: Place::Line(line), message: error.to_string() }
         };
         csv::Reader::from_reader(std::io::BufReader::new(file)).deserialize().map(|row| row.map_err(wrong)).collect()
     }

@@ -7,22 +7,20 @@
 //!
 //! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
 
-use super::list;
+mod runs;
+
 use crate::{
     Error, Result,
-    dataset::{Dataset, Run},
+    dataset::Dataset,
     sampling::{self, Sets, Stream},
     study::{ParameterOptions, Study},
     table::Table,
     variable::Variable,
 };
+use runs::{Current, Runs};
 use std::{
-    collections::HashMap,
     path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::atomic::AtomicBool,
 };
 
 /// Recorded runs, their columns resolved.
@@ -97,7 +95,7 @@ impl Recorded {
         if recorded.is_index {
             table.column(&recorded.names.file)?;
             table = match table.next_row()? {
-                true => recorded.open_run(&table)?,
+                true => recorded.open_run(&mut table)?,
                 false => return Err(table.mistake("the index has no rows")),
             };
         }
@@ -163,7 +161,10 @@ impl Recorded {
         let outputs = positions(table, &self.names.outputs)?;
         while table.next_row()? {
             let point = self.point(table, &parameters)?;
-            let name = label.map_or(String::new(), |label| table.text(label).into_owned());
+            let name = match label {
+                Some(label) => table.text(label)?.into_owned(),
+                None => String::new(),
+            };
             if name.is_empty() && label.is_some() {
                 return Err(table.mistake(&format!("column `{}`: is empty, expected the run's label", self.names.run)));
             }
@@ -196,7 +197,7 @@ impl Recorded {
         let parameters = positions(index, &self.names.parameters)?;
         while index.next_row()? {
             let point = self.point(index, &parameters)?;
-            let name = index.text(file).into_owned();
+            let name = index.text(file)?.into_owned();
             runs.begin(index, name, point)?;
             let mut table = self.open_run(index)?;
             let time = time_column(&table, &self.names.time)?;
@@ -213,8 +214,8 @@ impl Recorded {
     }
 
     /// Opens the file that a row of the index names.
-    fn open_run(&self, index: &Table) -> Result<Table> {
-        let name = index.text(index.column(&self.names.file)?).into_owned();
+    fn open_run(&self, index: &mut Table) -> Result<Table> {
+        let name = index.text(index.column(&self.names.file)?)?.into_owned();
         Table::open(&self.path.with_file_name(&name)).map_err(|error| match error {
             Error::Io { source, .. } => index.mistake(&format!("`{name}` cannot be read: {source}")),
             error => error,
@@ -224,110 +225,6 @@ impl Recorded {
     fn point(&self, table: &mut Table, columns: &[usize]) -> Result<Vec<f64>> {
         let columns = columns.iter().zip(&self.options);
         columns.map(|(&column, options)| sampling::read_value(table, column, options)).collect()
-    }
-}
-
-/// Rows on their way into runs.
-struct Runs<'a> {
-    recorded: &'a Recorded,
-    stop: &'a AtomicBool,
-    finished: Vec<Run>,
-    current: Option<Current>,
-    /// Line of each label and of each point.
-    labels: HashMap<String, u64>,
-    points: HashMap<Vec<u64>, u64>,
-    /// Runs mostly share their times: the previous run's are kept to share them.
-    shared_times: Arc<[f64]>,
-}
-
-/// The run that is being read.
-struct Current {
-    label: String,
-    parameters: Vec<f64>,
-    times: Vec<f64>,
-    outputs: Vec<f64>,
-    /// Time of the last row, those past the end included.
-    last: Option<f64>,
-}
-
-impl<'a> Runs<'a> {
-    fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
-        let (labels, points) = (HashMap::new(), HashMap::new());
-        Self { recorded, stop, finished: Vec::new(), current: None, labels, points, shared_times: Arc::new([]) }
-    }
-
-    /// Begins a run at the row of a table.
-    fn begin(&mut self, table: &Table, label: String, parameters: Vec<f64>) -> Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        let line = table.line();
-        if !label.is_empty()
-            && let Some(before) = self.labels.insert(label.clone(), line)
-        {
-            let message = format!("run `{label}` again, it began in line {before}: a run's rows must stand together");
-            return Err(table.mistake(&message));
-        }
-        // zeros of both signs are one point
-        let point = parameters.iter().map(|value| (value + 0.0).to_bits()).collect();
-        if let Some(before) = self.points.insert(point, line) {
-            let names = &self.recorded.names.parameters;
-            let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {value}")));
-            let message = format!("a second run with {values}, the first is in line {before}: runs must differ");
-            return Err(table.mistake(&message));
-        }
-        let (times, outputs) = (Vec::with_capacity(self.shared_times.len()), Vec::new());
-        self.current = Some(Current { label, parameters, times, outputs, last: None });
-        Ok(())
-    }
-
-    fn row(&mut self, table: &mut Table, time: usize, outputs: &[usize]) -> Result<()> {
-        let t = table.number(time)?;
-        let Some(current) = &mut self.current else { return Ok(()) };
-        let (stop, run) = (self.recorded.stop, named(&current.label));
-        match current.last {
-            None if t.abs() > 1e-9 * stop => {
-                return Err(table.mistake(&format!("{run} begins at {t} s, expected 0 s")));
-            }
-            Some(last) if last == t => return Err(table.mistake(&format!("time {t} s stands twice in {run}"))),
-            Some(last) if last > t => {
-                let expected = "expected rows in the order of time";
-                return Err(table.mistake(&format!("time {t} s after {last} s in {run}, {expected}")));
-            }
-            _ => {}
-        }
-        current.last = Some(t);
-        for &column in outputs {
-            let value = table.number(column)?;
-            if t <= stop * (1.0 + 1e-9) {
-                current.outputs.push(value);
-            }
-        }
-        if t <= stop * (1.0 + 1e-9) {
-            current.times.push(t.clamp(0.0, stop));
-        }
-        Ok(())
-    }
-
-    /// Ends the run before the row of a table, or at its end.
-    fn finish(&mut self, table: &Table) -> Result<()> {
-        let Some(Current { label, parameters, times, outputs, last }) = self.current.take() else { return Ok(()) };
-        let stop = self.recorded.stop;
-        let run = named(&label);
-        match last {
-            None => return Err(table.mistake(&format!("{run} has no rows"))),
-            Some(last) if last < stop * (1.0 - 1e-9) => {
-                let message =
-                    format!("{run} ends before this line at {last} s, expected {stop} s, the study's `time.stop`");
-                return Err(table.mistake(&message));
-            }
-            _ => {}
-        }
-        if *self.shared_times != *times {
-            self.shared_times = times.into();
-        }
-        self.finished.push(Run { parameters, times: Arc::clone(&self.shared_times), outputs });
-        Ok(())
     }
 }
 
@@ -349,14 +246,10 @@ fn positions(table: &Table, names: &[String]) -> Result<Vec<usize>> {
     names.iter().map(|name| table.column(name)).collect()
 }
 
-fn named(label: &str) -> String {
-    if label.is_empty() { "the run".into() } else { format!("run `{label}`") }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::Source;
+    use crate::{dataset::Run, source::Source};
 
     /// A folder with a study of a table, and tables.
     struct Folder(tempfile::TempDir);

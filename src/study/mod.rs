@@ -10,7 +10,7 @@
 //! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them; or
 //! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file; or
 //! # fmu = "model.fmu"                   # an FMU of any tool (see `source::fmu`); or
-//! # table = "runs.csv"                  # recorded runs (see `source::recorded`), or an `index` of files
+//! # table = "runs.csv"                  # recorded runs, CSV or Parquet (see `source::recorded`), or an `index` of files
 //! constants = { m = 0.3 }               # quantities that are no parameters; there are defaults
 //!
 //! [time]                                # rows of a run: 0, step, 2 step, ..., stop, in seconds
@@ -174,7 +174,7 @@ impl Study {
         let mut rows = Table::open(&path)?;
         let column = rows.column(columns.get("file").map_or("file", String::as_str))?;
         while rows.next_row()? {
-            let file = path.with_file_name(&*rows.text(column));
+            let file = path.with_file_name(&*rows.text(column)?);
             digests.push(files::digest(&file).map_err(|error| rows.mistake(&error.to_string()))?);
         }
         Ok(Some(digest(&digests)))

@@ -217,7 +217,7 @@ pub struct SamplingOptions {
     pub levels: Option<usize>,
     /// Number of training runs of the methods that have neither levels nor a file.
     pub runs: Option<usize>,
-    /// CSV file of the method "list", relative to the study's folder: a column for each parameter. Its content counts for
+    /// CSV or Parquet file of the method "list", relative to the study's folder: a column for each parameter. Its content counts for
     /// digests, not where it lies.
     #[serde(skip_serializing)]
     pub file: Option<PathBuf>,
@@ -279,7 +279,7 @@ pub enum Method {
     Sobol,
     /// Low-discrepancy: a randomly shifted Halton sequence.
     Halton,
-    /// The points of a CSV file.
+    /// The points of a CSV or Parquet file.
     List,
 }
 

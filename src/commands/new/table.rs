@@ -35,7 +35,9 @@ pub fn study(name: &str, file: &Path) -> Result<String> {
     let titles: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
     let find = |names: &[&str]| titles.iter().position(|title| names.contains(&title.to_lowercase().as_str()));
     let Some(time) = find(&["time", "t"]) else {
-        return Err(table.at(1, format!("no column `time` or `t`, expected it among {}", titles.join(", "))));
+        return Err(
+            table.mistake_in_header(&format!("no column `time` or `t`, expected it among {}", titles.join(", ")))
+        );
     };
     let label = find(&["run"]);
     let positions: Vec<usize> = (0..titles.len()).filter(|&index| index != time && Some(index) != label).collect();
@@ -51,7 +53,7 @@ pub fn study(name: &str, file: &Path) -> Result<String> {
         _ => "",
     };
     if !problem.is_empty() {
-        return Err(table.at(1, problem.into()));
+        return Err(table.mistake_in_header(problem));
     }
     Ok(text(name, file, (&titles[time], label.map(|label| &titles[label])), &runs, &varied, &fixed, &outputs))
 }
@@ -93,7 +95,10 @@ fn read(
     let mut runs = Runs { stop: f64::INFINITY, ..Runs::default() };
     while table.next_row()? {
         let now = table.number(time)?;
-        let name = label.map_or(String::new(), |label| table.text(label).into_owned());
+        let name = match label {
+            Some(label) => table.text(label)?.into_owned(),
+            None => String::new(),
+        };
         let begins = runs.count == 0 || label.map_or(now <= runs.last_time, |_| name != runs.label);
         if begins && runs.count > 0 {
             runs.stop = runs.stop.min(runs.last_time);

@@ -4,6 +4,7 @@ use super::Instance;
 use crate::{
     Error, Result,
     fmu::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
+    table,
 };
 use std::path::Path;
 
@@ -26,7 +27,11 @@ impl Inputs {
     /// [`Error::Io`], or [`Error::Table`] with the line that is wrong.
     pub fn read_csv(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-        let wrong = |line: u64, message: String| Error::Table { path: path.to_owned(), line, message };
+        let wrong = |line: u64, message: String| Error::Table {
+            path: path.to_owned(),
+            place: table::Place::Line(line),
+            message,
+        };
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
         let header = reader.headers().map_err(|error| wrong(1, error.to_string()))?.clone();
         if header.get(0) != Some("time") || header.len() < 2 {
