@@ -1,4 +1,4 @@
-//! Tables of other tools, read row by row: CSV (see [`csv`]) and Parquet (see [`parquet`]), told apart by how they begin.
+//! Tables of other tools, read row by row: CSV (module `csv`) and Parquet (module `parquet`), told apart by how they begin.
 //!
 //! Both give named columns with units and one row after the other; whatever is checked is checked here and by those who read,
 //! for both alike.
