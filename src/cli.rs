@@ -74,7 +74,8 @@ The study says what to try, for instance:
   \"training.optimizer\" = [\"adam\", \"soap\"]
   \"network.hidden\" = [[64, 64], [128, 128]]
 
-Trials are compared by 1 - R² on held-out runs. One that fails is a row of the table.")]
+Trials are compared by 1 - R² on held-out runs. One that fails is a row of the table. With `model = \"svr\"` they fit that
+baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10.0, 100.0].")]
     Search(SearchArgs),
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]

@@ -15,6 +15,7 @@ use metafmu::{
     evaluation::{self, Accuracy, OutputMetrics},
     files,
     scaling::encoded,
+    study::Study,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
 use std::{
@@ -60,7 +61,7 @@ pub fn stage(job: &Job, kinds: &[Kind], network: ModelRow, train: &Dataset, test
     let mut models = vec![network];
     for &kind in kinds {
         progress.set(models.len() as u64 - 1, kind.name().into());
-        let row = measure(job, kind, &rows, test)?;
+        let row = measure(&job.study, kind, &rows, test)?;
         progress.note(&row.summary());
         models.push(row);
     }
@@ -105,8 +106,9 @@ fn row(model: &str, status: Status, note: String) -> ModelRow {
     }
 }
 
-fn measure(job: &Job, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRow> {
-    let (study, name) = (&job.study, kind.name());
+/// Fits a baseline of the study and measures it on some runs.
+pub fn measure(study: &Study, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRow> {
+    let name = kind.name();
     if interrupt::flag().load(Ordering::Relaxed) {
         return Ok(row(name, Status::Stopped, "stopped by Ctrl-C".into()));
     }

@@ -86,8 +86,16 @@ fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
 
 /// The rows a baseline may be fitted to: those the network is trained on.
 pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::Rows {
-    let (training_runs, _) = split(&dataset.runs, study.training.validation, study.seed);
-    baseline::rows(dataset, &study.encoder(), &training_runs)
+    baseline_rows_and_held_out(study, dataset).0
+}
+
+/// The same, and the runs that are held out of the training.
+pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline::Rows, Dataset) {
+    let (training_runs, held_out) = split(&dataset.runs, study.training.validation, study.seed);
+    let Dataset { parameters, outputs, .. } = dataset;
+    let runs = held_out.into_iter().cloned().collect();
+    let held_out = Dataset { parameters: parameters.clone(), outputs: outputs.clone(), runs };
+    (baseline::rows(dataset, &study.encoder(), &training_runs), held_out)
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

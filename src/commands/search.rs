@@ -1,9 +1,9 @@
 //! `metafmu search`: trains the trials of a study's `[search]` side by side and writes a table and the best study.
 
 use super::{
-    Outcome, instants, interrupt,
+    Outcome, compare, instants, interrupt,
     job::Job,
-    prepare::{Prepared, prepare, prepare_instants},
+    prepare::{Prepared, baseline_rows_and_held_out, prepare, prepare_instants},
     print, print_json,
     progress::Progress,
     side_by_side::side_by_side,
@@ -11,6 +11,7 @@ use super::{
 use crate::cli::SearchArgs;
 use metafmu::{
     Error, Result,
+    baseline::{self, Kind},
     dataset::Dataset,
     files,
     network::Network,
@@ -252,6 +253,9 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
             &own
         }
     };
+    if let Some(kind) = job.study.search.as_ref().and_then(|search| search.model) {
+        return fit_baseline(study, kind, dataset, waiting);
+    }
     if study.network.structure == Structure::Fixed {
         return train_instants(study, dataset, waiting, goal);
     }
@@ -319,6 +323,26 @@ fn train_instants(study: &Study, dataset: &Dataset, waiting: &Record, goal: usiz
         score: together.filter(|_| status != Status::Failed).map(|columns| mean_unexplained(&columns)),
         seconds: seconds.sum(),
         message: message.into(),
+        ..waiting.clone()
+    })
+}
+
+/// Fits a baseline instead, at once: rungs mean nothing to it.
+fn fit_baseline(study: &Study, kind: Kind, dataset: &Dataset, waiting: &Record) -> Result<Record> {
+    let (rows, held_out) = baseline_rows_and_held_out(study, dataset);
+    let row = compare::measure(study, kind, &rows, &held_out)?;
+    let (status, message) = match row.status {
+        baseline::Status::Fine => (Status::Finished, String::new()),
+        baseline::Status::Stopped => return Err(Error::Interrupted),
+        baseline::Status::Failed | baseline::Status::TooSlow => (Status::Failed, row.note),
+    };
+    let unexplained: Vec<f64> = row.outputs.values().filter_map(|output| Some(1.0 - output.r2?)).collect();
+    let mean = unexplained.iter().sum::<f64>() / unexplained.len() as f64;
+    Ok(Record {
+        status,
+        score: (!unexplained.is_empty()).then_some(mean),
+        seconds: row.fit_seconds.unwrap_or(0.0),
+        message,
         ..waiting.clone()
     })
 }

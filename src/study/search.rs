@@ -1,5 +1,6 @@
 //! `[search]`: which studies are tried.
 
+use crate::baseline::Kind;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,9 @@ pub struct SearchOptions {
     /// Of the method "halving": one trial in so many goes on, and is trained for so many times the epochs.
     #[serde(default = "default_reduction")]
     pub reduction: usize,
+    /// The baseline that is fitted instead of the network, if any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<Kind>,
     /// Values by the dotted key of this file that they are for.
     pub space: IndexMap<String, Space>,
 }
@@ -102,6 +106,9 @@ impl SearchOptions {
         }
         for (name, space) in &self.space {
             let key = format!("space.{name}");
+            if self.model.is_none() && name.starts_with("baselines.") {
+                add(&key, "is no key of the network's, expected `search.model` to say which baseline is fitted".into());
+            }
             match space {
                 Space::Values(values) if values.is_empty() => add(&key, "no values, expected at least one".into()),
                 Space::Values(_) => {}

@@ -102,6 +102,30 @@ def test_a_search_that_is_killed_goes_on_and_ends_the_same(study, undisturbed):
     assert killed >= KILLS / 2
 
 
+def test_a_baselines_options_are_searched(study):
+    text = study.read_text()
+    space = """[search]
+method = "grid"
+model = "polynomial"
+[search.space]
+"baselines.polynomial.degree" = [1, 4, 30]
+"""
+    path = study.with_stem("polynomial")
+    path.write_text(text[: text.index("[search]")] + space)
+    folder = study.parent / "polynomial"
+    metafmu("search", path, "--out", folder)
+    first, second, third = results(folder)[0]
+    assert [row["status"] for row in (first, second, third)] == ["finished", "finished", "failed"]
+    assert "30, expected 1 to 20" in third["message"]
+    assert float(second["one_minus_r2"]) < float(first["one_minus_r2"])
+    best = folder / "study-best.toml"
+    assert tomllib.loads(best.read_text())["baselines"]["polynomial"]["degree"] == 4
+    metafmu("sample", best, "--out", folder)
+    path.write_text(path.read_text().replace('model = "polynomial"', ""))
+    refused = metafmu("search", path, check=False)
+    assert refused.returncode == 2 and "expected `search.model`" in refused.stderr, refused.stderr
+
+
 def test_what_cannot_be_searched_is_said_with_its_line(study):
     text = study.read_text()
     path = study.with_stem("wrong")
