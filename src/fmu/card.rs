@@ -200,8 +200,11 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
         ("Content of the model file, digest", Some(provenance.content_digest.clone())),
         ("Author", about.author.clone()),
         ("Copyright", about.copyright.clone()),
-        ("Licence of the model", about.license.clone()),
-        ("Licence of the library", Some("MIT OR Apache-2.0, see the folder licenses beside this page".into())),
+        ("Licence of the model", Some(about.license.clone().unwrap_or_else(|| "none stated".into()))),
+        (
+            "Licence of the runtime library",
+            Some("MIT OR Apache-2.0, see the folder licenses beside this page; it does not cover the model".into()),
+        ),
     ] {
         if let Some(value) = value {
             line(page, &format!("<tr><td>{what}</td><td class=\"d\">{}</td></tr>", escape(&value)));
@@ -255,6 +258,8 @@ mod tests {
             assert!(page.contains(piece), "{piece} is not in {page}");
         }
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
-        assert!(card(&surrogate, &about, None, &[]).contains("was not evaluated"));
+        let page = card(&surrogate, &ExportOptions::default(), None, &[]);
+        assert!(page.contains("was not evaluated"));
+        assert!(page.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{page}");
     }
 }

@@ -19,6 +19,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::Simp
 pub const MODEL_FILE: &str = "resources/model.safetensors";
 
 const ICON: &[u8] = include_bytes!("assets/icon.png");
+/// Those of the runtime library; that of the model is the author's business.
 const LICENSES: [(&str, &[u8]); 3] = [
     ("license.txt", include_bytes!("assets/license.txt")),
     ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
@@ -153,6 +154,27 @@ mod tests {
             zip.by_name(MODEL_FILE).unwrap().read_to_end(&mut inside).unwrap();
             assert!(inside == seal(example::surrogate()).unwrap().to_bytes().unwrap());
         }
+    }
+
+    #[test]
+    fn there_is_no_licence_of_the_model_unless_its_author_states_one() {
+        let surrogate = seal(example::surrogate()).unwrap();
+        let text = |about: &ExportOptions, version, entry: &str| {
+            let contents = Contents { version, about, binaries: &[], accuracy: None, figures: &[], sources: false };
+            let mut zip = zip::ZipArchive::new(Cursor::new(pack(&surrogate, &contents).unwrap())).unwrap();
+            let mut text = String::new();
+            zip.by_name(entry).unwrap().read_to_string(&mut text).unwrap();
+            text
+        };
+        let stated = ExportOptions { license: Some("GPL-3.0-only".into()), ..ExportOptions::default() };
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let description = text(&ExportOptions::default(), version, "modelDescription.xml");
+            assert!(!description.contains("license="), "{description}");
+            assert!(text(&stated, version, "modelDescription.xml").contains("license=\"GPL-3.0-only\""));
+        }
+        let licences = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/license.txt");
+        assert!(licences.contains("The runtime library (binaries/): metafmu's, MIT OR Apache-2.0"), "{licences}");
+        assert!(licences.contains("Where they state none,\nnone is granted here"), "{licences}");
     }
 
     #[test]
