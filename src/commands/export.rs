@@ -1,20 +1,20 @@
 //! `metafmu export`: packages the surrogate as an FMU.
 
-use super::{Outcome, job::Job, prepare::baseline_rows, print, print_json};
+use super::{Outcome, job::Job, prepare::baseline_rows, print, print_json, say};
 use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
     Error, Result,
     baseline::{Fitted, Kind, choose_rows},
     evaluation::Accuracy,
     files,
-    fmu::{self, Binary, Contents, FmiVersion},
+    fmu::{self, Archive, Binary, Contents, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
     study::{FmiChoice, ParameterOptions, Structure},
     surrogate,
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What is to be made.
 pub struct Plan {
@@ -132,17 +132,34 @@ fn write(
     figures: &[Drawn],
     model: &str,
 ) -> Result<Vec<Written>> {
-    let wanted = match plan.choice {
-        FmiChoice::V2 => vec![(FmiVersion::V2, "")],
-        FmiChoice::V3 => vec![(FmiVersion::V3, "")],
-        FmiChoice::Both => vec![(FmiVersion::V2, "-fmi2"), (FmiVersion::V3, "-fmi3")],
+    let (wanted, others) = match plan.choice {
+        FmiChoice::V2 => (vec![FmiVersion::V2], vec![FmiVersion::V3]),
+        FmiChoice::V3 => (vec![FmiVersion::V3], vec![FmiVersion::V2]),
+        FmiChoice::Both => (vec![FmiVersion::V2, FmiVersion::V3], vec![]),
     };
-    let write = |(version, suffix)| {
+    let path = |version| {
+        let suffix = if version == FmiVersion::V3 { "-fmi3" } else { "" };
+        job.fmu(&format!("{model}{suffix}"))
+    };
+    let write = |version| {
         let Plan { binaries, sources, .. } = plan;
         let contents = Contents { version, about: &job.study.export, binaries, accuracy, figures, sources: *sources };
-        let (path, bytes) = (job.fmu(&format!("{model}{suffix}")), fmu::pack(surrogate, &contents)?);
+        let (path, bytes) = (path(version), fmu::pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(Written { fmu: path, bytes: bytes.len(), version })
     };
-    wanted.into_iter().map(write).collect()
+    let written = wanted.into_iter().map(write).collect::<Result<_>>()?;
+    for path in others.into_iter().map(path) {
+        if path.exists() && !is_of(surrogate, &path) {
+            files::remove(&path)?;
+            say(format_args!("removed {}, which an earlier export made of another model", path.display()));
+        }
+    }
+    Ok(written)
+}
+
+/// Whether an FMU was made of this surrogate.
+fn is_of(surrogate: &Surrogate, fmu: &Path) -> bool {
+    let document = Archive::open(fmu).and_then(|mut archive| archive.document());
+    document.is_ok_and(|document| document.description.token == surrogate.instantiation_token())
 }

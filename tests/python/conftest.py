@@ -27,6 +27,11 @@ CASES = [
 ]
 
 
+def fmu_of(folder, name, version):
+    """The FMU of a study or baseline in a folder of results."""
+    return folder / (f"{name}-fmi3.fmu" if int(version) == 3 else f"{name}.fmu")
+
+
 @dataclass
 class Build:
     folder: Path
@@ -36,7 +41,7 @@ class Build:
     @property
     def fmus(self):
         """The FMU of each FMI version."""
-        return {version: self.fmu.with_stem(f"{self.fmu.stem}-fmi{version}") for version in (2, 3)}
+        return {version: fmu_of(self.folder, self.fmu.stem, version) for version in (2, 3)}
 
 
 def metafmu(*arguments, check=True):

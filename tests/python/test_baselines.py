@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, metafmu
+from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors.numpy import load_file
@@ -108,7 +108,7 @@ def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, mod
     metafmu("export", STUDY, "--out", folder, "--model", model, "--fmi", "both")
     tensors = load_file(folder / f"single-pendulum-{model}.safetensors")
     for version in (2, 3):
-        fmu = folder / f"single-pendulum-{model}-fmi{version}.fmu"
+        fmu = fmu_of(folder, f"single-pendulum-{model}", version)
         assert validate_fmu(str(fmu)) == []
         metafmu("validate", fmu)
         assert model in read_model_description(str(fmu)).description

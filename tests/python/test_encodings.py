@@ -6,7 +6,7 @@ from zipfile import ZipFile
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import changed, metafmu
+from conftest import changed, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors import safe_open
@@ -87,7 +87,7 @@ def test_only_listed_values_are_sampled(built):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_computes_what_numpy_reads_from_the_file(built, version):
-    fmu = built / f"study-fmi{version}.fmu"
+    fmu = fmu_of(built, "study", version)
     assert validate_fmu(str(fmu)) == []
     others = (0.1583, 0.055, 2.0, 0.4)
     for mass in MASSES:
@@ -105,13 +105,13 @@ def test_fmpy_computes_what_numpy_reads_from_the_file(built, version):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_description_tells_the_values_and_no_limits_of_what_is_periodic(built, version):
-    description = read_model_description(str(built / f"study-fmi{version}.fmu"))
+    description = read_model_description(str(fmu_of(built, "study", version)))
     variables = {variable.name: variable for variable in description.modelVariables}
     mass, angle = variables["m"], variables["theta0"]
     assert (float(mass.min), float(mass.max), float(mass.start)) == (0.1, 1.0, 0.3)
     assert mass.description.endswith("(one of 0.3, 0.1, 1)"), mass.description
     assert (angle.min, angle.max) == (None, None) and "any number" in angle.description
-    with ZipFile(built / f"study-fmi{version}.fmu") as archive:
+    with ZipFile(fmu_of(built, "study", version)) as archive:
         card = archive.read("documentation/index.html").decode()
     assert "only 0.3, 0.1, 1, starts at 0.3" in card and "periodic, " in card
 

@@ -19,7 +19,7 @@ KINDS = [("fmi2", "CoSimulation"), ("fmi2", "ModelExchange"), ("fmi3", "CoSimula
 def both(pendulum):
     """The pendulum's FMUs of both versions, of the network that is trained already."""
     metafmu("export", "examples/single-pendulum.toml", "--out", pendulum.folder, "--fmi", "both")
-    return {version: pendulum.folder / f"single-pendulum-{version}.fmu" for version in ("fmi2", "fmi3")}
+    return {f"fmi{version}": fmu for version, fmu in pendulum.fmus.items()}
 
 
 def simulate(fmu, interface, case, **options):
@@ -175,7 +175,7 @@ def test_an_array_has_the_values_of_its_outputs(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(text + '\n[arrays]\nangles = ["theta1", "theta2"]\n')
     metafmu("build", study, "--fmi", "3", "--out", tmp_path)
-    fmu = tmp_path / "double-pendulum.fmu"
+    fmu = tmp_path / "double-pendulum-fmi3.fmu"
     assert validate_fmu(fmu) == []
     (array,) = (v for v in read_model_description(fmu).modelVariables if v.name == "angles")
     assert [int(dimension.start) for dimension in array.dimensions] == [2]

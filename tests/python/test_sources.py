@@ -8,7 +8,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from conftest import metafmu
+from conftest import fmu_of, metafmu
 from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 
@@ -19,7 +19,7 @@ def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
     metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", version)
-    packed = str(folder / "single-pendulum.fmu")
+    packed = str(fmu_of(folder, "single-pendulum", version))
     assert validate_fmu(packed) == []
     unpacked = Path(fmpy.extract(packed))
     # the weights are compiled in: neither library nor model file is needed

@@ -9,7 +9,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OUTPUTS, PARAMETERS, changed, kill_after, losses, metafmu
+from conftest import METAFMU, OUTPUTS, PARAMETERS, changed, fmu_of, kill_after, losses, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors.numpy import load_file
@@ -18,7 +18,7 @@ KILLS = 8
 STEP = 0.05
 INSTANTS = 21
 # its bytes hold no wall times
-RESULTS = ["study-fmi2.fmu", "study-fmi3.fmu", "study.safetensors"]
+RESULTS = ["study.fmu", "study-fmi3.fmu", "study.safetensors"]
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_it_is_accurate_on_unseen_runs_and_knows_the_initial_values(fixed):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_computes_what_numpy_reads_from_the_file(fixed, version):
-    fmu = fixed[0] / f"study-fmi{version}.fmu"
+    fmu = fmu_of(fixed[0], "study", version)
     assert validate_fmu(str(fmu)) == []
     case = (0.1583, 0.055, 2.0)
     tensors = load_file(fixed[0] / "study.safetensors")
@@ -109,7 +109,7 @@ def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, fixed)
 
 
 def test_the_model_card_says_what_it_is_and_source_code_is_refused(study, fixed):
-    with ZipFile(fixed[0] / "study-fmi2.fmu") as archive:
+    with ZipFile(fixed[0] / "study.fmu") as archive:
         card = archive.read("documentation/index.html").decode()
     assert f"48 tanh nodes in each of {INSTANTS} networks" in card
     refused = metafmu("export", study, "--out", fixed[0], "--sources", check=False)
