@@ -17,7 +17,8 @@ use std::path::PathBuf;
   metafmu build my-pendulum.toml                     sample, train, evaluate, report, export, validate
   metafmu simulate out/my-pendulum/my-pendulum.fmu --start L=0.12 --plot pendulum.svg
 
-Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C."
+Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where
+the stages after a training that it shortened were done."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -40,9 +41,9 @@ Of a table, columns with one value in each run become parameters, the others out
     /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
-Writes into DIR: NAME.fmu (with --fmi both: NAME-fmi2.fmu and NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json,
-train.csv, test.csv, samples.json, history.csv.
-Ctrl-C during training keeps the best network so far and goes on with it; pressed again, it ends the program.")]
+Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
+Ctrl-C during training keeps the best network so far, goes on with it and ends with exit code 130; --resume goes on with the
+training. Pressed again, it ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
     #[command(after_help = "Examples:
@@ -135,7 +136,7 @@ Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offe
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source").required(true)))]
 pub struct NewArgs {
-    /// Name of the study; the file is NAME.toml
+    /// Name of the study; the file is NAME.toml, which may be given as well
     pub name: String,
     /// Built-in system to sample
     #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]
@@ -244,7 +245,7 @@ pub struct ExportModelArgs {
 pub struct ExportArgs {
     #[command(flatten)]
     pub study: StudyArgs,
-    /// Version of FMI; `both` writes NAME-fmi2.fmu and NAME-fmi3.fmu [default: the study's, else 2]
+    /// Version of FMI: 2.0 is NAME.fmu, 3.0 is NAME-fmi3.fmu [default: the study's, else 2]
     #[arg(long, value_name = "VERSION")]
     pub fmi: Option<FmiArg>,
     /// Platforms with a binary in the FMU, of those embedded in this program, for instance x86_64-linux
@@ -314,8 +315,8 @@ pub struct SimulateArgs {
     /// CSV file to write [default: stdout, unless there is a plot]
     #[arg(long, value_name = "FILE.csv")]
     pub output: Option<PathBuf>,
-    /// Plot of every output over time
-    #[arg(long, value_name = "FILE.svg")]
+    /// Plot over time of every output that changes
+    #[arg(long, value_name = "FILE.svg", value_parser = svg_file)]
     pub plot: Option<PathBuf>,
 }
 
@@ -328,6 +329,16 @@ fn name_and_value(text: &str) -> Result<(String, f64), String> {
 fn tolerance(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| (1e-13..=0.1).contains(number));
     number.ok_or_else(|| "expected a number from 1e-13 to 0.1".into())
+}
+
+fn svg_file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(extension) if !extension.eq_ignore_ascii_case("svg") => {
+            Err("plots are SVG, which every browser opens: expected a file that ends in .svg".into())
+        }
+        _ => Ok(path),
+    }
 }
 
 fn tuple_and_file(text: &str) -> Result<(String, PathBuf), String> {

@@ -1,5 +1,8 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
 
+// only commands print
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod baseline;
 pub mod calibration;
 pub mod dataset;

@@ -1,5 +1,8 @@
 //! The `metafmu` command: parse, dispatch, print the error, exit code.
 
+// both panic where nobody listens; `commands` has one function for each
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod cli;
 mod commands;
 
@@ -27,9 +30,10 @@ fn main() -> ExitCode {
     match result {
         Ok(commands::Outcome::Fine) => ExitCode::SUCCESS,
         Ok(commands::Outcome::ProblemsFound) => ExitCode::from(1),
+        Ok(commands::Outcome::Interrupted) => ExitCode::from(130),
         Err(error) => {
             for line in error.to_string().lines() {
-                eprintln!("error: {line}");
+                commands::say(format_args!("error: {line}"));
             }
             ExitCode::from(if matches!(error, metafmu::Error::Interrupted) { 130 } else { 2 })
         }

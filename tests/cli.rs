@@ -240,11 +240,17 @@ fn new_writes_the_example_and_overwrites_nothing() {
     assert!(output.status.success(), "{}", stderr(&output));
     let written = fs::read_to_string(bench.path("single-pendulum.toml")).unwrap();
     assert_eq!(written, include_str!("../examples/single-pendulum.toml"));
-    bench.fails(&["new", "single-pendulum", "--system", "single-pendulum"], &["single-pendulum.toml", "exists"]);
+    let says = ["single-pendulum.toml: exists already and is not overwritten"];
+    for name in ["single-pendulum", "single-pendulum.toml"] {
+        bench.fails(&["new", name, "--system", "single-pendulum"], &says);
+    }
     bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["`a/b` is no name"]);
     let output = bench.run(&["new", "mine", "--system", "single-pendulum"]);
     assert!(output.status.success());
-    assert!(fs::read_to_string(bench.path("mine.toml")).unwrap().contains("name = \"mine\""));
+    let mine = fs::read_to_string(bench.path("mine.toml")).unwrap();
+    assert!(mine.contains("name = \"mine\"") && !mine.contains("\nlicense = "), "{mine}");
+    assert!(bench.run(&["new", "its.toml", "--system", "single-pendulum"]).status.success());
+    assert!(fs::read_to_string(bench.path("its.toml")).unwrap().contains("name = \"its\""));
 }
 
 #[test]
@@ -350,7 +356,92 @@ fn simulate_writes_csv_and_a_plot() {
     let output = bench.run(&["simulate", FMU, "--output", "run.csv", "--plot", "run.svg"]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(fs::read_to_string(bench.path("run.csv")).unwrap().lines().count(), 42);
-    assert!(fs::read_to_string(bench.path("run.svg")).unwrap().contains("theta [rad]"));
+    let plot = fs::read_to_string(bench.path("run.svg")).unwrap();
+    assert!(plot.contains("theta [rad]") && !plot.contains("in_domain"));
+    assert!(stderr(&output).contains("constant in this run and not plotted: in_domain = 1.0"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_plot_is_svg_and_nothing_else() {
+    let bench = Bench::new();
+    bench.fails(&["simulate", "absent.fmu", "--plot", "p.png"], &["p.png", "expected a file that ends in .svg"]);
+    bench.fails(&["simulate", "absent.fmu", "--plot", "p.SVG"], &["absent.fmu"]);
+}
+
+#[test]
+fn simulate_warns_outside_of_the_ranges() {
+    let bench = Bench::built();
+    let output = bench.run(&["simulate", FMU, "--stop-time", "3", "--step-size", "0.5", "--output", "run.csv"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let says = "outside the ranges that the FMU is made for in 2 of 7 rows, at 2.5 s for the first time";
+    assert!(stderr(&output).contains(says), "{}", stderr(&output));
+    assert_eq!(stderr(&bench.run(&["simulate", FMU])), "", "inside it says nothing");
+}
+
+/// Runs a shell command in which `$0` is the program.
+#[cfg(unix)]
+fn shell(bench: &Bench, command: &str) -> Output {
+    let mut shell = Command::new("sh");
+    shell.args(["-c", command, env!("CARGO_BIN_EXE_metafmu")]).current_dir(bench.folder.path()).output().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn results_that_nobody_can_see_are_an_error_and_a_reader_that_has_seen_enough_is_none() {
+    let bench = Bench::built();
+    for verb in [
+        "simulate out/single-pendulum/single-pendulum.fmu",
+        "validate out/single-pendulum/single-pendulum.fmu",
+        "evaluate study.toml",
+        "export study.toml",
+        "report study.toml",
+        "sample study.toml --dry-run",
+        "new other --system slider-crank",
+    ] {
+        let output = shell(&bench, &format!("\"$0\" {verb} >&-"));
+        assert_eq!(output.status.code(), Some(2), "{verb}: {}", stderr(&output));
+        assert!(stderr(&output).contains("stdout: cannot write: it is closed"), "{verb}: {}", stderr(&output));
+    }
+    // nothing is printed: there is nothing to miss
+    let quiet = shell(&bench, &format!("\"$0\" simulate {FMU} --output run.csv >&-"));
+    assert_eq!(quiet.status.code(), Some(0), "{}", stderr(&quiet));
+    let head = shell(&bench, &format!("(\"$0\" simulate {FMU}; echo $? >&2) | head -n 1"));
+    assert_eq!((stdout(&head).lines().count(), stderr(&head).as_str()), (1, "0\n"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_job_whose_progress_nobody_reads_any_more_ends_well() {
+    let bench = Bench::new();
+    let progress = "(\"$0\" build study.toml; echo $? > code) 2>&1 | true";
+    for command in [progress, "\"$0\" build study.toml 2>&- > /dev/null; echo $? > code"] {
+        shell(&bench, command);
+        assert_eq!(fs::read_to_string(bench.path("code")).unwrap(), "0\n", "{command}");
+        assert!(bench.path(FMU).exists(), "{command}");
+        fs::remove_dir_all(bench.path("out")).unwrap();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_build_that_is_interrupted_in_training_finishes_with_the_best_network_and_says_130() {
+    let bench = Bench::new();
+    fs::write(bench.path("study.toml"), small_study().replace("epochs = 3 ", "epochs = 100000 ")).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_metafmu"));
+    command.args(["build", "study.toml"]).current_dir(bench.folder.path());
+    let mut child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    while !bench.path("out/single-pendulum/history.csv").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it was not slow enough to be interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(interrupt.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    assert!(stderr(&output).contains("stopped by Ctrl-C"), "{}", stderr(&output));
+    assert!(stdout(&output).contains("single-pendulum.fmu"), "{}", stdout(&output));
+    assert!(bench.path(FMU).exists() && bench.path("out/single-pendulum/report.html").exists());
+    assert!(stdout(&bench.run(&["help"])).contains("130 stopped by Ctrl-C"));
 }
 
 #[test]
@@ -386,7 +477,30 @@ fn export_writes_both_versions_with_one_network_and_simulate_runs_each_by_each_i
     assert!(tables.iter().all(|header| *header == tables[0]), "{tables:?}");
     let output = bench.run(&["export", "study.toml", "--fmi", "3", "--json"]);
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(json["fmu"].as_str().unwrap().ends_with("single-pendulum.fmu"), "{json}");
+    assert!(json["fmu"].as_str().unwrap().ends_with("single-pendulum-fmi3.fmu"), "{json}");
+}
+
+#[test]
+fn each_version_has_a_name_and_none_of_an_earlier_network_stays() {
+    let bench = Bench::built();
+    let fmi3 = "out/single-pendulum/single-pendulum-fmi3.fmu";
+    let export = |version: &str| {
+        let output = bench.run(&["export", "study.toml", "--fmi", version]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stderr(&output)
+    };
+    let fmi2 = fs::read(bench.path(FMU)).unwrap();
+    assert_eq!(export("3"), "");
+    assert!(fs::read(bench.path(FMU)).unwrap() == fmi2, "of the same network: it stays");
+    assert_eq!(export("2"), "");
+    assert!(bench.path(fmi3).exists());
+
+    fs::write(bench.path("study.toml"), small_study().replace("epochs = 3 ", "epochs = 4 ")).unwrap();
+    assert!(bench.run(&["train", "study.toml"]).status.success());
+    assert!(export("2").contains("removed out/single-pendulum/single-pendulum-fmi3.fmu"));
+    assert!(!bench.path(fmi3).exists() && fs::read(bench.path(FMU)).unwrap() != fmi2);
+    fs::write(bench.path(FMU), "no FMU").unwrap();
+    assert!(export("3").contains("removed out/single-pendulum/single-pendulum.fmu"));
 }
 
 #[test]

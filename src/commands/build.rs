@@ -5,7 +5,7 @@ use super::{
     evaluate::{self, Metrics},
     export::{self, Plan, Written},
     job::Job,
-    print, print_json, report, sample, train,
+    print, print_json, report, sample, say, train,
 };
 use crate::cli::BuildArgs;
 use metafmu::{Result, baseline::Comparison, dataset::Dataset, fmu::validate, report::Evaluated, sampling::Sets};
@@ -27,7 +27,7 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     for Written { fmu, .. } in &written {
         let report = validate(fmu)?;
         problems += report.problems.len();
-        eprint!("validated {}: {report}", fmu.display());
+        say(format_args!("validated {}: {}", fmu.display(), report.to_string().trim_end()));
     }
     let comparison = compare_in_build(&job, &surrogate, &metrics, &samples.sets)?;
     report::stage(&job, &evaluated, &samples.record, &training, None, None)?;
@@ -38,8 +38,10 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         comparison.map_or(Ok(()), |comparison| print(&format!("{}\n", comparison.table())))?;
         print(&files(&job, &written))?;
     }
-    let short = training.target_met == Some(false);
-    Ok(if problems == 0 && !short { Outcome::Fine } else { Outcome::ProblemsFound })
+    Ok(match train::outcome(&training) {
+        Outcome::Fine if problems > 0 => Outcome::ProblemsFound,
+        outcome => outcome,
+    })
 }
 
 /// The network beside the baselines that the study wants in a build.

@@ -3,7 +3,7 @@
 use super::{
     job::Job,
     prepare::held_out,
-    sample,
+    sample, say,
     train::{self, TrainingRecord},
 };
 use metafmu::{
@@ -66,7 +66,7 @@ pub fn stage(
         asked += points.len();
         let added = simulate(&round, &points, dataset.runs.len() + points.len())?;
         if added.runs.is_empty() {
-            eprintln!("no further run can be added: the training ends short of the target");
+            say("no further run can be added: the training ends short of the target");
             break trained;
         }
         failed.extend(failures(points, &added));
@@ -121,12 +121,12 @@ fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_ru
         Some(worst) if worst < target.r2 => "short of the target",
         _ => "the target is met",
     };
-    eprintln!(
+    say(format_args!(
         "round {} with {} runs: smallest R² {worst} on {validation_runs} held-out runs, {went} ({})",
         before.len() + 1,
         round.runs,
         target.r2
-    );
+    ));
 }
 
 /// `rounds.csv`

@@ -5,6 +5,7 @@ use super::{
     job::Job,
     prepare::{Prepared, prepare_instants},
     progress::Progress,
+    say,
     side_by_side::side_by_side,
     train::{Trained, TrainingRecord, describe},
 };
@@ -37,7 +38,7 @@ pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
     }
     let kept = Finished::open(job, &prepared)?;
     if resume {
-        eprintln!("{} of {} networks are finished already", kept.journal.len(), prepared.len());
+        say(format_args!("{} of {} networks are finished already", kept.journal.len(), prepared.len()));
     }
     let began = Instant::now();
     let progress = Mutex::new(Progress::networks(prepared.len()));
@@ -57,10 +58,10 @@ pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
     let progress = progress.into_inner().unwrap_or_else(PoisonError::into_inner);
     let outcomes = outcomes.inspect_err(|_| {
         progress.clear();
-        eprintln!(
+        say(format_args!(
             "networks that are finished are kept in {}: go on with --resume",
             job.unfinished_networks().display()
-        );
+        ));
     })?;
     let record = TrainingRecord {
         train_rows: prepared.iter().map(|prepared| prepared.training.len()).sum(),

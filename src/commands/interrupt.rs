@@ -5,13 +5,16 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-/// Turns true at the first Ctrl-C.
+/// Turns true at the first Ctrl-C. A stage that it has stopped may clear it and leave the rest to be done; the second
+/// Ctrl-C ends the program all the same.
 pub fn flag() -> &'static AtomicBool {
     static STOP: AtomicBool = AtomicBool::new(false);
+    static PRESSED: AtomicBool = AtomicBool::new(false);
     static HANDLER: OnceLock<()> = OnceLock::new();
     HANDLER.get_or_init(|| {
         let handler = || {
-            if STOP.swap(true, Ordering::Relaxed) {
+            STOP.store(true, Ordering::Relaxed);
+            if PRESSED.swap(true, Ordering::Relaxed) {
                 std::process::exit(130);
             }
         };

@@ -1,6 +1,6 @@
 //! What the verbs on a study share: the study, its source, and where results go.
 
-use super::train::TrainingRecord;
+use super::{say, train::TrainingRecord};
 use crate::cli::StudyArgs;
 use indexmap::IndexMap;
 use metafmu::{
@@ -212,7 +212,7 @@ impl Job {
                 })
         });
         if !same {
-            eprintln!("{} is of another network: it is left out of the report", path.display());
+            say(format_args!("{} is of another network: it is left out of the report", path.display()));
         }
         Ok(Some(comparison).filter(|_| same))
     }

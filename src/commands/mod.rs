@@ -16,11 +16,13 @@ pub mod sample;
 pub mod search;
 mod side_by_side;
 pub mod simulate;
+mod stdout;
 pub mod train;
 pub mod validate;
 
 use metafmu::{Error, Result};
 use std::{
+    fmt::Display,
     io::{ErrorKind, Write},
     path::Path,
 };
@@ -32,14 +34,29 @@ pub enum Outcome {
     Fine,
     /// The command worked and found problems.
     ProblemsFound,
+    /// Ctrl-C shortened the training; everything was made of the best network so far.
+    Interrupted,
 }
 
-/// Prints to stdout; a reader that has seen enough (`| head`) is no error.
+/// Prints to stdout; a reader that has seen enough (`| head`) is no error, a stdout that is closed (`>&-`) is one.
 fn print(text: &str) -> Result<()> {
-    match std::io::stdout().write_all(text.as_bytes()) {
+    let write = || {
+        if stdout::was_closed() {
+            return Err(std::io::Error::other("it is closed"));
+        }
+        let mut stdout = std::io::stdout();
+        stdout.write_all(text.as_bytes())?;
+        stdout.flush()
+    };
+    match write() {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
         _ => Ok(()),
     }
+}
+
+/// Prints a line of progress, a warning or an error to stderr. Nobody reading it any more (`2>&1 | head`) is no reason to stop.
+pub fn say(line: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// Prints a value as indented JSON.

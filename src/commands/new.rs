@@ -12,18 +12,19 @@ use std::{
 };
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
-    let path = PathBuf::from(format!("{}.toml", args.name));
+    let name = args.name.strip_suffix(".toml").unwrap_or(&args.name);
+    let path = PathBuf::from(format!("{name}.toml"));
+    if path.exists() {
+        let message = "exists already and is not overwritten: remove it, or choose another name".into();
+        return Err(Error::Stale { path, message });
+    }
     let text = match (&args.mechanism, &args.fmu, &args.table) {
-        (Some(file), _, _) => of_mechanism(&args.name, file)?,
-        (None, Some(file), _) => fmu::study(&args.name, file)?,
-        (None, None, Some(file)) => table::study(&args.name, file)?,
-        (None, None, None) => of_system(&args.name, args.system.as_deref().unwrap_or_default()),
+        (Some(file), _, _) => of_mechanism(name, file)?,
+        (None, Some(file), _) => fmu::study(name, file)?,
+        (None, None, Some(file)) => table::study(name, file)?,
+        (None, None, None) => of_system(name, args.system.as_deref().unwrap_or_default()),
     };
     Study::parse(&text, &path)?;
-    if path.exists() {
-        let source = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
-        return Err(Error::io(&path, "write")(source));
-    }
     files::write_whole(&path, text.as_bytes())?;
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(Outcome::Fine)

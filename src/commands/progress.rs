@@ -1,5 +1,6 @@
 //! Progress on stderr: a bar on a terminal, a few lines elsewhere.
 
+use super::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use metafmu::training::Outcome;
 use std::{
@@ -64,19 +65,19 @@ impl Progress {
 
     /// A line that stays.
     pub fn warn(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("warning: {line}"));
+        self.bar.suspend(|| say(format_args!("warning: {line}")));
     }
 
     /// A line that stays; only where there is no bar.
     pub fn note(&self, line: &str) {
         if !self.on_terminal {
-            eprintln!("{line}");
+            say(line);
         }
     }
 
     /// A line that stays, of one more trial.
     pub fn trial(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.suspend(|| say(line));
         self.bar.inc(1);
     }
 
@@ -100,6 +101,6 @@ impl Progress {
     /// Ends the bar and leaves a line.
     pub fn finish(&self, line: &str) {
         self.bar.finish_and_clear();
-        eprintln!("{line}");
+        say(line);
     }
 }

@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{Outcome, print};
+use super::{Outcome, print, say};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
@@ -8,6 +8,7 @@ use metafmu::{
     report::{Curve, time_series_svg},
     table::header_field,
 };
+use metafmu_runtime::extra::IN_DOMAIN;
 use std::{fmt::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
@@ -27,6 +28,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         record_only: false,
     };
     let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;
+    warn_outside(&table);
     match (&args.output, &args.plot) {
         (Some(path), _) => files::write_whole(path, csv(&table).as_bytes())?,
         (None, None) => print(&csv(&table))?,
@@ -52,6 +54,22 @@ fn csv(table: &Table) -> String {
     text
 }
 
+/// What the FMU says about its domain of validity, which nobody looks for in a long table.
+fn warn_outside(table: &Table) {
+    let Some(column) = table.columns.iter().position(|column| column.name == IN_DOMAIN.name) else { return };
+    let outside = || table.times.iter().zip(&table.rows).filter(|(_, row)| row[column] == 0.0);
+    if let Some((first, _)) = outside().next() {
+        say(format_args!(
+            "warning: outside the ranges that the FMU is made for in {} of {} rows, at {first} s for the first time \
+             (`{}` is false): its outputs there cannot be trusted",
+            outside().count(),
+            table.rows.len(),
+            IN_DOMAIN.name
+        ));
+    }
+}
+
+/// Plots what changes during the run, or everything if nothing does.
 fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
     let curve = |(index, column): (usize, &metafmu::fmu::host::Column)| Curve {
         name: column.name.clone(),
@@ -59,7 +77,16 @@ fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
         values: table.rows.iter().map(|row| row[index]).collect(),
     };
     let curves: Vec<Curve> = table.columns.iter().enumerate().map(curve).collect();
-    let svg = time_series_svg(title, &table.times, &curves)
+    let changes = |curve: &Curve| curve.values.iter().any(|value| *value != curve.values[0]);
+    let (changing, constant): (Vec<Curve>, Vec<Curve>) = curves.into_iter().partition(changes);
+    let curves = if changing.is_empty() { &constant } else { &changing };
+    let svg = time_series_svg(title, &table.times, curves)
         .map_err(|message| Error::Plot { path: path.to_owned(), message })?;
-    files::write_whole(path, svg.as_bytes())
+    files::write_whole(path, svg.as_bytes())?;
+    if !changing.is_empty() && !constant.is_empty() {
+        let values: Vec<String> =
+            constant.iter().map(|curve| format!("{} = {:?}", curve.name, curve.values[0])).collect();
+        say(format_args!("constant in this run and not plotted: {}", values.join(", ")));
+    }
+    Ok(())
 }

@@ -6,6 +6,7 @@ use super::{
     prepare::{Prepared, prepare},
     print, print_json,
     progress::Progress,
+    say,
 };
 use crate::cli::TrainArgs;
 use metafmu::{
@@ -59,7 +60,18 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
     } else {
         print(&format!("{}\n{}\n", job.model().display(), job.history().display()))?;
     }
-    Ok(if record.target_met == Some(false) { Outcome::ProblemsFound } else { Outcome::Fine })
+    Ok(outcome(&record))
+}
+
+/// How a command ends that went well after this training.
+pub fn outcome(record: &TrainingRecord) -> Outcome {
+    if was_interrupted(record) {
+        Outcome::Interrupted
+    } else if record.target_met == Some(false) {
+        Outcome::ProblemsFound
+    } else {
+        Outcome::Fine
+    }
 }
 
 /// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
@@ -172,7 +184,7 @@ pub fn finished(job: &Job) -> Result<Option<(Surrogate, TrainingRecord)>> {
     let record = job.load_training_record()?;
     let complete = !was_interrupted(&record);
     if complete {
-        eprintln!("{} is finished already", job.model().display());
+        say(format_args!("{} is finished already", job.model().display()));
     }
     Ok(complete.then_some((surrogate, record)))
 }
@@ -183,7 +195,7 @@ fn load_checkpoint(job: &Job, resume: bool) -> Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     if !path.exists() {
-        eprintln!("no checkpoint in {}: the training begins", path.display());
+        say(format_args!("no checkpoint in {}: the training begins", path.display()));
         return Ok(None);
     }
     std::fs::read(&path).map(Some).map_err(Error::io(&path, "read"))
@@ -280,7 +292,7 @@ impl Observer for Display<'_> {
 
     fn resumed(&mut self, history: &[EpochRecord]) {
         self.history = history.to_vec();
-        eprintln!("going on after epoch {}", history.len());
+        say(format_args!("going on after epoch {}", history.len()));
     }
 
     fn epoch(&mut self, record: &EpochRecord) {
