@@ -63,11 +63,25 @@ impl Origin {
         if problems.is_empty() {
             return Ok(());
         }
+        Err(Error::Study { problems: self.locate(problems) })
+    }
+
+    /// Gives dotted keys, each with a message, their lines.
+    pub(crate) fn locate(&self, problems: Vec<(String, String)>) -> Vec<Problem> {
         let locate = |(key, message): (String, String)| {
             let line = self.line_at(self.offset_of(&key));
             Problem { path: self.path.clone(), line, key, message }
         };
-        Err(Error::Study { problems: problems.into_iter().map(locate).collect() })
+        problems.into_iter().map(locate).collect()
+    }
+
+    /// Dotted keys of all arrays that are values of keys, and how many elements they have.
+    pub(crate) fn array_lengths(&self) -> Vec<(String, usize)> {
+        let mut lengths = Vec::new();
+        if let Ok(root) = DeTable::parse(&self.text) {
+            add_array_lengths(root.get_ref(), "", &mut lengths);
+        }
+        lengths
     }
 
     /// Dotted key of the innermost name or value that the span lies in; empty if there is none, or if the text is no TOML.
@@ -96,6 +110,17 @@ impl Origin {
 
     fn line_at(&self, offset: usize) -> usize {
         self.text.get(..offset).map_or(1, |before| before.matches('\n').count() + 1)
+    }
+}
+
+fn add_array_lengths(table: &DeTable, prefix: &str, lengths: &mut Vec<(String, usize)>) {
+    for (name, value) in table.iter() {
+        let key = format!("{prefix}{}", name.get_ref());
+        match Spanned::get_ref(value) {
+            DeValue::Array(elements) => lengths.push((key, elements.len())),
+            DeValue::Table(inner) => add_array_lengths(inner, &format!("{key}."), lengths),
+            _ => {}
+        }
     }
 }
 

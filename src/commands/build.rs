@@ -15,6 +15,7 @@ use std::path::PathBuf;
 pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let job = Job::new(&args.export.study)?;
     let plan = Plan::new(&job, &args.export)?;
+    job.describe_mechanism();
     job.prepare_folder()?;
     let kept = if args.resume { sample::kept(&job) } else { None };
     let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;

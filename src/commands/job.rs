@@ -9,6 +9,7 @@ use metafmu::{
     dataset::Dataset,
     evaluation::Accuracy,
     files,
+    multibody::Mechanism,
     report::Evaluated,
     sampling::Sets,
     source::{Source, shard::Shard},
@@ -59,6 +60,14 @@ pub struct FailedRun {
     pub reason: String,
 }
 
+/// Says on stderr what a mechanism consists of and what is odd about it.
+pub fn describe(mechanism: &Mechanism) {
+    for warning in mechanism.warnings() {
+        say(format!("warning: {warning}"));
+    }
+    say(mechanism.summary());
+}
+
 impl Job {
     /// Reads the study and finds its folder; writes nothing.
     pub fn new(args: &StudyArgs) -> Result<Self> {
@@ -66,6 +75,13 @@ impl Job {
         let source = Source::new(&study)?;
         let folder = args.out.clone().unwrap_or_else(|| Path::new("out").join(&study.name));
         Ok(Self { study, source, folder, json: args.json })
+    }
+
+    /// Says on stderr what the study's mechanism consists of and what is odd about it.
+    pub fn describe_mechanism(&self) {
+        if let Some(mechanism) = self.study.mechanism() {
+            describe(mechanism);
+        }
     }
 
     /// Makes the folder of results, so that one that cannot be written is found before the work and not after it.

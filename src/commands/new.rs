@@ -3,7 +3,7 @@
 mod fmu;
 mod table;
 
-use super::{Outcome, print};
+use super::{Outcome, job::describe, print};
 use crate::cli::NewArgs;
 use metafmu::{Error, Result, files, multibody::Mechanism, source::systems::SYSTEMS, study::Study};
 use std::{
@@ -41,6 +41,11 @@ fn of_system(name: &str, system: &str) -> String {
 /// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.
 fn of_mechanism(name: &str, file: &Path) -> Result<String> {
     let mechanism = Mechanism::load(file)?;
+    if mechanism.parameters().values().all(|parameter| parameter.min.is_none()) {
+        let message = "none has a range, expected `min` and `max` of each that the study is to vary".into();
+        mechanism.refuse(vec![("parameters".into(), message)])?;
+    }
+    describe(&mechanism);
     let file = file.display().to_string();
     let mut text = format!(
         "# Made by `metafmu new {name} --mechanism {file}`; build it with `metafmu build {name}.toml`.

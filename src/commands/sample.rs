@@ -29,6 +29,7 @@ pub struct Samples {
 
 pub fn run(args: &SampleArgs) -> Result<super::Outcome> {
     let job = Job::new(&args.study)?;
+    job.describe_mechanism();
     if args.dry_run {
         print(&plan_table(&job, args.shard)?)?;
         return Ok(super::Outcome::Fine);

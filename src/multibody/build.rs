@@ -106,9 +106,6 @@ impl Builder<'_> {
             self.problems.push((key("angle"), "belongs to prismatic and fixed joints".into()));
         }
         let Some([from, to]) = self.ends(&key("between"), &joint.between) else { return Vec::new() };
-        if from.frame == to.frame {
-            self.problems.push((key("between"), "both points belong to the same body".into()));
-        }
         let across = |frame, axis| (Coordinate::Projection { from, to, frame, axis }, 0.0);
         let coincident = [across(None, Vector2::x()), across(None, Vector2::y())];
         let angle = joint.angle.as_ref().map_or(0.0, |angle| self.number(&key("angle"), angle));
@@ -140,9 +137,10 @@ impl Builder<'_> {
         let mut springs = Vec::new();
         for (name, spring) in &self.description.springs {
             let key = |field: &str| format!("springs.{name}.{field}");
-            let [stiffness, damping, rest] =
-                [("stiffness", &spring.stiffness), ("damping", &spring.damping), ("rest", &spring.rest)]
-                    .map(|(field, expression)| self.number(&key(field), expression));
+            let stiffness = self.not_negative(&key("stiffness"), &spring.stiffness);
+            let damping = self.not_negative(&key("damping"), &spring.damping);
+            let is_length = spring.between.is_some();
+            let rest = if is_length { Self::not_negative } else { Self::number }(self, &key("rest"), &spring.rest);
             let coordinate = match (&spring.between, &spring.coordinate) {
                 (Some(between), None) => {
                     self.ends(&key("between"), between).map(|[from, to]| Coordinate::Distance { from, to })
@@ -165,6 +163,10 @@ impl Builder<'_> {
         let mut forces = Vec::new();
         for (name, force) in &self.description.forces {
             let point = self.point(&force.point);
+            let point = point.and_then(|point| match point.frame {
+                Some(_) => Ok(point),
+                None => Err(format!("`{}` belongs to the ground, expected a point of a body", force.point)),
+            });
             let point = self.noted(&format!("forces.{name}.point"), point);
             let key = format!("forces.{name}.force");
             let [x, y] = force.force.each_ref().map(|component| self.formula(&key, component, true));
@@ -303,6 +305,9 @@ impl Builder<'_> {
 
     fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
         match self.measure(name)? {
+            Measure::Position(coordinate) if !coordinate.is_of_body() => {
+                Err(format!("`{name}` belongs to the ground, expected a coordinate of a body"))
+            }
             Measure::Position(coordinate) => Ok(coordinate),
             _ => Err(format!("`{name}` is no position, expected for instance `BODY.angle`")),
         }
@@ -313,7 +318,12 @@ impl Builder<'_> {
             let point = self.point(name);
             self.noted(key, point)
         });
-        Some([from?, to?])
+        let (from, to) = (from?, to?);
+        if from.frame == to.frame {
+            let owner = if from.frame.is_some() { "the same body" } else { "the ground" };
+            self.problem(key, format!("both points belong to {owner}"));
+        }
+        Some([from, to])
     }
 
     /// `ground`, `ground.POINT`, `BODY` (its centre of mass) or `BODY.POINT`.
@@ -349,7 +359,8 @@ impl Builder<'_> {
     fn not_negative(&mut self, key: &str, expression: &Expression) -> f64 {
         let number = self.number(key, expression);
         if number < 0.0 {
-            self.problem(key, format!("{number}, expected zero or more"));
+            let found = if expression.names().is_empty() { String::new() } else { format!("`{expression}` is ") };
+            self.problem(key, format!("{found}{number}, expected zero or more"));
         }
         number
     }

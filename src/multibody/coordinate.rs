@@ -99,6 +99,14 @@ impl Coordinate {
         matches!(self, Self::Angle { .. })
     }
 
+    /// Whether any body's motion changes it; otherwise it is of the ground alone.
+    pub fn is_of_body(&self) -> bool {
+        match self {
+            Self::Projection { from, to, .. } | Self::Distance { from, to } => from.frame.or(to.frame).is_some(),
+            Self::Angle { from, to } => from.or(*to).is_some(),
+        }
+    }
+
     /// `s(q)`, in m or rad.
     pub fn value(&self, q: &DVector<f64>) -> f64 {
         let position = |point: &Point| {

@@ -28,7 +28,7 @@
 //!
 //! [springs.damper]
 //! coordinate = "pivot.angle"                  # or `between` two points
-//! damping = 0.01                              # stiffness, damping, rest: 0 where nothing is said
+//! damping = 0.01                              # stiffness, damping, rest: 0 where nothing is said; not negative
 //!
 //! [initial]                                   # kept exactly; the rest follows from the guesses and the joints
 //! pivot.angle = 1.57
@@ -107,9 +107,9 @@ pub enum FormulationKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ParameterOptions {
-    /// Value where the study says nothing.
+    /// Value where the study says nothing; within the range if there is one.
     pub default: f64,
-    /// Lower end of the range that `metafmu new` proposes.
+    /// Lower end of the range that `metafmu new` proposes; there are both ends or none.
     pub min: Option<f64>,
     /// Upper end of the range that `metafmu new` proposes.
     pub max: Option<f64>,
@@ -202,7 +202,7 @@ pub struct SpringOptions {
     pub between: Option<[String; 2]>,
     /// Coordinate that a spring of another kind acts along.
     pub coordinate: Option<String>,
-    /// Force or torque per m or rad.
+    /// Force or torque per m or rad; zero or more, as `damping` and as the `rest` of a spring `between` two points.
     #[serde(default)]
     pub stiffness: Expression,
     /// Force or torque per m/s or rad/s.

@@ -3,10 +3,18 @@
 use super::{
     build::{Problems, build},
     description::{Description, ParameterOptions},
+    measure::Measure,
+    model::Model,
+    review::{idle_parts, oddities},
     simulate::simulate,
 };
-use crate::{Error, Result, origin::Origin, variable::Variable};
+use crate::{
+    Error, Result,
+    origin::{Origin, Problem},
+    variable::Variable,
+};
 use indexmap::IndexMap;
+use nalgebra::DVector;
 use std::path::Path;
 
 /// A mechanism file's content, checked.
@@ -14,6 +22,9 @@ use std::path::Path;
 pub struct Mechanism {
     description: Description,
     outputs: Vec<Variable>,
+    degrees_of_freedom: usize,
+    warnings: Vec<Problem>,
+    origin: Origin,
 }
 
 impl Mechanism {
@@ -32,8 +43,12 @@ impl Mechanism {
     /// [`Error::Study`] with every problem found.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
+        origin.refuse(length_problems(&origin))?;
         let description: Description = origin.deserialize()?;
-        origin.refuse(name_problems(&description))?;
+        let mut problems = name_problems(&description);
+        problems.extend(range_problems(&description));
+        problems.extend(idle_parts(&description));
+        origin.refuse(problems)?;
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, measures) = match build(&description, &defaults) {
             Ok(built) => built,
@@ -48,14 +63,44 @@ impl Mechanism {
             let description = output.description.clone();
             outputs.push(Variable::new(name, unit, &description));
         }
-        if let Err(message) = model.initial_state(0.0) {
-            let sets = [&model.constraints, &model.initial_positions, &model.initial_velocities];
-            let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
-            let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
-            problems.push((key.cloned().unwrap_or_default(), message));
+        match model.initial_state(0.0) {
+            Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),
+            Err(message) => {
+                let sets = [&model.constraints, &model.initial_positions, &model.initial_velocities];
+                let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
+                let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
+                problems.push((key.cloned().unwrap_or_default(), message));
+            }
         }
         origin.refuse(problems)?;
-        Ok(Self { description, outputs })
+        let mut odd = oddities(&description);
+        odd.extend(constant_outputs(&description, &measures));
+        let warnings = origin.locate(odd);
+        Ok(Self { description, outputs, degrees_of_freedom: model.degrees_of_freedom(), warnings, origin })
+    }
+
+    /// What is odd in the file but may be meant.
+    pub fn warnings(&self) -> &[Problem] {
+        &self.warnings
+    }
+
+    /// What the mechanism consists of, for people: "3 bodies, 4 joints, 1 degree of freedom".
+    pub fn summary(&self) -> String {
+        let Description { bodies, joints, drivers, .. } = &self.description;
+        let mut parts = vec![counted(bodies.len(), "body", "bodies"), counted(joints.len(), "joint", "joints")];
+        if !drivers.is_empty() {
+            parts.push(counted(drivers.len(), "driver", "drivers"));
+        }
+        parts.push(counted(self.degrees_of_freedom, "degree of freedom", "degrees of freedom"));
+        parts.join(", ")
+    }
+
+    /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
+    ///
+    /// # Errors
+    /// [`Error::Study`].
+    pub fn refuse(&self, problems: Problems) -> Result<()> {
+        self.origin.refuse(problems)
     }
 
     /// What the file says.
@@ -98,6 +143,79 @@ impl Mechanism {
     }
 }
 
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+/// Arrays that are no vectors in the plane, or do not name two points. Reading them would drop the elements behind the second.
+fn length_problems(origin: &Origin) -> Problems {
+    let problem = |(key, found): (String, usize)| {
+        let mut names = key.rsplit('.');
+        let (last, before) = (names.next()?, names.next());
+        let message = match last {
+            _ if found == 2 => return None,
+            "between" => format!("{}, expected 2", counted(found, "point", "points")),
+            "gravity" | "position" | "velocity" | "axis" | "force" => of_plane(found),
+            _ if before == Some("points") => of_plane(found),
+            _ => return None,
+        };
+        Some((key, message))
+    };
+    origin.array_lengths().into_iter().filter_map(problem).collect()
+}
+
+fn of_plane(found: usize) -> String {
+    format!("{}, expected 2: x and y", counted(found, "component", "components"))
+}
+
+/// Ranges of parameters that are none, or do not hold the default.
+fn range_problems(description: &Description) -> Problems {
+    let mut problems = Problems::new();
+    for (name, &ParameterOptions { default, min, max, .. }) in &description.parameters {
+        let mut add = |field: &str, message: String| problems.push((format!("parameters.{name}.{field}"), message));
+        for (field, value) in [("default", Some(default)), ("min", min), ("max", max)] {
+            if value.is_some_and(|value| !value.is_finite()) {
+                add(field, "expected a finite number".into());
+            }
+        }
+        match (min, max) {
+            (Some(_), None) => add("min", "expected a `max` as well".into()),
+            (None, Some(_)) => add("max", "expected a `min` as well".into()),
+            (Some(min), Some(max)) if min >= max => {
+                add("min", format!("range is empty: min {min} is not below max {max}"));
+            }
+            (Some(min), Some(max)) if !(min..=max).contains(&default) => {
+                add("default", format!("{default} is outside the range from {min} to {max}"));
+            }
+            _ => {}
+        }
+    }
+    problems
+}
+
+/// Bodies that neither mass nor inertia keeps from moving as fast as you like.
+fn free_of_inertia(description: &Description, model: &Model, q: &DVector<f64>) -> Problems {
+    let problem = |coordinate: usize| {
+        let body = description.bodies.get_index(coordinate / 3).map_or("", |(name, _)| name.as_str());
+        let (field, motion) = if coordinate % 3 == 2 { ("inertia", "turn") } else { ("mass", "move") };
+        let message = format!("0, expected more: the body can {motion} without anything that has mass or inertia");
+        (format!("bodies.{body}.{field}"), message)
+    };
+    model.motions_without_inertia(q).into_iter().map(problem).collect()
+}
+
+/// Outputs that measure what stands still.
+fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems {
+    let constant = |measure: &Measure| match measure {
+        Measure::Position(coordinate) | Measure::Velocity(coordinate) | Measure::Acceleration(coordinate) => {
+            !coordinate.is_of_body()
+        }
+        _ => false,
+    };
+    let odd = description.outputs.keys().zip(measures).filter(|(_, measure)| constant(measure));
+    odd.map(|(name, _)| (format!("outputs.{name}.measure"), "never changes: it is of the ground".to_owned())).collect()
+}
+
 /// Names that cannot be told apart or cannot stand in an expression.
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::new();
@@ -119,8 +237,7 @@ fn name_problems(description: &Description) -> Problems {
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {
-                let expected = "expected a letter or `_`, then letters, digits and `_`";
-                problems.push((key, format!("`{name}` is no name: {expected}")));
+                problems.push((key, format!("`{name}` is no name: {PLAIN}")));
             } else if let Some((other, _)) = seen.iter().find(|(_, known)| known == name) {
                 problems.push((key, format!("`{name}` is the name of {other} already")));
             } else {
@@ -131,7 +248,7 @@ fn name_problems(description: &Description) -> Problems {
     let points = bodies.iter().map(|(name, body)| (format!("bodies.{name}"), &body.points));
     for (key, points) in points.chain([("ground".to_owned(), &description.ground.points)]) {
         for name in points.keys().filter(|name| !is_plain(name)) {
-            problems.push((format!("{key}.points.{name}"), format!("`{name}` is no name")));
+            problems.push((format!("{key}.points.{name}"), format!("`{name}` is no name: {PLAIN}")));
         }
     }
     if bodies.is_empty() {
@@ -140,15 +257,21 @@ fn name_problems(description: &Description) -> Problems {
     if description.outputs.is_empty() {
         problems.push(("outputs".into(), "no output, expected at least one".into()));
     }
-    for (name, parameter) in parameters {
-        for (field, value) in [("default", Some(parameter.default)), ("min", parameter.min), ("max", parameter.max)] {
-            if value.is_some_and(|value| !value.is_finite()) {
-                problems.push((format!("parameters.{name}.{field}"), "expected a finite number".into()));
-            }
+    for name in description.outputs.keys() {
+        let key = format!("outputs.{name}");
+        if !is_plain(name) {
+            problems.push((key, format!("`{name}` is no name: {PLAIN}")));
+        } else if name == "time" {
+            problems.push((key, "`time` is the name of the time already".into()));
+        } else if parameters.get(name).is_some_and(|parameter| parameter.min.is_some()) {
+            problems.push((key, format!("`{name}` is a parameter already: names of variables must be unique")));
         }
     }
     problems
 }
+
+/// What [`is_plain`] takes.
+const PLAIN: &str = "expected a letter or `_`, then letters, digits and `_`";
 
 fn is_plain(name: &str) -> bool {
     let first = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');

@@ -13,6 +13,7 @@ pub mod formulation;
 pub mod measure;
 mod mechanism;
 pub mod model;
+pub mod review;
 pub mod simulate;
 
 pub use mechanism::Mechanism;

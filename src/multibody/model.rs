@@ -5,7 +5,7 @@ use super::{
     coordinate::{Coordinate, Point},
     description::FormulationKind,
 };
-use nalgebra::{DVector, Vector2};
+use nalgebra::{DMatrix, DVector, Vector2};
 
 /// A spring and damper along a coordinate: effort `-stiffness (s - rest) - damping sd`.
 #[derive(Clone, Debug)]
@@ -107,6 +107,27 @@ impl Model {
         let height: f64 = bodies.map(|(q, mass)| -mass[0] * (self.gravity.x * q[0] + self.gravity.y * q[1])).sum();
         let stretch = |spring: &Spring| 0.5 * spring.stiffness * (spring.coordinate.value(q) - spring.rest).powi(2);
         height + self.springs.iter().map(stretch).sum::<f64>()
+    }
+
+    /// For each independent motion that the constraints allow and neither mass nor inertia resists, the coordinate that moves
+    /// most: the null space of the constraints' gradients and of the coordinates with mass.
+    pub fn motions_without_inertia(&self, q: &DVector<f64>) -> Vec<usize> {
+        let (n, m) = (q.len(), self.constraints.len());
+        let gradients = self.constraints.jacobian_transposed(q);
+        let mut rows = DMatrix::zeros(n + m, n);
+        for (index, gradient) in gradients.column_iter().enumerate() {
+            rows.row_mut(index).tr_copy_from(&(gradient / gradient.norm()));
+        }
+        for (coordinate, _) in self.mass.iter().enumerate().filter(|(_, mass)| **mass > 0.0) {
+            rows[(m + coordinate, coordinate)] = 1.0;
+        }
+        let svd = rows.svd(false, true);
+        let free = svd.v_t.iter().flat_map(|v_t| v_t.row_iter()).zip(&svd.singular_values);
+        let free = free.filter(|(_, value)| **value < 1e-9);
+        let mut found: Vec<usize> = free.map(|(motion, _)| motion.transpose().iamax()).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
     }
 
     /// Number of coordinates that the constraints leave free.

@@ -207,7 +207,7 @@ fn prismatic_and_fixed_joints_hold_their_angle() {
 fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
     for (from, to, says) in [
         ("mass = \"m\"", "mass = \"n\"", "m.toml:16: bodies.rod.mass: `n`: no parameter `n`, expected one of L, c"),
-        ("mass = \"m\"", "mass = \"-m\"", "bodies.rod.mass: -0.3, expected zero or more"),
+        ("mass = \"m\"", "mass = \"-m\"", "bodies.rod.mass: `-m` is -0.3, expected zero or more"),
         ("mass = \"m\"", "mass = \"m/0\"", "bodies.rod.mass: `m/0` is inf"),
         ("mass = \"m\"", "mass = \"m*\"", "bodies.rod.mass: `m*`: found the end"),
         ("mass = \"m\"", "mas = 1", "bodies.rod.mas: unknown field"),
@@ -234,11 +234,107 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
         ("[springs.damper]", "[springs.rod]", "springs.rod: `rod` is the name of bodies already"),
         ("\nm = {", "\ntime = {", "parameters.time: `time` is the name of the time already"),
         ("rod.angle = ", "rod.ax = ", "initial.rod.ax: `rod.ax` is neither a position nor a velocity"),
+        ("[0, \"-g\"]", "[0, 0, \"-g\"]", "m.toml:5: gravity: 3 components, expected 2: x and y"),
+        ("[0, \"L\"]", "[0]", "bodies.rod.points.top: 1 component, expected 2"),
+        ("\"rod.top\"]", "\"rod.top\", \"rod\"]", "joints.pivot.between: 3 points, expected 2"),
+        ("min = 0.1, max = 0.2", "min = 0.1", "parameters.L.min: expected a `max` as well"),
+        ("min = 0.1, max = 0.2", "max = 0.1", "parameters.L.max: expected a `min` as well"),
+        ("min = 0.1, max = 0.2", "min = 0.2, max = 0.1", "parameters.L.min: range is empty"),
+        ("default = 0.15", "default = 0.25", "parameters.L.default: 0.25 is outside the range from 0.1 to 0.2"),
+        ("theta = {", "L = {", "outputs.L: `L` is a parameter already"),
+        ("theta = {", "time = {", "outputs.time: `time` is the name of the time already"),
+        ("theta = {", "\"theta 1\" = {", "`theta 1` is no name: expected a letter or `_`"),
+        ("damping = \"c*L\"", "damping = -0.1", "springs.damper.damping: -0.1, expected zero or more"),
+        ("damping = \"c*L\"", "stiffness = \"-c\"", "springs.damper.stiffness: `-c` is -0.05, expected zero or more"),
+        ("damping = \"c*L\"", "rest = 1", "springs.damper: neither `stiffness` nor `damping`"),
+        ("coordinate = \"pivot.angle\"", "between = [\"rod\", \"rod.top\"]", "both points belong to the same body"),
+        ("coordinate = \"pivot.angle\"", "coordinate = \"ground.x\"", "`ground.x` belongs to the ground"),
+        (
+            "coordinate = \"pivot.angle\"",
+            "between = [\"ground\", \"rod\"]\nrest = -1",
+            "springs.damper.rest: -1, expected zero or more",
+        ),
+        (
+            "[initial]",
+            "[forces.push]\npoint = \"ground\"\nforce = [1, 0]\n[initial]",
+            "forces.push.point: `ground` belongs to the ground, expected a point of a body",
+        ),
+        ("[initial]", "[bodies.bob]\n[initial]", "bodies.bob.mass: 0, expected more: the body can move without"),
+        ("[initial]", "[bodies.bob]\nmass = 1\n[initial]", "bodies.bob.inertia: 0, expected more: the body can turn"),
     ] {
         assert!(SINGLE_PENDULUM.contains(from), "{from}");
         let message = refused(&SINGLE_PENDULUM.replacen(from, to, 1));
         assert!(message.contains(says), "{to}: no `{says}` in\n{message}");
     }
+}
+
+#[test]
+fn all_vectors_of_a_wrong_length_are_named_at_once() {
+    let text = SINGLE_PENDULUM.replacen("[0, \"-g\"]", "[0, 0, \"-g\"]", 1);
+    let message = refused(&text.replacen("inertia = 0 ", "inertia = 0\nvelocity = [1]\nposition = [0, 0, 0] ", 1));
+    for key in ["gravity", "bodies.rod.velocity", "bodies.rod.position"] {
+        assert!(message.contains(&format!("{key}: ")), "{message}");
+    }
+}
+
+#[test]
+fn what_has_no_effect_is_warned_of_and_the_examples_have_nothing_of_the_kind() {
+    let text = r#"
+[parameters]
+k = { default = 1 }
+[ground]
+points = { wall = [1, 0] }
+[bodies.bob]
+mass = 1
+inertia = 1
+points = { edge = [1, 0] }
+[springs.gauge]
+between = ["ground", "ball"]
+rest = 1
+[bodies.ball]
+mass = 1
+inertia = 1
+position = [1, 0]
+[forces.push]
+point = "ball"
+force = [0, 0]
+[actuators.pull]
+coordinate = "ball.x"
+effort = 0.0
+[outputs]
+x = { measure = "bob.x" }
+y = { measure = "ground.wall.y" }
+length = { measure = "gauge.length" }
+"#;
+    let mechanism = parse(text);
+    let warnings: Vec<String> = mechanism.warnings().iter().map(ToString::to_string).collect();
+    assert_eq!(
+        warnings,
+        [
+            "m.toml:3: parameters.k: nothing depends on it",
+            "m.toml:6: bodies.bob: no joint, spring, force or actuator is attached to it",
+            "m.toml:9: bodies.bob.points.edge: nothing uses this point",
+            "m.toml:12: springs.gauge.rest: has no effect without `stiffness`",
+            "m.toml:19: forces.push.force: is zero: it has no effect",
+            "m.toml:22: actuators.pull.effort: is zero: it has no effect",
+            "m.toml:25: outputs.y.measure: never changes: it is of the ground",
+        ]
+    );
+    assert_eq!(mechanism.summary(), "2 bodies, 0 joints, 6 degrees of freedom");
+    for example in EXAMPLES {
+        assert!(parse(example).warnings().is_empty());
+    }
+    let summaries = [SINGLE_PENDULUM, SLIDER_CRANK].map(|example| parse(example).summary());
+    assert_eq!(summaries[0], "1 body, 1 joint, 1 degree of freedom");
+    assert_eq!(summaries[1], "3 bodies, 4 joints, 1 driver, 0 degrees of freedom");
+}
+
+#[test]
+fn damping_that_is_negative_at_some_parameters_only_is_named_in_the_run() {
+    let mechanism = parse(&SINGLE_PENDULUM.replacen("\"c*L\"", "\"c - 0.01\"", 1));
+    assert!(mechanism.simulate(&values(&mechanism, &[]), &grid(1.0, 10), TOLERANCE).is_ok());
+    let error = mechanism.simulate(&values(&mechanism, &[("c", 0.0)]), &grid(1.0, 10), TOLERANCE).unwrap_err();
+    assert_eq!(error, "springs.damper.damping: `c - 0.01` is -0.01, expected zero or more");
 }
 
 #[test]

@@ -1,0 +1,124 @@
+//! What a description says without effect: mistakes more often than not.
+
+use super::{
+    build::Problems,
+    description::{BodyOptions, Description, SpringOptions, Vector},
+    expression::{Expression, Jet},
+};
+use std::collections::BTreeSet;
+
+/// Parts that do nothing although nothing else can be their purpose: dotted keys and what is wrong.
+pub fn idle_parts(description: &Description) -> Problems {
+    let names = Names::of(description);
+    let idle = |(name, spring): (&String, &SpringOptions)| {
+        let without_effect = is_zero(&spring.stiffness) && is_zero(&spring.damping);
+        // a spring between two points is also a way to measure their distance
+        let message = "neither `stiffness` nor `damping`, expected at least one of them";
+        (without_effect && !names.has(name)).then(|| (format!("springs.{name}"), message.to_owned()))
+    };
+    description.springs.iter().filter_map(idle).collect()
+}
+
+/// What is odd but may be meant: dotted keys and what is odd.
+pub fn oddities(description: &Description) -> Problems {
+    let names = Names::of(description);
+    let Description { parameters, ground, bodies, springs, forces, actuators, .. } = description;
+    let mut oddities = Problems::new();
+    let mut note = |key: String, message: &str| oddities.push((key, message.to_owned()));
+    for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
+        note(format!("parameters.{name}"), "nothing depends on it");
+    }
+    for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
+        note(format!("ground.points.{point}"), "nothing uses this point");
+    }
+    for (name, BodyOptions { points, .. }) in bodies {
+        if !names.holds_or_moves(name) {
+            note(format!("bodies.{name}"), "no joint, spring, force or actuator is attached to it");
+        }
+        for point in points.keys().filter(|point| !names.has(&format!("{name}.{point}"))) {
+            note(format!("bodies.{name}.points.{point}"), "nothing uses this point");
+        }
+    }
+    for (name, SpringOptions { stiffness, rest, .. }) in springs {
+        if is_zero(stiffness) && !is_zero(rest) {
+            note(format!("springs.{name}.rest"), "has no effect without `stiffness`");
+        }
+    }
+    for (name, _) in forces.iter().filter(|(_, force)| force.force.iter().all(is_zero)) {
+        note(format!("forces.{name}.force"), "is zero: it has no effect");
+    }
+    for (name, _) in actuators.iter().filter(|(_, actuator)| is_zero(&actuator.effort)) {
+        note(format!("actuators.{name}.effort"), "is zero: it has no effect");
+    }
+    oddities
+}
+
+/// Zero whatever the parameters.
+fn is_zero(expression: &Expression) -> bool {
+    expression.names().is_empty() && expression.evaluate(|_| Jet::constant(f64::NAN)).value == 0.0
+}
+
+/// What a description names.
+struct Names<'a> {
+    /// In expressions: parameters, `time`, coordinates.
+    values: BTreeSet<&'a str>,
+    /// Points, coordinates and measures, wherever they are named.
+    parts: Vec<String>,
+    /// Points between which something acts, and where it acts.
+    attached: Vec<&'a str>,
+}
+
+impl<'a> Names<'a> {
+    fn of(description: &'a Description) -> Self {
+        let Description { joints, drivers, springs, forces, actuators, initial, outputs, .. } = description;
+        let values: BTreeSet<&str> = expressions(description)
+            .into_iter()
+            .flat_map(|expression| expression.names())
+            .map(String::as_str)
+            .collect();
+        let ends = joints.values().map(|joint| &joint.between);
+        let ends = ends.chain(springs.values().filter_map(|spring| spring.between.as_ref())).flatten();
+        let mut attached: Vec<&str> = ends.map(String::as_str).collect();
+        attached.extend(forces.values().map(|force| force.point.as_str()));
+        attached.extend(drivers.values().map(|driver| driver.coordinate.as_str()));
+        attached.extend(springs.values().filter_map(|spring| spring.coordinate.as_deref()));
+        attached.extend(actuators.values().map(|actuator| actuator.coordinate.as_str()));
+        let conditions = initial.iter().flat_map(|(owner, of)| of.keys().map(move |what| format!("{owner}.{what}")));
+        let measured = outputs.values().map(|output| output.measure.clone());
+        let named = attached.iter().chain(&values).map(|name| (*name).to_owned());
+        Self { parts: named.chain(conditions).chain(measured).collect(), values, attached }
+    }
+
+    /// Whether anything names the part or point, or a measure of it.
+    fn has(&self, part: &str) -> bool {
+        self.parts.iter().any(|name| is_of(name, part))
+    }
+
+    /// Whether anything acts on the body.
+    fn holds_or_moves(&self, body: &str) -> bool {
+        self.attached.iter().any(|name| is_of(name, body))
+    }
+}
+
+/// Whether a name is a part's, or goes on with a dot after it.
+fn is_of(name: &str, part: &str) -> bool {
+    name.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
+fn expressions(description: &Description) -> Vec<&Expression> {
+    let Description { gravity, ground, bodies, joints, drivers, springs, forces, actuators, initial, .. } = description;
+    let mut all: Vec<&Expression> = gravity.iter().chain(ground.points.values().flatten()).collect();
+    for BodyOptions { mass, inertia, position, angle, velocity, angular_velocity, points } in bodies.values() {
+        all.extend([mass, inertia, angle, angular_velocity]);
+        all.extend([position, velocity].into_iter().chain(points.values()).flat_map(|vector: &Vector| vector));
+    }
+    for joint in joints.values() {
+        all.extend(joint.axis.iter().flatten().chain(&joint.angle));
+    }
+    all.extend(drivers.values().map(|driver| &driver.motion));
+    all.extend(springs.values().flat_map(|spring| [&spring.stiffness, &spring.damping, &spring.rest]));
+    all.extend(forces.values().flat_map(|force| &force.force));
+    all.extend(actuators.values().map(|actuator| &actuator.effort));
+    all.extend(initial.values().flat_map(|of| of.values()));
+    all
+}
