@@ -9,7 +9,7 @@ use super::{
     coordinate::Coordinate,
     expression::{Expression, Jet},
 };
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// An expression whose names are resolved.
 #[derive(Clone, Debug)]
@@ -122,6 +122,17 @@ impl Constraints {
             }
         }
         transposed
+    }
+
+    /// The longest lever arm: by how much a length changes with an angle at most, in m/rad; 1 if none does. It makes lengths
+    /// comparable with angles.
+    pub fn lever_arm(&self, transposed: &DMatrix<f64>) -> f64 {
+        let lengths = self.0.iter().zip(transposed.column_iter()).filter(|(one, _)| !one.coordinate.is_angle());
+        let of_angles = |(_, gradient): (_, DVectorView<f64>)| {
+            gradient.iter().skip(2).step_by(3).fold(0.0, |arm: f64, entry| arm.max(entry.abs()))
+        };
+        let longest = lengths.map(of_angles).fold(0.0, f64::max);
+        if longest > 0.0 { longest } else { 1.0 }
     }
 
     /// `-C_t = f'(t)`: what `C_q qd` must be.

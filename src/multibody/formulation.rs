@@ -198,11 +198,11 @@ impl Partition {
             return Err(model.constraints.name_singular(t, &transposed));
         }
         let mut scaled = transposed.transpose();
-        // lengths and angles are made comparable
-        for mut column in scaled.column_iter_mut() {
-            let largest = column.amax();
-            if largest > 0.0 {
-                column /= largest;
+        // lengths in lever arms: the pivots do not depend on the unit
+        let lever_arm = model.constraints.lever_arm(&transposed);
+        for (constraint, mut row) in model.constraints.0.iter().zip(scaled.row_iter_mut()) {
+            if !constraint.coordinate.is_angle() {
+                row.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= lever_arm);
             }
         }
         let mut order = DMatrix::from_fn(1, n, |_, column| column);

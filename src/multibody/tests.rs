@@ -144,6 +144,75 @@ fn energy_is_kept_where_nothing_dissipates() {
     }
 }
 
+/// A bead that slides on a rotating arm, and a slider crank without load: angles and lengths of very different size.
+const BEAD: &str = r#"
+    bodies.arm = { mass = 1, inertia = 0.1, angle = 0.3 }
+    bodies.bead = { mass = 0.5, inertia = 0.001, position = ["0.5*cos(0.3)", "0.5*sin(0.3)"], angle = 0.3 }
+    joints.pivot = { type = "revolute", between = ["ground", "arm"] }
+    joints.slide = { type = "prismatic", between = ["arm", "bead"], axis = [1, 0] }
+    initial.arm = { angle = 0.3, angular_velocity = -1 }
+    initial.slide = { position = 0.5, velocity = 0 }
+    outputs.omega = { measure = "arm.angular_velocity" }
+    outputs.r = { measure = "slide.position" }
+    outputs.v = { measure = "slide.velocity" }
+"#;
+const FREE_CRANK: &str = r#"
+    parameters.omega = { default = 100 }
+    bodies.crank = { mass = 1, inertia = 0.01, position = [0.05, 0], points = { left = [-0.05, 0], right = [0.05, 0] } }
+    bodies.rod = { mass = 0.6, inertia = 0.0045, position = [0.25, 0], points = { left = [-0.15, 0], right = [0.15, 0] } }
+    bodies.piston = { mass = 0.5, inertia = 0.001, position = [0.4, 0] }
+    joints.A = { type = "revolute", between = ["ground", "crank.left"] }
+    joints.B = { type = "revolute", between = ["crank.right", "rod.left"] }
+    joints.C = { type = "revolute", between = ["rod.right", "piston"] }
+    joints.guide = { type = "prismatic", between = ["ground", "piston"], axis = [1, 0] }
+    initial.crank = { angle = 0, angular_velocity = "omega" }
+    outputs.theta = { measure = "crank.angle" }
+    outputs.omega = { measure = "crank.angular_velocity" }
+"#;
+
+#[test]
+fn a_bead_on_a_rotating_arm_keeps_energy_and_angular_momentum() {
+    let runs = both_formulations(BEAD).map(|mechanism| mechanism.simulate(&[], &grid(2.0, 200), TOLERANCE).unwrap());
+    for (one, other) in runs[0].iter().zip(&runs[1]) {
+        assert!((one - other).abs() < 1e-11);
+    }
+    for row in runs.iter().flat_map(|run| run.chunks(3)) {
+        let &[omega, r, v] = row else { panic!() };
+        let inertia = 0.101 + 0.5 * r * r;
+        let (momentum, energy) = (inertia * omega, 0.5 * inertia * omega * omega + 0.25 * v * v);
+        assert!((momentum + 0.226).abs() < 1e-12 && (energy - 0.113).abs() < 1e-12, "{momentum} {energy}");
+    }
+    assert!(runs[1].last().unwrap() > &0.5);
+}
+
+#[test]
+fn a_slider_crank_without_load_keeps_its_energy_at_any_speed() {
+    /// Twice the kinetic energy at a crank speed of 1 rad/s.
+    fn inertia(theta: f64) -> f64 {
+        let (crank, rod) = (0.1, 0.3);
+        let (sine, cosine) = theta.sin_cos();
+        let along = (rod * rod - crank * crank * sine * sine).sqrt();
+        let slope = crank * crank * sine * cosine / along;
+        let (rod_x, rod_y) = (-crank * sine - 0.5 * slope, 0.5 * crank * cosine);
+        0.0125
+            + 0.0045 * (crank * cosine / along).powi(2)
+            + 0.6 * (rod_x * rod_x + rod_y * rod_y)
+            + 0.5 * (crank * sine + slope).powi(2)
+    }
+    for (omega, stop) in [(100.0, 1.0), (1000.0, 0.1)] {
+        let runs = both_formulations(FREE_CRANK);
+        let runs = runs.map(|mechanism| mechanism.simulate(&[omega], &grid(stop, 50), TOLERANCE).unwrap());
+        for (one, other) in runs[0].iter().zip(&runs[1]) {
+            assert!((one - other).abs() < 1e-8 * omega, "{one} {other}");
+        }
+        for row in runs.iter().flat_map(|run| run.chunks(2)) {
+            let exact = omega * (inertia(0.0) / inertia(row[0])).sqrt();
+            assert!((row[1] - exact).abs() < 1e-9 * omega, "{row:?} {exact}");
+        }
+        assert!(runs[1][100] > 80.0);
+    }
+}
+
 #[test]
 fn the_pivot_carries_weight_and_centripetal_force() {
     let (m, l, g) = (0.3, 0.15, 9.81);
