@@ -93,6 +93,13 @@ pub struct Constraint {
 #[derive(Clone, Debug, Default)]
 pub struct Constraints(pub Vec<Constraint>);
 
+/// Constraints hold to this in every row: positions in m and rad, velocities in m/s and rad/s.
+pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
+
+/// Constraints hold to this part of the largest coordinate or velocity where that is more than [`CONSTRAINT_TOLERANCE`],
+/// beyond 10 km, 10 000 rad, or these in a second: doubles have 16 digits, and a constraint is a difference of coordinates.
+pub const CONSTRAINT_ROUNDING: f64 = 1e-14;
+
 /// A row of the Jacobian counts as dependent on those before it if less than this part of it stands out of their span.
 const DEPENDENT: f64 = 1e-9;
 
@@ -147,10 +154,34 @@ impl Constraints {
         DVector::from_iterator(self.len(), self.0.iter().map(side))
     }
 
-    /// Largest violation of positions and velocities.
+    /// Largest violation of positions (m, rad) and velocities (m/s, rad/s).
     pub fn violation(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
-        let velocities = self.jacobian_transposed(q).tr_mul(v) - self.target_rates(t);
-        self.residual(t, q).amax().max(velocities.amax())
+        self.violations(t, q, v).into_iter().max_by(f64::total_cmp).unwrap_or(0.0)
+    }
+
+    /// Whether a state is a row of a run: no violation above [`CONSTRAINT_TOLERANCE`], or above [`CONSTRAINT_ROUNDING`] of
+    /// the largest coordinate or velocity where that is more.
+    ///
+    /// # Errors
+    /// Which constraint is violated, and by how much.
+    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), String> {
+        let bound = CONSTRAINT_TOLERANCE.max(CONSTRAINT_ROUNDING * q.amax().max(v.amax()));
+        let mut violations = self.0.iter().zip(self.violations(t, q, v));
+        match violations.find(|(_, violation)| violation.is_nan() || *violation > bound) {
+            None => Ok(()),
+            Some((Constraint { owner, .. }, violation)) => {
+                Err(format!("`{owner}` is violated by {violation:.1e} at t = {t} s, expected at most {bound:.1e}"))
+            }
+        }
+    }
+
+    /// Violation of each constraint, in its position or its velocity, whichever is larger.
+    fn violations(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Vec<f64> {
+        let (positions, rates) = (self.residual(t, q), self.jacobian_transposed(q).tr_mul(v) - self.target_rates(t));
+        let larger = |(position, rate): (&f64, &f64)| {
+            if position.abs().total_cmp(&rate.abs()).is_gt() { position.abs() } else { rate.abs() }
+        };
+        positions.iter().zip(&rates).map(larger).collect()
     }
 
     /// Corrects `q` by Newton's method with the smallest corrections, `dq = -C_q^T (C_q C_q^T)^-1 C`, until rounding is

@@ -10,9 +10,6 @@ use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
 
-/// Constraints hold to this in every sample: positions in m and rad, velocities in m/s and rad/s.
-pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
-
 /// Everything about a model at one time.
 #[derive(Clone, Debug)]
 pub struct Sample {
@@ -91,12 +88,7 @@ fn sample(
     v: DVector<f64>,
 ) -> Result<Sample, String> {
     let Acceleration { qdd, multipliers } = formulation.accelerate(model, t, &q, &v)?;
-    let violation = model.constraints.violation(t, &q, &v);
-    let bound = CONSTRAINT_TOLERANCE * (1.0 + q.amax() + v.amax());
-    if violation.is_nan() || violation > bound {
-        let transposed = model.constraints.jacobian_transposed(&q);
-        return Err(model.constraints.name_singular(t, &transposed));
-    }
+    model.constraints.check(t, &q, &v)?;
     Ok(Sample { t, q, v, qdd, multipliers })
 }
 

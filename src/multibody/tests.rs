@@ -423,6 +423,19 @@ fn redundant_and_contradicting_constraints_are_named() {
 }
 
 #[test]
+fn a_violated_constraint_is_named_however_large_the_mechanism_is() {
+    let (model, samples) = run(&parse(SLIDER_CRANK), &[], &grid(1.0, 1));
+    let Sample { t, mut q, v, .. } = samples[1].clone();
+    model.constraints.check(t, &q, &v).unwrap();
+    // the crank's bearing, with coordinates of 8 m
+    q[1] += 2e-10;
+    let error = model.constraints.check(t, &q, &v).unwrap_err();
+    assert_eq!(error, "`joints.A` is violated by 2.0e-10 at t = 1 s, expected at most 1.0e-10");
+    q[1] = f64::NAN;
+    assert!(model.constraints.check(t, &q, &v).is_err());
+}
+
+#[test]
 fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
     // a rod shorter than the crank: the loop opens on the way
     let mechanism = parse(SLIDER_CRANK);
