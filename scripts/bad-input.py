@@ -35,10 +35,12 @@ INDEX = RECORDED.replace('table = "runs.csv"', 'index = "index.csv"')
 LIST = STUDY.replace('"sobol"\nruns = 8', '"list"\nfile = "points.csv"')
 MECHANISM = STUDY.replace('system = "single-pendulum"', 'mechanism = "m.toml"')
 FOUR_BAR = MECHANISM.replace("L = {", "crank_length = {").replace("max = 0.2", "max = 0.25")
+CRANK_STUDY = MECHANISM.replace("L = { min = 0.1, max = 0.2", "r = { min = 1, max = 2").replace("stop = 1\n", "stop = 5\n")
 FMU_STUDY = STUDY.replace('system = "single-pendulum"', 'fmu = "model.fmu"').replace("L = { min = 0.1, max = 0.2, unit = \"m\" }", "mu = { min = 0.5, max = 1 }")
 FMU_STUDY = FMU_STUDY.replace('theta = { unit = "rad" }', "x0 = {}")
 RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\nc,0,0.15,6\nc,1,0.15,7\n"
 PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
+CRANK = (ROOT / "examples" / "mechanisms" / "slider-crank.toml").read_text()
 LINKAGE = (ROOT / "examples" / "mechanisms" / "four-bar.toml").read_text()
 
 
@@ -134,6 +136,8 @@ SECTIONS = {
             FOUR_BAR,
         ),
         "bars that do not reach": mechanism("default = 0.5, unit", "default = 5.5, unit", LINKAGE, FOUR_BAR),
+        "a rod shorter than its driven crank": mechanism("default = 3.0, min = 2.5", "default = 0.6, min = 0.5", CRANK, CRANK_STUDY),
+        "a motion that ends": mechanism("time/tau - sin(tau*time)/tau^2", "sqrt(2 - time)", CRANK, CRANK_STUDY),
     },
     "Tables": {
         "no file": {"study.toml": RECORDED},

@@ -70,7 +70,8 @@ pub enum Target {
 }
 
 impl Target {
-    fn at(&self, t: f64) -> Jet {
+    /// Value and time derivatives.
+    pub fn at(&self, t: f64) -> Jet {
         match self {
             Self::Fixed { value, rate } => Jet { value: *value, rate: *rate, acceleration: 0.0 },
             Self::Motion(formula) => formula.of_time(t),
@@ -256,12 +257,24 @@ impl Constraints {
             return Ok(());
         }
         let transposed = self.jacobian_transposed(q);
+        if let Some(message) = self.undefined_motion(t) {
+            return Err(message);
+        }
         // the second pass removes the rounding of the first
         for _ in 0..2 {
             let error = transposed.tr_mul(v) - self.target_rates(t);
             *v -= least_norm(&transposed, &error).ok_or_else(|| self.name_singular(t, &transposed))?;
         }
         Ok(())
+    }
+
+    /// Names a driver without a finite motion, rate or acceleration.
+    pub fn undefined_motion(&self, t: f64) -> Option<String> {
+        let is_finite =
+            |Jet { value, rate, acceleration }: Jet| [value, rate, acceleration].iter().all(|x| x.is_finite());
+        let undefined = self.0.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
+        let owner = &undefined.owner;
+        Some(format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s"))
     }
 
     /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
@@ -279,7 +292,7 @@ impl Constraints {
 }
 
 /// For each column the part of it that stands out of the span of the columns before it, between 0 and 1.
-fn independence(columns: &DMatrix<f64>) -> Vec<f64> {
+pub(super) fn independence(columns: &DMatrix<f64>) -> Vec<f64> {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut parts = Vec::new();
     for column in columns.column_iter() {

@@ -1,8 +1,9 @@
-//! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, position by position.
+//! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, its [`kinematics`].
 
 use super::{
     description::FormulationKind,
-    formulation::{Acceleration, Formulation, augmented},
+    formulation::{Acceleration, Formulation},
+    kinematics,
     model::Model,
 };
 use crate::integrate::{self, Integration};
@@ -33,7 +34,7 @@ pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     let (q, v) = model.initial_state(start)?;
     if model.degrees_of_freedom() == 0 {
-        return kinematic(model, times, q, v);
+        return kinematics::follow(model, times, q);
     }
     let formulation = Formulation::new(model, start, &q)?;
     let mut samples = vec![sample(model, &formulation, start, q, v)?];
@@ -154,40 +155,4 @@ impl System<f64, DVector<f64>> for Problem<'_> {
 fn split_time(state: &DVector<f64>) -> (f64, DVector<f64>) {
     let count = state.len() - 1;
     (state[count], state.rows(0, count).into_owned())
-}
-
-/// A run whose drivers decide everything: the constraints are solved for positions, velocities and accelerations.
-fn kinematic(model: &Model, times: &[f64], q: DVector<f64>, v: DVector<f64>) -> Result<Vec<Sample>, String> {
-    let orientation = |q: &DVector<f64>| model.constraints.jacobian_transposed(q).determinant().signum();
-    let first = sample(model, &Formulation::Augmented, times[0], q, v)?;
-    let side = orientation(&first.q);
-    let mut samples = vec![first];
-    for &t in &times[1..] {
-        let next = advance(model, &samples[samples.len() - 1], t, 12)?;
-        if orientation(&next.q) != side {
-            let message = model.constraints.name_singular(t, &model.constraints.jacobian_transposed(&next.q));
-            return Err(format!("the mechanism passes a {message}"));
-        }
-        samples.push(next);
-    }
-    Ok(samples)
-}
-
-/// The next position, predicted by a parabola; in two halves where that is too far.
-fn advance(model: &Model, from: &Sample, t: f64, halvings: u32) -> Result<Sample, String> {
-    let step = t - from.t;
-    let mut q = &from.q + step * &from.v + 0.5 * step * step * &from.qdd;
-    match model.constraints.correct_positions(t, &mut q) {
-        Ok(()) => {
-            let mut v = &from.v + step * &from.qdd;
-            model.constraints.correct_velocities(t, &q, &mut v)?;
-            let Acceleration { qdd, multipliers } = augmented(model, t, &q, &v)?;
-            Ok(Sample { t, q, v, qdd, multipliers })
-        }
-        Err(message) if halvings == 0 => Err(message),
-        Err(_) => {
-            let middle = advance(model, from, from.t + 0.5 * step, halvings - 1)?;
-            advance(model, &middle, t, halvings - 1)
-        }
-    }
 }

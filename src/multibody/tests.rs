@@ -422,6 +422,158 @@ fn redundant_and_contradicting_constraints_are_named() {
     assert!(message.contains("cannot be assembled at t = 0 s: `joints."), "{message}");
 }
 
+/// An in-line engine, its crank driven at a constant speed; cylinders by the angle of their crank pins, at 0.04 m.
+fn engine(rod: f64, pins: &[f64]) -> String {
+    let points: Vec<[f64; 2]> = pins.iter().map(|pin| [0.04 * pin.cos(), 0.04 * pin.sin()]).collect();
+    let named: Vec<String> = points.iter().enumerate().map(|(i, point)| format!("pin{i} = {point:?}")).collect();
+    let mut text = format!(
+        r#"
+        parameters.rpm = {{ default = 1000 }}
+        bodies.crank = {{ inertia = 0.01, points = {{ {} }} }}
+        joints.bearing = {{ type = "revolute", between = ["ground", "crank"] }}
+        drivers.motor = {{ coordinate = "crank.angle", motion = "rpm*pi/30*time" }}
+        "#,
+        named.join(", ")
+    );
+    for (i, [x, y]) in points.iter().enumerate() {
+        let along = (rod * rod - y * y).sqrt();
+        let (piston, angle, half) = (x + along, f64::atan2(-y, along), 0.5 * rod);
+        let (middle, height) = (x + 0.5 * along, 0.5 * y);
+        text += &format!(
+            r#"
+            [bodies.rod{i}]
+            mass = 0.6
+            inertia = 0.001
+            position = [{middle}, {height}]
+            angle = {angle}
+            points = {{ big = [-{half}, 0], small = [{half}, 0] }}
+            [bodies.piston{i}]
+            mass = 0.5
+            position = [{piston}, 0]
+            [joints.big{i}]
+            type = "revolute"
+            between = ["crank.pin{i}", "rod{i}.big"]
+            [joints.small{i}]
+            type = "revolute"
+            between = ["rod{i}.small", "piston{i}"]
+            [joints.cylinder{i}]
+            type = "prismatic"
+            between = ["ground", "piston{i}"]
+            axis = [1, 0]
+            [outputs.x{i}]
+            measure = "cylinder{i}.position"
+            [outputs.v{i}]
+            measure = "cylinder{i}.velocity"
+            "#
+        );
+    }
+    text
+}
+
+/// Crank-rocker linkages side by side, the cranks driven at a constant speed.
+fn driven_four_bars(count: usize) -> String {
+    let mut text = "parameters.omega = { default = 1 }\nground.points = { right = [0.45, 0] }\n".to_owned();
+    for i in 0..count {
+        text += &format!(
+            r#"
+            [bodies.crank{i}]
+            points = {{ tip = [0.2, 0] }}
+            [bodies.coupler{i}]
+            position = [0.2, 0]
+            angle = 0.9
+            points = {{ tip = [0.5, 0] }}
+            [bodies.rocker{i}]
+            mass = 1
+            position = [0.45, 0]
+            angle = 1.4
+            points = {{ tip = [0.4, 0] }}
+            [joints.A{i}]
+            type = "revolute"
+            between = ["ground", "crank{i}"]
+            [joints.B{i}]
+            type = "revolute"
+            between = ["crank{i}.tip", "coupler{i}"]
+            [joints.C{i}]
+            type = "revolute"
+            between = ["coupler{i}.tip", "rocker{i}.tip"]
+            [joints.D{i}]
+            type = "revolute"
+            between = ["ground.right", "rocker{i}"]
+            [drivers.motor{i}]
+            coordinate = "A{i}.angle"
+            motion = "omega*time"
+            [outputs.psi{i}]
+            measure = "rocker{i}.angle"
+            "#
+        );
+    }
+    text
+}
+
+#[test]
+fn pistons_of_an_engine_are_the_closed_form_whatever_the_speed_and_the_rows() {
+    let (radius, rod) = (0.04, 0.13);
+    let turn = std::f64::consts::TAU;
+    let engines: [&[f64]; 3] = [&[0.0], &[0.0, 0.5 * turn], &[0.0, 0.5 * turn, 0.5 * turn, 0.0]];
+    let three_rows_in_many_turns = [0.0, 1.1, 2.2];
+    for pins in engines {
+        let mechanism = parse(&engine(rod, pins));
+        for rpm in [2500.0, 3500.0, 8000.0] {
+            for times in [&grid(0.5, 50)[..], &grid(0.05, 500), &three_rows_in_many_turns] {
+                let rows = mechanism.simulate(&[rpm], times, TOLERANCE).unwrap();
+                for (row, t) in rows.chunks(2 * pins.len()).zip(times) {
+                    let omega = rpm * turn / 60.0;
+                    for (piston, pin) in row.chunks(2).zip(pins) {
+                        let (sine, cosine) = (omega * t + pin).sin_cos();
+                        let along = (rod * rod - radius * radius * sine * sine).sqrt();
+                        let x = radius * cosine + along;
+                        let v = -omega * radius * sine * (1.0 + radius * cosine / along);
+                        let differences = ((piston[0] - x).abs(), (piston[1] - v).abs() / omega);
+                        assert!(differences.0 < 1e-12 && differences.1 < 1e-12, "{rpm} {t}: {differences:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn rockers_of_driven_four_bar_linkages_are_the_closed_form_whatever_the_rows() {
+    let (crank, coupler, rocker, base): (f64, f64, f64, f64) = (0.2, 0.5, 0.4, 0.45);
+    for count in [1, 2] {
+        let mechanism = parse(&driven_four_bars(count));
+        // 0.01 to 7 rad a row
+        for (omega, times) in
+            [(1.0, grid(10.0, 1000)), (1.0, grid(20.0, 20)), (130.0, grid(1.0, 100)), (70.0, grid(5.0, 50))]
+        {
+            let rows = mechanism.simulate(&[omega], &times, TOLERANCE).unwrap();
+            for (row, t) in rows.chunks(count).zip(&times) {
+                let (sine, cosine) = (omega * t).sin_cos();
+                let (x, y) = (base - crank * cosine, -crank * sine);
+                let diagonal = x.hypot(y);
+                let inside = (coupler * coupler + diagonal * diagonal - rocker * rocker) / (2.0 * coupler * diagonal);
+                let phi = y.atan2(x) + inside.acos();
+                let psi = (coupler * phi.sin() - y).atan2(coupler * phi.cos() - x);
+                for found in row {
+                    assert!((found - psi).abs() < 1e-12, "{omega} {t}: {found} {psi}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn loops_in_a_singular_position_are_named_with_the_time_also_two_at_once() {
+    // rods as long as the crank: at 90 degrees, after 5 ms, the pistons stand on the crank's bearing
+    for pins in [&[0.0][..], &[0.0, std::f64::consts::PI]] {
+        for times in [grid(0.1, 10), grid(0.1, 1000), grid(10.0, 1)] {
+            let error = parse(&engine(0.04, pins)).simulate(&[3000.0], &times, TOLERANCE).unwrap_err();
+            let says = "singular position of `joints.big0`, `joints.small0` at t = 0.005000 s";
+            assert!(error.contains(says), "{error}");
+        }
+    }
+}
+
 #[test]
 fn a_violated_constraint_is_named_however_large_the_mechanism_is() {
     let (model, samples) = run(&parse(SLIDER_CRANK), &[], &grid(1.0, 1));
@@ -436,14 +588,39 @@ fn a_violated_constraint_is_named_however_large_the_mechanism_is() {
 }
 
 #[test]
+fn motions_that_cannot_be_followed_are_named() {
+    for (motion, says) in [
+        ("(time - 1.003)/abs(time - 1.003)*0.3", "the motion of `drivers.motor0` jumps at t = 1.003000 s"),
+        ("sqrt(1.003 - time)", "the motion of `drivers.motor0` or a derivative of it is not finite at t = 1.003000 s"),
+        ("sqrt(time)", "the motion of `drivers.motor0` or a derivative of it is not finite at t = 0.000000 s"),
+    ] {
+        let text = driven_four_bars(1).replace("omega*time", motion);
+        let mechanism = Mechanism::parse(&text, Path::new("m.toml")).map_err(|error| error.to_string());
+        let run = mechanism.and_then(|mechanism| mechanism.simulate(&[1.0], &grid(2.0, 20), TOLERANCE));
+        let error = run.unwrap_err();
+        assert!(error.contains(says), "{motion}: {error}");
+    }
+    // a kink is none
+    let text = driven_four_bars(1).replace("omega*time", "abs(time - 1.003)");
+    parse(&text).simulate(&[1.0], &grid(2.0, 20), TOLERANCE).unwrap();
+}
+
+#[test]
 fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
-    // a rod shorter than the crank: the loop opens on the way
     let mechanism = parse(SLIDER_CRANK);
-    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 0.6)]), &grid(5.0, 100), TOLERANCE).unwrap_err();
-    assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
-    // rod and crank of the same length: at 90 degrees the slider stands on the crank's bearing
-    let error = mechanism.simulate(&values(&mechanism, &[("L_over_r", 1.0)]), &grid(5.0, 100), TOLERANCE).unwrap_err();
-    assert!(error.contains("`joints.") && error.contains("at t = "), "{error}");
+    // a rod shorter than the crank opens the loop where the crank's sine is their ratio; one as long as the crank lets the
+    // slider stand on the crank's bearing
+    for ratio in [0.6, 1.0_f64] {
+        for rows in [5, 100] {
+            let run = mechanism.simulate(&values(&mechanism, &[("L_over_r", ratio)]), &grid(5.0, rows), TOLERANCE);
+            let error = run.unwrap_err();
+            let (before, after) = error.split_once(" at t = ").unwrap();
+            assert!(before.ends_with("singular position of `joints.B`, `joints.C`"), "{error}");
+            let t: f64 = after.strip_suffix(" s").unwrap().parse().unwrap();
+            let theta = t / 1.5 - (1.5 * t).sin() / 2.25;
+            assert!((theta - ratio.asin()).abs() < 1e-5, "{error}");
+        }
+    }
 }
 
 #[test]

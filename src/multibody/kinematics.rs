@@ -1,0 +1,305 @@
+//! Runs whose drivers leave nothing free: `C(q, t) = 0` with a square `C_q`, solved position by position.
+//!
+//! The positions are followed in steps of their own length, whatever the rows are: a parabola through the last position
+//! predicts the next one, Newton's method corrects it. A step counts only if it stays on the way the mechanism moves:
+//! - the first correction is small: angles on the scale of a radian, lengths on that of the lever arms;
+//! - the next one is much smaller (Newton-Kantorovich; Deuflhard, *Newton Methods for Nonlinear Problems*, section 5.1);
+//! - the determinant of each loop keeps its sign. The two ways to close a loop that meet in a singular position have
+//!   opposite signs; two loops that change sides together leave the sign of the whole determinant as it was.
+//!
+//! Otherwise it is tried again with half the length. Rows lie within steps: a polynomial of degree 5 through both ends
+//! predicts them, and they count under the same conditions.
+
+use super::{
+    constraint::{Constraints, independence},
+    model::Model,
+    simulate::Sample,
+};
+use nalgebra::{DMatrix, DVector, Dyn, LU};
+
+/// Largest first correction of a step, in radians and lever arms; steps aim at half of it.
+const CORRECTION: f64 = 0.02;
+
+/// Largest ratio of a correction to the one before it.
+const CONTRACTION: f64 = 0.1;
+
+/// Correction behind which another one with the same Jacobian leaves nothing but rounding.
+const CONVERGED: f64 = 1e-8;
+
+/// Part of the longest step so far at which shorter ones are given up: closer to a singular position, rounding is as large as
+/// the distance between the ways that meet there.
+const SHORTEST: f64 = 1e-6;
+
+/// A position on the way, with what the constraints say about velocities and accelerations.
+struct Position {
+    t: f64,
+    q: DVector<f64>,
+    v: DVector<f64>,
+    qdd: DVector<f64>,
+}
+
+/// Constraints that can be solved only together, and the coordinates that they decide: an irreducible diagonal block of
+/// `C_q` in block triangular form.
+struct Loop {
+    constraints: Vec<usize>,
+    coordinates: Vec<usize>,
+    /// Sign of the block's determinant at the start.
+    side: f64,
+}
+
+/// The way of a run.
+struct Way<'a> {
+    model: &'a Model,
+    loops: Vec<Loop>,
+    /// What counts as 1 in each coordinate: a radian or the longest lever arm.
+    scale: DVector<f64>,
+}
+
+/// Samples at evenly spaced times of a model without degrees of freedom, from its position at the first of them.
+///
+/// # Errors
+/// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when.
+pub fn follow(model: &Model, times: &[f64], q: DVector<f64>) -> Result<Vec<Sample>, String> {
+    let &[start, ..] = times else { return Ok(Vec::new()) };
+    let stop = times[times.len() - 1];
+    let way = Way::new(model, &q);
+    let mut from = way.position(start, q.clone()).ok_or_else(|| way.obstacle(start, start, &q))?;
+    let mut samples = vec![way.sample(&from)?];
+    let mut step = way.first_step(&from).min(1e-6 * (stop - start));
+    let mut longest = step;
+    while samples.len() < times.len() {
+        let to = if step < stop - from.t { from.t + step } else { stop };
+        match way.step(&from, to, &times[samples.len()..]) {
+            Some((next, rows, correction)) => {
+                for row in rows {
+                    samples.push(way.sample(&row)?);
+                }
+                from = next;
+                longest = longest.max(step);
+                // the correction is of third order in the step
+                step = (step * (0.5 * CORRECTION / correction).cbrt().min(2.0)).min(0.02 * (stop - start));
+            }
+            None if step <= (SHORTEST * longest).max(4.0 * f64::EPSILON * to.abs()) => {
+                return Err(way.obstacle(from.t, to, &from.q));
+            }
+            None => step *= 0.5,
+        }
+    }
+    Ok(samples)
+}
+
+impl<'a> Way<'a> {
+    fn new(model: &'a Model, q: &DVector<f64>) -> Self {
+        let transposed = model.constraints.jacobian_transposed(q);
+        let mut loops = loops(&model.constraints, q);
+        loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));
+        let length = model.constraints.lever_arm(&transposed);
+        let scale = DVector::from_fn(q.len(), |coordinate, _| if coordinate % 3 == 2 { 1.0 } else { length });
+        Self { model, loops, scale }
+    }
+
+    /// A first step that moves no coordinate by much.
+    fn first_step(&self, from: &Position) -> f64 {
+        (0.1 / self.size(&from.v)).min((0.1 / self.size(&from.qdd)).sqrt())
+    }
+
+    /// The position at `to`, those at the times of rows up to there, and the size of the first correction.
+    fn step(&self, from: &Position, to: f64, rows: &[f64]) -> Option<(Position, Vec<Position>, f64)> {
+        let (next, correction) = self.correct(to, from.ahead(to))?;
+        let rows = rows.iter().take_while(|&&t| t <= to);
+        let rows: Option<Vec<_>> = rows.map(|&t| Some(self.correct(t, from.between(&next, t))?.0)).collect();
+        Some((next, rows?, correction))
+    }
+
+    /// Newton's method from a prediction, as long as it converges at once; also the size of the first correction.
+    fn correct(&self, t: f64, mut q: DVector<f64>) -> Option<(Position, f64)> {
+        let constraints = &self.model.constraints;
+        let rounding = 16.0 * f64::EPSILON * self.size(&q);
+        let (mut first, mut allowed) = (None, CORRECTION);
+        loop {
+            let factors = square(&constraints.jacobian_transposed(&q));
+            let correction = factors.solve(&constraints.residual(t, &q))?;
+            let size = self.size(&correction);
+            if size.is_nan() || size > allowed.max(rounding) {
+                return None;
+            }
+            let first = *first.get_or_insert(size);
+            q -= correction;
+            if size <= CONVERGED.max(rounding) {
+                q -= factors.solve(&constraints.residual(t, &q))?;
+                return Some((self.position(t, q)?, first));
+            }
+            allowed = CONTRACTION * size;
+        }
+    }
+
+    /// `C_q qd = f'`, `C_q qdd = F_c`; `None` where they have no solution, or where a loop has changed sides.
+    fn position(&self, t: f64, q: DVector<f64>) -> Option<Position> {
+        let constraints = &self.model.constraints;
+        let transposed = constraints.jacobian_transposed(&q);
+        if self.loops.iter().any(|one| one.sign(&transposed) != one.side) {
+            return None;
+        }
+        let factors = square(&transposed);
+        let v = factors.solve(&constraints.target_rates(t))?;
+        let qdd = factors.solve(&constraints.acceleration_side(t, &q, &v))?;
+        let is_finite = qdd.iter().chain(&v).all(|value| value.is_finite());
+        is_finite.then_some(Position { t, q, v, qdd })
+    }
+
+    /// With the multipliers of `M qdd + C_q^T lambda = F_a`.
+    fn sample(&self, position: &Position) -> Result<Sample, String> {
+        let Position { t, q, v, qdd } = position;
+        let forces = self.model.applied_forces(*t, q, v) - self.model.mass.component_mul(qdd);
+        let multipliers = self.model.constraints.jacobian_transposed(q).lu().solve(&forces);
+        let multipliers = multipliers.ok_or_else(|| self.obstacle(*t, *t, q))?;
+        self.model.constraints.check(*t, q, v)?;
+        Ok(Sample { t: *t, q: q.clone(), v: v.clone(), qdd: qdd.clone(), multipliers })
+    }
+
+    /// Largest entry, in radians and lever arms.
+    fn size(&self, vector: &DVector<f64>) -> f64 {
+        let largest = |largest: f64, (entry, scale): (&f64, &f64)| {
+            let size = (entry / scale).abs();
+            if size.is_nan() { size } else { largest.max(size) }
+        };
+        vector.iter().zip(&self.scale).fold(0.0, largest)
+    }
+
+    /// Why there is no way from a position to a time right behind it.
+    fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> String {
+        let constraints = &self.model.constraints;
+        if let Some(message) = constraints.undefined_motion(to) {
+            return message;
+        }
+        for constraint in &constraints.0 {
+            let [before, behind] = [from, to].map(|t| constraint.target.at(t));
+            let unit = if constraint.coordinate.is_angle() { 1.0 } else { self.scale[0] };
+            if (behind.value - before.value - before.rate * (to - from)).abs() > 0.5 * CORRECTION * unit {
+                return format!("the motion of `{}` jumps at t = {to:.6} s", constraint.owner);
+            }
+        }
+        let owners = self.singular_loop(&constraints.jacobian_transposed(q));
+        format!("the mechanism reaches a singular position of {} at t = {to:.6} s", owners.join(", "))
+    }
+
+    /// The joints and drivers that hold the bodies of the loop that is the closest to a singular position.
+    fn singular_loop(&self, transposed: &DMatrix<f64>) -> Vec<String> {
+        let least = |one: &Loop| {
+            let block = one.block(transposed);
+            let parts = independence(&block).into_iter().zip(block.column_iter().zip(&one.constraints));
+            let parts = parts.map(|(part, (column, &row))| part * column.norm() / transposed.column(row).norm());
+            parts.fold(1.0, f64::min)
+        };
+        let Some(singular) = self.loops.iter().min_by(|a, b| least(a).total_cmp(&least(b))) else { return Vec::new() };
+        let of_its_bodies =
+            |&(_, coordinate): &(usize, usize)| singular.coordinates.iter().any(|c| c / 3 == coordinate / 3);
+        let decisions =
+            self.loops.iter().flat_map(|one| one.constraints.iter().copied().zip(one.coordinates.iter().copied()));
+        let mut rows: Vec<usize> = decisions.filter(of_its_bodies).map(|(row, _)| row).collect();
+        rows.sort_unstable();
+        let mut owners: Vec<String> =
+            rows.into_iter().map(|row| format!("`{}`", self.model.constraints.0[row].owner)).collect();
+        owners.dedup();
+        owners
+    }
+}
+
+impl Position {
+    /// The coordinates at another time, by the parabola.
+    fn ahead(&self, t: f64) -> DVector<f64> {
+        let step = t - self.t;
+        &self.q + step * &self.v + 0.5 * step * step * &self.qdd
+    }
+
+    /// The coordinates at a time between two positions, by the polynomial of degree 5 through both.
+    fn between(&self, next: &Self, t: f64) -> DVector<f64> {
+        let step = next.t - self.t;
+        let s = (t - self.t) / step;
+        let positions = &next.q - self.ahead(next.t);
+        let velocities = step * (&next.v - &self.v - step * &self.qdd);
+        let accelerations = step * step * (&next.qdd - &self.qdd);
+        let cubic = 10.0 * &positions - 4.0 * &velocities + 0.5 * &accelerations;
+        let quartic = -15.0 * &positions + 7.0 * &velocities - &accelerations;
+        let quintic = 6.0 * positions - 3.0 * velocities + 0.5 * accelerations;
+        self.ahead(t) + s.powi(3) * (cubic + s * (quartic + s * quintic))
+    }
+}
+
+impl Loop {
+    /// The block of `C_q^T`.
+    fn block(&self, transposed: &DMatrix<f64>) -> DMatrix<f64> {
+        transposed.select_rows(&self.coordinates).select_columns(&self.constraints)
+    }
+
+    /// Sign of the block's determinant, which may be too small or too large a number itself.
+    fn sign(&self, transposed: &DMatrix<f64>) -> f64 {
+        let factors = self.block(transposed).lu();
+        factors.p().determinant::<f64>() * factors.lu_internal().diagonal().map(f64::signum).product()
+    }
+}
+
+/// `C_q` factorised.
+fn square(transposed: &DMatrix<f64>) -> LU<f64, Dyn, Dyn> {
+    transposed.transpose().lu()
+}
+
+/// The irreducible diagonal blocks of `C_q` (Duff, Reid 1978): a coordinate is found for each constraint, then those that
+/// need each other are put together.
+fn loops(constraints: &Constraints, q: &DVector<f64>) -> Vec<Loop> {
+    let count = constraints.len();
+    // what is zero in this position is zero in all
+    let anywhere = DVector::from_fn(q.len(), |coordinate, _| q[coordinate] + (1.0 + coordinate as f64).sin());
+    let transposed = constraints.jacobian_transposed(&anywhere);
+    let has = |constraint: usize, coordinate: usize| {
+        let column = transposed.column(constraint);
+        column[coordinate].abs() > 1e-12 * column.amax()
+    };
+    let mut decided_by: Vec<Option<usize>> = vec![None; count];
+    for constraint in 0..count {
+        assign(constraint, &has, &mut decided_by, &mut vec![false; count]);
+    }
+    let mut decides = vec![0; count];
+    for (coordinate, constraint) in decided_by.iter().enumerate() {
+        if let Some(constraint) = *constraint {
+            decides[constraint] = coordinate;
+        }
+    }
+    // whether a constraint needs what another one decides, at first directly, then on any way (Warshall)
+    let mut needs = DMatrix::from_fn(count, count, |one, other| one == other || has(one, decides[other]));
+    for between in 0..count {
+        for one in 0..count {
+            for other in 0..count {
+                needs[(one, other)] |= needs[(one, between)] && needs[(between, other)];
+            }
+        }
+    }
+    let together = |one: usize| (0..count).filter(|&other| needs[(one, other)] && needs[(other, one)]).collect();
+    let blocks = (0..count).map(together).enumerate().filter(|(one, block): &(usize, Vec<usize>)| block[0] == *one);
+    blocks
+        .map(|(_, constraints)| {
+            let coordinates = constraints.iter().map(|&constraint| decides[constraint]).collect();
+            Loop { constraints, coordinates, side: 0.0 }
+        })
+        .collect()
+}
+
+/// Finds a coordinate for a constraint; the others may have to take other ones (Kuhn's augmenting paths).
+fn assign(
+    constraint: usize,
+    has: &impl Fn(usize, usize) -> bool,
+    decided_by: &mut [Option<usize>],
+    tried: &mut [bool],
+) -> bool {
+    (0..decided_by.len()).any(|coordinate| {
+        if tried[coordinate] || !has(constraint, coordinate) {
+            return false;
+        }
+        tried[coordinate] = true;
+        let is_free = decided_by[coordinate].is_none_or(|other| assign(other, has, decided_by, tried));
+        if is_free {
+            decided_by[coordinate] = Some(constraint);
+        }
+        is_free
+    })
+}
