@@ -1,6 +1,6 @@
 //! The one error type: every message says where, what was found and what was expected.
 
-use crate::{origin::Problem, table::Place};
+use crate::{names::did_you_mean, origin::Problem, table::Place};
 use std::path::{Path, PathBuf};
 
 /// Everything that can go wrong in the tool.
@@ -71,14 +71,6 @@ pub enum Error {
         /// What was found and what was expected.
         message: String,
     },
-    /// A JSON file is wrong.
-    #[error("{}: {source}", path.display())]
-    Json {
-        /// The file.
-        path: PathBuf,
-        /// How it is wrong.
-        source: serde_json::Error,
-    },
     /// The result of an earlier stage is missing or belongs to another study.
     #[error("{}: {message}", path.display())]
     Stale {
@@ -110,7 +102,7 @@ pub enum Error {
         source: metafmu_runtime::FormatError,
     },
     /// A file is no zip archive, or a damaged one.
-    #[error("{}: not an FMU: {source}", path.display())]
+    #[error("{}: not an FMU: {}", path.display(), no_zip(source))]
     Archive {
         /// The file.
         path: PathBuf,
@@ -245,7 +237,11 @@ pub enum Error {
         messages: Vec<String>,
     },
     /// A variable that the FMU does not have.
-    #[error("the FMU has no variable `{name}`; it has {}", list_or_none(known))]
+    #[error(
+        "the FMU has no variable `{name}`; it has {}{}",
+        list_or_none(known),
+        did_you_mean(name, known.iter().map(String::as_str))
+    )]
     UnknownVariable {
         /// The name asked for.
         name: String,
@@ -287,6 +283,19 @@ fn list_or_none(items: &[String]) -> String {
         0 => "none".into(),
         count if count > shown.len() => format!("{} and {} more", shown.join(", "), count - shown.len()),
         _ => shown.join(", "),
+    }
+}
+
+/// Why something is no zip archive that can be read.
+fn no_zip(error: &zip::result::ZipError) -> String {
+    use zip::result::ZipError;
+    match error {
+        ZipError::InvalidArchive(what) if what.contains("EOCD") => {
+            "it is no zip archive, or one whose end is missing".into()
+        }
+        ZipError::InvalidArchive(what) => format!("the zip archive is damaged: {what}"),
+        ZipError::UnsupportedArchive(what) => format!("a zip archive of a kind that is not read: {what}"),
+        other => other.to_string(),
     }
 }
 

@@ -4,7 +4,10 @@
 //! step's beginning (node `c_12` is 0 and not 1). Where time matters it is a state with the derivative 1.
 
 use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};
-use ode_solvers::{Dop853, System, dop_shared::OutputType};
+use ode_solvers::{
+    Dop853, System,
+    dop_shared::{IntegrationError, OutputType},
+};
 
 /// Relative and absolute tolerance of a step unless the study gives one. Tighter ones gain nothing: rounding takes over.
 ///
@@ -72,13 +75,29 @@ where
     solver.set_output(OutputType::Dense);
     let (evaluations, failure) = match solver.integrate() {
         Ok(statistics) => (statistics.num_eval, None),
-        Err(error) => (0, Some(error.to_string())),
+        Err(error) => {
+            let (IntegrationError::MaxNumStepReached { x, .. }
+            | IntegrationError::StepSizeUnderflow { x }
+            | IntegrationError::StiffnessDetected { x }) = &error;
+            (0, Some(format!("{} at t = {x} s", in_words(&error))))
+        }
     };
     let finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
     let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
     // nothing is wrong if only the way past the last row failed
     let failure = failure.filter(|_| states.len() < times.len());
     Integration { states, failure, evaluations }
+}
+
+/// Why a method gave up, without the time.
+pub(crate) fn in_words(error: &IntegrationError) -> String {
+    match error {
+        IntegrationError::MaxNumStepReached { n_step, .. } => format!("more than {n_step} steps"),
+        IntegrationError::StepSizeUnderflow { .. } => "no step is short enough for the tolerance".into(),
+        IntegrationError::StiffnessDetected { .. } => {
+            "the equations are stiff, for which the method is not made".into()
+        }
+    }
 }
 
 #[cfg(test)]
@@ -102,5 +121,6 @@ mod tests {
         let times = [0.0, 0.5, 1.0, 1.5];
         let message = integrate(|y| y.component_mul(y), SVector::<f64, 1>::new(1.0), &times, TOLERANCE).unwrap_err();
         assert!(message.contains("integration failed") || message.contains("not finite at t = 1"), "{message}");
+        assert!(!message.contains("underflow") && !message.contains(" x "), "{message}");
     }
 }

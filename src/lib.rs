@@ -13,6 +13,7 @@ pub mod fmu;
 mod html;
 pub mod integrate;
 pub mod multibody;
+mod names;
 pub mod network;
 pub mod origin;
 pub mod refinement;

@@ -1,5 +1,7 @@
 //! Where a study or mechanism comes from: finds the line of a dotted key, so that mistakes can be located.
 
+mod words;
+
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::{
@@ -31,6 +33,27 @@ impl fmt::Display for Problem {
     }
 }
 
+/// Reads a text file; `expected` says what should be in it, for instance `a study in TOML`.
+///
+/// # Errors
+/// [`Error::Io`], or [`Error::Study`] if it is something else than text in UTF-8.
+pub(crate) fn read(path: &Path, expected: &str) -> Result<String> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let (end, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
+        let line = bytes[..end].iter().filter(|&&byte| byte == b'\n').count() + 1;
+        let found = match bytes {
+            [b'P', b'K', 3 | 5, ..] => "an FMU or another zip archive",
+            [b'P', b'A', b'R', b'1', ..] => "a table in Parquet",
+            [_, _, _, _, _, 0, 0, 0, b'{', ..] => "a model file",
+            [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => "text in UTF-16",
+            _ => "something else than text in UTF-8",
+        };
+        let message = format!("{found}, expected {expected}, which is text in UTF-8");
+        Error::Study { problems: vec![Problem { path: path.to_owned(), line, key: String::new(), message }] }
+    })
+}
+
 /// The file a study or mechanism was read from.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Origin {
@@ -50,12 +73,58 @@ impl Origin {
 
     /// Reads the text as a `T`; syntax errors, unknown keys and wrong types are located.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
+        let (root, errors) = DeTable::parse_recoverable(&self.text);
+        if !errors.is_empty() {
+            return Err(Error::Study { problems: self.of_syntax(root.get_ref(), &errors) });
+        }
         toml::from_str(&self.text).map_err(|error: toml::de::Error| {
             let span = error.span().unwrap_or(0..0);
-            let (line, message) = (self.line_at(span.start), error.message().replace('\n', ", "));
+            let found = self.text.get(span.clone()).unwrap_or_default();
+            let (line, message) = (self.line_at(span.start), words::of_value(error.message(), found));
             let problem = Problem { path: self.path.clone(), line, key: self.key_at(&span), message };
             Error::Study { problems: vec![problem] }
         })
+    }
+
+    /// A problem for each line that is no TOML; only the first if nothing is.
+    fn of_syntax(&self, root: &DeTable, errors: &[toml::de::Error]) -> Vec<Problem> {
+        const MOST: usize = 10;
+        let mut problems: Vec<Problem> = Vec::new();
+        let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
+        // what the parser says after the first mistake in a line is confused
+        let mut errors: Vec<(usize, &toml::de::Error)> = errors.iter().map(|error| (start(error), error)).collect();
+        errors.sort_by_key(|(start, _)| *start);
+        for (start, error) in errors {
+            let line = self.line_at(start);
+            if problems.iter().any(|problem| problem.line == line) {
+                continue;
+            }
+            let key = self.key_in_line(root, line);
+            let message = words::of_syntax(error.message(), &self.text, start, !key.is_empty());
+            problems.push(Problem { path: self.path.clone(), line, key, message });
+        }
+        problems.truncate(if root.is_empty() { 1 } else { MOST });
+        problems
+    }
+
+    /// Dotted key of the first name in a line of a text that may be no TOML as a whole; empty if it is a heading.
+    fn key_in_line(&self, root: &DeTable, line: usize) -> String {
+        let start = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum::<usize>();
+        let text = self.text[start..].lines().next().unwrap_or_default();
+        let name = start + (text.len() - text.trim_start().len());
+        if text.trim_start().starts_with('[') {
+            return String::new();
+        }
+        innermost(root, "", &(name..name)).map_or(String::new(), |(_, key)| key)
+    }
+
+    /// Fails if the text has a section that only files of another kind have.
+    pub(crate) fn refuse_section(&self, section: &str, message: &str) -> Result<()> {
+        let root = DeTable::parse_recoverable(&self.text).0;
+        let Some((name, _)) = root.get_ref().get_key_value(section) else { return Ok(()) };
+        let line = self.line_at(name.span().start);
+        let problem = Problem { path: self.path.clone(), line, key: section.into(), message: message.into() };
+        Err(Error::Study { problems: vec![problem] })
     }
 
     /// Fails if there are problems, each a dotted key and what is wrong with it.
@@ -158,4 +227,139 @@ fn around(outer: &Range<usize>, inner: &Range<usize>) -> Option<usize> {
 /// Whether `key` is `name` or goes on with a dot after it.
 fn begins_with(key: &str, name: &str) -> bool {
     key.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use indexmap::IndexMap;
+    use serde::Deserialize;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code)]
+    struct Content {
+        number: Option<f64>,
+        count: Option<usize>,
+        text: Option<String>,
+        file: Option<PathBuf>,
+        is_on: Option<bool>,
+        list: Option<Vec<usize>>,
+        vector: Option<[f64; 2]>,
+        kind: Option<Kind>,
+        inner: Option<Inner>,
+        map: Option<IndexMap<String, f64>>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table such as { min = 0 }")]
+    #[allow(dead_code)]
+    struct Inner {
+        min: f64,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Kind {
+        Mesh,
+        Random,
+        Sobol,
+    }
+
+    fn message(text: &str) -> String {
+        Origin::new(Path::new("f.toml"), text).deserialize::<Content>().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn values_of_the_wrong_kind_are_described_in_words_of_the_file() {
+        for (text, says) in [
+            ("number = 'x'", "f.toml:1: number: 'x', expected a number"),
+            ("number = \"1.5\"", "number: \"1.5\", expected a number: 1.5 without quotes"),
+            ("number = true", "number: true, expected a number"),
+            ("number = 2020-01-01", "number: 2020-01-01, expected a number"),
+            ("number = [1]", "number: a list, expected a number"),
+            (
+                "count = 1.0",
+                "count: 1.0, expected a whole number of at least 0, without a point and without an exponent",
+            ),
+            (
+                "count = 1e3",
+                "count: 1e3, expected a whole number of at least 0, without a point and without an exponent",
+            ),
+            ("count = -1", "count: -1, expected a whole number of at least 0"),
+            ("count = 99999999999999999999", "count: 99999999999999999999, expected a smaller number"),
+            ("text = 3", "text: 3, expected a text in quotes"),
+            ("file = 3", "file: 3, expected the name of a file in quotes"),
+            ("is_on = 'yes'", "is_on: 'yes', expected true or false"),
+            ("list = 3", "list: 3, expected a list in [ ]"),
+            ("list = [1, \"x\"]", "list[1]: \"x\", expected a whole number of at least 0"),
+            ("vector = [1]", "vector: a list of 1, expected a list of 2"),
+            ("vector = 1", "vector: 1, expected a list of 2"),
+            (
+                "kind = 'sobl'",
+                "kind: \"sobl\", expected one of \"mesh\", \"random\", \"sobol\"; did you mean \"sobol\"?",
+            ),
+            ("kind = 3", "kind: 3, expected a text in quotes"),
+            ("inner = 3", "inner: 3, expected a table such as { min = 0 }"),
+            ("inner = 2020-01-01", "inner: the date or time 2020-01-01, expected a table"),
+            ("\n[inner]", "f.toml:2: inner: `min` is missing"),
+            ("map = 3", "map: 3, expected a table"),
+            ("map = { a = 'x' }", "map.a: 'x', expected a number"),
+            ("cout = 3", "f.toml:1: cout: unknown key `cout`, expected one of number, count,"),
+            ("cout = 3", "; did you mean `count`?"),
+            ("inner = { mni = 1 }", "inner.mni: unknown key `mni`, expected min; did you mean `min`?"),
+        ] {
+            let found = message(text);
+            assert!(found.contains(says), "{text}: {found}");
+            for word in
+                ["usize", "u64", "f64", "struct", "enum", "field", "variant", "invalid type", "sequence", "map,"]
+            {
+                assert!(!found.contains(word) || found.contains("expected one of number"), "{text}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_toml_is_located_by_key_and_each_line_is_named_once() {
+        for (text, says) in [
+            ("number = abc", "f.toml:1: number: `abc`, expected a number, a text in quotes,"),
+            ("text = C:\\data.csv  # here", "f.toml:1: text: `C:\\data.csv`, expected a number, a text in quotes,"),
+            ("text = \"C:\\data.csv\"", "text: a backslash in double quotes needs a second one"),
+            ("number =", "f.toml:1: number: no value behind `=`, expected"),
+            ("number = 0,5", "f.toml:1: number: `0,5`: numbers have a decimal point, as in 0.5"),
+            ("inner = { min = 0,5 }", "f.toml:1: inner: `0,5`: numbers have a decimal point, as in 0.5"),
+            ("number = .5", "number: `.5`, expected a number such as 0.5"),
+            ("number = 5.", "number: `5.`, expected a number such as 0.5"),
+            ("is_on = True", "is_on: `True`, expected true or false"),
+            ("text = \"x", "text: the quote is not closed in the line"),
+            ("number = 1\nnumber = 2", "f.toml:2: duplicate key `number`"),
+            ("\n[inner\nmin = 1", "f.toml:2: unclosed table, expected `]`"),
+            ("dämpfung = 1", "must be in quotes"),
+            ("number 3\n[inner]", "f.toml:1: a key without a value, expected `KEY = VALUE`"),
+        ] {
+            let found = message(text);
+            assert!(found.contains(says), "{text}: {found}");
+        }
+        let both = message("number = abc\ncount = 2\n[inner]\nmin = def");
+        assert_eq!(both.lines().count(), 2, "{both}");
+        assert!(both.lines().last().unwrap().starts_with("f.toml:4: inner.min: `def`"), "{both}");
+        // a table of another tool
+        assert_eq!(message("run,time,x\n1,0,2\n1,1,3\n").lines().count(), 1);
+    }
+
+    #[test]
+    fn what_is_no_text_is_told_by_its_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        for (bytes, says) in [
+            (b"PK\x03\x04\xff".as_slice(), "f:1: an FMU or another zip archive, expected a study"),
+            (b"PAR1\xff", "f:1: a table in Parquet, expected a study"),
+            (b"\xf0\x01\0\0\0\0\0\0{\xff", "f:1: a model file, expected a study"),
+            (b"\xff\xfen\0", "f:1: text in UTF-16, expected a study, which is text in UTF-8"),
+            (b"name = 'x'\n# \xe4", "f:2: something else than text in UTF-8, expected a study"),
+        ] {
+            std::fs::write(folder.path().join("f"), bytes).unwrap();
+            let message = read(&folder.path().join("f"), "a study").unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
 }

@@ -6,7 +6,10 @@
 mod csv;
 mod parquet;
 
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    names::{did_you_mean, listed},
+};
 use csv::Csv;
 use parquet::Parquet;
 use std::{
@@ -117,7 +120,8 @@ impl Table {
         let found = self.columns.iter().position(|column| column.name == name);
         found.ok_or_else(|| {
             let known: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
-            self.mistake_in_header(&format!("no column `{name}`, expected it among {}", known.join(", ")))
+            let suggestion = did_you_mean(name, known.iter().copied());
+            self.mistake_in_header(&format!("no column `{name}`, expected it among {}{suggestion}", listed(&known)))
         })
     }
 

@@ -265,7 +265,7 @@ fn a_bad_study_is_refused_with_file_line_and_key() {
     broken("[time]", "[time");
     bench.fails(&["build", "bad.toml"], &["bad.toml:"]);
     broken("[network]", "[network]\nnodes = 3");
-    bench.fails(&["build", "bad.toml"], &["bad.toml:", "network.nodes", "unknown field", "hidden"]);
+    bench.fails(&["build", "bad.toml"], &["bad.toml:", "network.nodes", "unknown key `nodes`", "hidden"]);
     broken("min = 0.1,", "min = 0.3,");
     bench.fails(&["build", "bad.toml"], &["bad.toml:", "parameters.L", "min 0.3 is not below max 0.2"]);
     broken("theta = {", "c = {");

@@ -238,7 +238,11 @@ impl Job {
             ErrorKind::NotFound => self.missing(path, verb),
             _ => Error::io(path, "read")(source),
         })?;
-        serde_json::from_str(&text).map_err(|source| Error::Json { path: path.to_owned(), source })
+        serde_json::from_str(&text).map_err(|error| {
+            let place = error.line();
+            let message = format!("damaged, or of another version of metafmu, in line {place}: run `{verb}` again");
+            Error::Stale { path: path.to_owned(), message }
+        })
     }
 
     pub fn load_tables(&self) -> Result<Sets<Dataset>> {

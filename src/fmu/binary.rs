@@ -1,7 +1,7 @@
 //! Binaries that go into an FMU: those built with this program, and others that a user adds.
 
 use super::Platform;
-use crate::{Error, Result};
+use crate::{Error, Result, names::expected_one_of};
 use std::{borrow::Cow, path::Path};
 
 /// The library inside every FMU, for one platform.
@@ -45,7 +45,7 @@ impl Binary {
         let wrong = |problem: String| Error::Binary { path: path.to_owned(), problem };
         let platform = Platform::from_tuple(tuple).ok_or_else(|| {
             let known: Vec<&str> = Platform::ALL.iter().map(|platform| platform.tuple).collect();
-            wrong(format!("platform `{tuple}` is not known, expected one of {}", known.join(", ")))
+            wrong(format!("platform `{tuple}` is not known, {}", expected_one_of(tuple, &known)))
         })?;
         let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
         let found = platforms_of(&bytes);

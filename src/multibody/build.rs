@@ -8,7 +8,7 @@ use super::{
     measure::Measure,
     model::{Actuator, Force, Model, Spring},
 };
-use crate::integrate::TOLERANCE;
+use crate::{integrate::TOLERANCE, names::expected_one_of};
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
 
@@ -229,7 +229,10 @@ impl Builder<'_> {
             return Err(format!("`{name}` is no measure, expected for instance `BODY.angle`"));
         };
         let description = self.description;
-        let unknown = |known: &str| Err(format!("`{owner}` has no `{what}`, expected one of {known}"));
+        let unknown = |known: &str| {
+            let known: Vec<&str> = known.split(", ").collect();
+            Err(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, &known)))
+        };
         if let Some((index, _, joint)) = description.joints.get_full(owner) {
             return self.joint_measure(index, joint, what).map_or_else(unknown, Ok);
         }
@@ -334,18 +337,14 @@ impl Builder<'_> {
             Some((index, _, body)) => (Some(index), &body.points),
             None if owner == "ground" => (None, &description.ground.points),
             None => {
-                let known = list(description.bodies.keys());
-                return Err(format!("no body `{owner}`, expected one of {known}, ground"));
+                let known: Vec<&str> = description.bodies.keys().map(String::as_str).chain(["ground"]).collect();
+                return Err(format!("no body `{owner}`, {}", expected_one_of(owner, &known)));
             }
         };
         let Some(point) = point else { return Ok(Point { frame, local: Vector2::zeros() }) };
         let Some(local) = points.get(point) else {
-            let known = if points.is_empty() {
-                "it has none".into()
-            } else {
-                format!("expected one of {}", list(points.keys()))
-            };
-            return Err(format!("`{owner}` has no point `{point}`, {known}"));
+            let known: Vec<&str> = points.keys().map(String::as_str).collect();
+            return Err(format!("`{owner}` has no point `{point}`, {}", expected_one_of(point, &known)));
         };
         let key =
             if frame.is_some() { format!("bodies.{owner}.points.{point}") } else { format!("ground.points.{point}") };
@@ -369,8 +368,8 @@ impl Builder<'_> {
     fn number(&mut self, key: &str, expression: &Expression) -> f64 {
         for name in expression.names() {
             if !self.description.parameters.contains_key(name) {
-                let known = list(self.description.parameters.keys());
-                let known = if known.is_empty() { "there are none".into() } else { format!("expected one of {known}") };
+                let known: Vec<&str> = self.description.parameters.keys().map(String::as_str).collect();
+                let known = expected_one_of(name, &known);
                 self.problem(key, format!("`{expression}`: no parameter `{name}`, {known}"));
                 return 1.0;
             }
@@ -404,8 +403,9 @@ impl Builder<'_> {
                     _ => Err(format!("`{name}` is neither a position nor a velocity")),
                 }),
                 None => {
-                    let known = list(self.description.parameters.keys().map(String::as_str).chain(["time"]));
-                    Err(format!("no `{name}`, expected one of {known}"))
+                    let parameters = self.description.parameters.keys().map(String::as_str);
+                    let known: Vec<&str> = parameters.chain(["time"]).collect();
+                    Err(format!("no `{name}`, {}", expected_one_of(name, &known)))
                 }
             };
             let slot = slot.map_err(|message| format!("`{expression}`: {message}"));
@@ -425,8 +425,4 @@ impl Builder<'_> {
             self.problems.push(problem);
         }
     }
-}
-
-fn list(names: impl Iterator<Item = impl AsRef<str>>) -> String {
-    names.map(|name| name.as_ref().to_owned()).collect::<Vec<_>>().join(", ")
 }

@@ -105,7 +105,7 @@ pub enum FormulationKind {
 
 /// An entry of `[parameters]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table such as { default = 0.15, unit = \"m\" }")]
 pub struct ParameterOptions {
     /// Value where the study says nothing; within the range if there is one.
     pub default: f64,
@@ -236,7 +236,7 @@ pub struct ActuatorOptions {
 
 /// An entry of `[outputs]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table such as { measure = \"rod.angle\" }")]
 pub struct OutputOptions {
     /// What is measured.
     pub measure: String,

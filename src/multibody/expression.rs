@@ -4,6 +4,7 @@
 //! `-a^2` is `-(a^2)`. An expression is evaluated on second-order Taylor coefficients (forward automatic differentiation;
 //! Griewank, Walther: *Evaluating Derivatives*, chapter 13), which is how a driver gets its velocity and acceleration.
 
+use crate::names::expected_one_of;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::{
     fmt,
@@ -386,8 +387,9 @@ impl Parser<'_> {
         self.position += name.len();
         if self.peek() == Some('(') {
             let Some(function) = FUNCTIONS.iter().position(|(known, _)| *known == name) else {
-                let known = FUNCTIONS.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
-                return Err(format!("`{}`: no function `{name}`, expected one of {known}", self.text));
+                let known: Vec<&str> = FUNCTIONS.iter().map(|(known, _)| *known).collect();
+                let known = expected_one_of(name, &known);
+                return Err(format!("`{}`: no function `{name}`, {known}", self.text));
             };
             self.parentheses()?;
             self.expression.steps.push(Step::Call(function));

@@ -9,8 +9,8 @@ use super::{
     simulate::simulate,
 };
 use crate::{
-    Error, Result,
-    origin::{Origin, Problem},
+    Result,
+    origin::{self, Origin, Problem},
     variable::Variable,
 };
 use indexmap::IndexMap;
@@ -31,18 +31,18 @@ impl Mechanism {
     /// Reads and checks a mechanism file.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be read, [`Error::Study`] with every problem found.
+    /// [`crate::Error::Io`] if it cannot be read, [`crate::Error::Study`] with every problem found.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-        Self::parse(&text, path)
+        Self::parse(&origin::read(path, "a mechanism in TOML")?, path)
     }
 
     /// Checks a mechanism file's text; `path` is for messages.
     ///
     /// # Errors
-    /// [`Error::Study`] with every problem found.
+    /// [`crate::Error::Study`] with every problem found.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
+        origin.refuse_section("source", "this is a study, expected a mechanism")?;
         origin.refuse(length_problems(&origin))?;
         let description: Description = origin.deserialize()?;
         let mut problems = name_problems(&description);
@@ -98,7 +98,7 @@ impl Mechanism {
     /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
     ///
     /// # Errors
-    /// [`Error::Study`].
+    /// [`crate::Error::Study`].
     pub fn refuse(&self, problems: Problems) -> Result<()> {
         self.origin.refuse(problems)
     }

@@ -12,6 +12,7 @@ mod runs;
 use crate::{
     Error, Result,
     dataset::Dataset,
+    names::did_you_mean,
     sampling::{self, Sets, Stream},
     study::{ParameterOptions, Study},
     table::Table,
@@ -62,7 +63,10 @@ impl Recorded {
             own || study.parameters.contains_key(name) || study.outputs.contains_key(name)
         };
         let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
-            let message = format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`");
+            let known = study.parameters.keys().chain(study.outputs.keys()).map(String::as_str);
+            let suggestion = did_you_mean(name, known.chain(["run", "time", "file"]));
+            let message =
+                format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`{suggestion}");
             (format!("source.columns.{name}"), message)
         });
         study.refuse(unknown.collect())?;

@@ -13,6 +13,7 @@ use crate::{
     dataset::{Dataset, Run},
     integrate::TOLERANCE,
     multibody::{Mechanism, description::OutputOptions},
+    names::expected_one_of,
     study::Study,
     variable::Variable,
 };
@@ -284,8 +285,8 @@ impl Equations {
             (None, name) => {
                 let name = name.as_deref().unwrap_or_default();
                 let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
-                    let known = list(SYSTEMS.iter().map(|system| system.name));
-                    let message = format!("no system `{name}`, expected one of {known}");
+                    let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
+                    let message = format!("no system `{name}`, {}", expected_one_of(name, &known));
                     return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
                 };
                 (name.to_owned(), Of::System(system))
@@ -317,8 +318,8 @@ impl Equations {
         let mut problems = Vec::new();
         let quantities: Vec<Variable> = self.of.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
-            let known = list(quantities.iter().map(|quantity| &quantity.name));
-            format!("{} has no quantity `{name}`, expected one of {known}", self.name)
+            let known: Vec<&str> = quantities.iter().map(|quantity| quantity.name.as_str()).collect();
+            format!("{} has no quantity `{name}`, {}", self.name, expected_one_of(name, &known))
         };
         for (name, &value) in &study.source.constants {
             let key = format!("source.constants.{name}");
@@ -354,8 +355,8 @@ impl Equations {
             let key = format!("outputs.{name}");
             match known.iter().position(|known| known.name == *name) {
                 None => {
-                    let known = list(known.iter().map(|output| &output.name));
-                    let message = format!("{} has no output `{name}`, expected one of {known}", self.name);
+                    let known: Vec<&str> = known.iter().map(|output| output.name.as_str()).collect();
+                    let message = format!("{} has no output `{name}`, {}", self.name, expected_one_of(name, &known));
                     problems.push((key, message));
                 }
                 Some(position) => {

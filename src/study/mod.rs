@@ -42,11 +42,11 @@ mod options;
 mod search;
 
 use crate::{
-    Error, Result,
+    Result,
     baseline::{Baselines, Kind},
     calibration, files,
     multibody::Mechanism,
-    origin::Origin,
+    origin::{self, Origin},
     sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
     table::Table,
 };
@@ -130,19 +130,20 @@ impl Study {
     /// Reads and validates a study file.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be read, [`Error::Study`] with every problem found.
+    /// [`crate::Error::Io`] if it cannot be read, [`crate::Error::Study`] with every problem found.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-        Self::parse(&text, path)
+        Self::parse(&origin::read(path, "a study in TOML")?, path)
     }
 
     /// Validates a study file's text, and reads the files it names; `path` is for messages and tells the folder.
     ///
     /// # Errors
-    /// [`Error::Study`] with every problem found in the study or in the mechanism, [`Error::Table`] if the list of points is
+    /// [`crate::Error::Study`] with every problem found in the study or in the mechanism, [`crate::Error::Table`] if the list of points is
     /// wrong.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
+        let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
+        origin.refuse_section("bodies", hint)?;
         let mut study: Self = origin.deserialize()?;
         let problems = study.problems();
         study.origin = origin;
@@ -228,7 +229,7 @@ impl Study {
     /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
     ///
     /// # Errors
-    /// [`Error::Study`].
+    /// [`crate::Error::Study`].
     pub fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
         self.origin.refuse(problems)
     }
@@ -592,7 +593,13 @@ mod tests {
     fn every_mistake_is_located_by_line_and_key() {
         let line = |needle: &str| GOOD.lines().position(|line| line.starts_with(needle)).unwrap() + 1;
         for (from, to, needle, key, says) in [
-            ("[network]", "[network]\nnods = 3", "[network]", "network.nods", "unknown field"),
+            (
+                "[network]",
+                "[network]\nnods = 3",
+                "[network]",
+                "network.nods",
+                "unknown key `nods`, expected one of structure, hidden",
+            ),
             ("stop = 2.0", "stop = \"2\"", "stop", "time.stop", "expected"),
             ("stop = 2.0", "stop = -2.0", "stop", "time.stop", "expected a positive number"),
             ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
@@ -603,7 +610,13 @@ mod tests {
             ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
             ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
             ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
-            ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "unknown variant `grid`"),
+            (
+                "method = \"mesh\"",
+                "method = \"grid\"",
+                "method",
+                "sampling.method",
+                "\"grid\", expected one of \"mesh\"",
+            ),
             ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "a mesh has `levels`"),
             (
                 "levels = 11",
@@ -613,8 +626,8 @@ mod tests {
                 "belongs to the method \"list\"",
             ),
             ("method = \"mesh\"", "method = \"halton\"", "levels", "sampling.levels", "belongs to the method \"mesh\""),
-            ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "unknown variant `4`"),
-            ("\"double\"", "\"half\"", "precision", "export.precision", "unknown variant `half`"),
+            ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "\"4\", expected one of \"2\", \"3\", \"both\""),
+            ("\"double\"", "\"half\"", "precision", "export.precision", "\"half\", expected"),
             (
                 "[sampling]",
                 "[arrays]\nq = [\"theta\", \"omega\"]\n[sampling]",
@@ -650,11 +663,11 @@ mod tests {
             ("L = { values = [0.1, 0.2], min = 0.1,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
             ("L = { values = [0.1, 0.2], levels = 2,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
             ("L = { values = [0.1, 0.2], periodic = true,", "parameters.L: `values` exclude `min`, `max`, `levels`"),
-            ("L = { max = 0.2,", "parameters.L: missing field `min`"),
-            ("L = { min = 0.2,", "parameters.L: missing field `max`"),
+            ("L = { max = 0.2,", "parameters.L: `min` is missing"),
+            ("L = { min = 0.2,", "parameters.L: `max` is missing"),
             ("L = { periodic = true,", "parameters.L: expected `min` and `max`, or `values`"),
-            ("L = { min = 0.1, max = 0.2, cyclic = true,", "parameters.L.cyclic: unknown field"),
-            ("L = { values = [\"a\"],", "parameters.L.values[0]: invalid type"),
+            ("L = { min = 0.1, max = 0.2, cyclic = true,", "parameters.L.cyclic: unknown key `cyclic`, expected"),
+            ("L = { values = [\"a\"],", "parameters.L.values[0]: \"a\", expected a number"),
         ] {
             let found = message(l, to);
             assert!(found.contains(says), "{to}: {found}");

@@ -99,7 +99,7 @@ pub struct ParameterOptions {
 
 /// [`ParameterOptions`] as they stand in the study.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table such as { min = 0.1, max = 0.2 }")]
 struct ParameterEntry {
     min: Option<f64>,
     max: Option<f64>,
@@ -120,8 +120,8 @@ impl TryFrom<ParameterEntry> for ParameterOptions {
         let (min, max) = match (&values, min, max) {
             (None, Some(min), Some(max)) => (min, max),
             (None, None, None) => return Err("expected `min` and `max`, or `values`".into()),
-            (None, None, _) => return Err("missing field `min`".into()),
-            (None, _, None) => return Err("missing field `max`".into()),
+            (None, None, _) => return Err("`min` is missing".into()),
+            (None, _, None) => return Err("`max` is missing".into()),
             (Some(values), None, None) if levels.is_none() && !periodic => values
                 .iter()
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &value| (min.min(value), max.max(value))),
@@ -199,7 +199,7 @@ impl ParameterOptions {
 
 /// An entry of `[outputs]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table such as { unit = \"rad\" }, or {}")]
 pub struct OutputOptions {
     /// Unit; must be the source's own.
     pub unit: Option<String>,

@@ -5,9 +5,12 @@
 //! method of order 8(5,3), so that all of these are ends of steps and nothing is interpolated.
 
 use super::{Instance, Step, inputs::Driver};
-use crate::{Error, Result};
+use crate::{Error, Result, integrate::in_words};
 use nalgebra::DVector;
-use ode_solvers::{Dop853, System, dop_shared::OutputType};
+use ode_solvers::{
+    Dop853, System,
+    dop_shared::{IntegrationError, OutputType},
+};
 use std::cell::RefCell;
 
 /// Tolerance of a step if neither the caller nor the FMU's default experiment gives one.
@@ -428,15 +431,12 @@ fn root(low: &[f64], high: &[f64], weights: (f64, f64)) -> f64 {
     low.iter().zip(high).filter_map(share).min_by(f64::total_cmp).unwrap_or(0.5)
 }
 
-fn reason(error: &ode_solvers::dop_shared::IntegrationError) -> String {
-    use ode_solvers::dop_shared::IntegrationError;
-    match error {
-        IntegrationError::MaxNumStepReached { n_step, .. } => format!("more than {n_step} steps"),
-        IntegrationError::StepSizeUnderflow { .. } => "no step is short enough for the tolerance".into(),
-        IntegrationError::StiffnessDetected { .. } => {
-            "the equations are stiff, for which the method is not made; co-simulation has the FMU's own solver".into()
-        }
-    }
+fn reason(error: &IntegrationError) -> String {
+    let more = match error {
+        IntegrationError::StiffnessDetected { .. } => "; co-simulation has the FMU's own solver",
+        _ => "",
+    };
+    in_words(error) + more
 }
 
 /// What `ode_solvers` takes over and drops.

@@ -8,6 +8,7 @@ use crate::{
         host::{InterfaceKind, element_names},
         model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
     },
+    names::did_you_mean,
     study::Study,
     variable::{Original, Variable},
 };
@@ -246,7 +247,8 @@ fn unknown(description: &ModelDescription, name: &str, what: &str, fits: impl Fn
         more => format!(" and {more} more"),
     };
     let shown = if shown.is_empty() { "none".to_owned() } else { shown.join(", ") };
-    format!("the FMU has no {what} `{name}`, expected one of {shown}{more}")
+    let suggestion = did_you_mean(name, known.iter().copied());
+    format!("the FMU has no {what} `{name}`, expected one of {shown}{more}{suggestion}")
 }
 
 #[cfg(test)]

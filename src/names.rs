@@ -1,0 +1,111 @@
+//! Names for people: lists of those there are, and the one that was probably meant.
+
+/// What to say behind a name that is not known: those that are, and the one that was probably meant.
+pub(crate) fn expected_one_of(found: &str, known: &[&str]) -> String {
+    if known.is_empty() {
+        return "there are none".into();
+    }
+    format!("expected one of {}{}", listed(known), did_you_mean(found, known.iter().copied()))
+}
+
+/// `; did you mean `x`?` with the known name that is closest to `found`; nothing if none is close.
+pub(crate) fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    closest(found, known).map_or(String::new(), |name| format!("; did you mean `{name}`?"))
+}
+
+/// The first names, and how many more there are.
+pub(crate) fn listed(names: &[&str]) -> String {
+    const SHOWN: usize = 20;
+    match names.get(SHOWN..) {
+        Some(more) if !more.is_empty() => format!("{} and {} more", names[..SHOWN].join(", "), more.len()),
+        _ => names.join(", "),
+    }
+}
+
+/// The known name that differs from `found` by case only, by few letters, or in that one of them goes on.
+pub(crate) fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let found = folded(found);
+    let ranked = known.into_iter().filter_map(|name| Some((difference(&found, &folded(name))?, name)));
+    ranked.min_by_key(|(difference, _)| *difference).map(|(_, name)| name)
+}
+
+fn folded(name: &str) -> Vec<char> {
+    name.chars().flat_map(char::to_lowercase).collect()
+}
+
+/// By how many letters two names differ, if it is at most one in three, or if one is the beginning of the other.
+fn difference(one: &[char], other: &[char]) -> Option<usize> {
+    let (short, long) = if one.len() < other.len() { (one, other) } else { (other, one) };
+    let more = long.len() - short.len();
+    if short.len() >= 3 && long.starts_with(short) {
+        return Some(more);
+    }
+    // hardly anybody mistakes both ends; and most of thousands of names are passed over quickly
+    let same_end = one.first() == other.first() || one.last() == other.last();
+    let limit = long.len() / 3;
+    if more > limit || !same_end {
+        return None;
+    }
+    Some(edits(one, other)).filter(|&edits| edits <= limit)
+}
+
+/// Letters that are to be changed, added, removed, or exchanged with their neighbour to make `other` of `one` (the optimal
+/// string alignment distance).
+fn edits(one: &[char], other: &[char]) -> usize {
+    let mut before: Vec<usize> = Vec::new();
+    let mut last: Vec<usize> = (0..=other.len()).collect();
+    for i in 1..=one.len() {
+        let mut row = vec![i];
+        for j in 1..=other.len() {
+            let changed = last[j - 1] + usize::from(one[i - 1] != other[j - 1]);
+            let mut least = changed.min(last[j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && one[i - 1] == other[j - 2] && one[i - 2] == other[j - 1] {
+                least = least.min(before[j - 2] + 1);
+            }
+            row.push(least);
+        }
+        before = std::mem::replace(&mut last, row);
+    }
+    last[other.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_close_is_found_and_nothing_else() {
+        let known = ["stop", "step", "learning_rate", "theta", "thetad", "L", "m", "Dämpfung", "training"];
+        for (found, expected) in [
+            ("stp", Some("stop")),
+            ("stpe", Some("step")),
+            ("STEP", Some("step")),
+            ("learnign_rate", Some("learning_rate")),
+            ("learning-rate", Some("learning_rate")),
+            ("lerning_rate", Some("learning_rate")),
+            ("thetadd", Some("thetad")),
+            ("train", Some("training")),
+            ("l", Some("L")),
+            ("DÄMPFUNG", Some("Dämpfung")),
+            ("Daempfung", Some("Dämpfung")),
+            ("n", None),
+            ("length", None),
+            ("", None),
+            ("omega", None),
+        ] {
+            assert_eq!(closest(found, known), expected, "{found}");
+        }
+        assert_eq!(did_you_mean("stepp", known), "; did you mean `step`?");
+        assert_eq!(did_you_mean("x", known), "");
+    }
+
+    #[test]
+    fn long_lists_are_cut() {
+        let names: Vec<String> = (0..25).map(|i| i.to_string()).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        assert_eq!(listed(&names[..3]), "0, 1, 2");
+        assert!(listed(&names).ends_with("18, 19 and 5 more"));
+        assert_eq!(expected_one_of("x", &[]), "there are none");
+        assert_eq!(expected_one_of("stpe", &["stop", "step"]), "expected one of stop, step; did you mean `step`?");
+    }
+}
