@@ -65,7 +65,7 @@ impl InstantiationError {
 pub(crate) unsafe fn instantiate(
     function: &str,
     name: *const c_char,
-    mut logger: Logger,
+    logger: Logger,
     arguments: impl FnOnce() -> Result<(Kind, String, PathBuf), InstantiationError>,
 ) -> *mut c_void {
     let instance = guard(|| {
@@ -86,8 +86,6 @@ pub(crate) unsafe fn instantiate(
         Ok(Err(error)) => (Status::Error, error.to_string()),
         Err(panic) => (Status::Fatal, panicked(&panic)),
     };
-    // "if a NULL pointer is returned, the FMU must call logMessage", whatever else was asked for
-    logger.switch_all(true);
     logger.log(status, &format!("{function}: {message}"));
     null_mut()
 }

@@ -19,34 +19,34 @@ enum Sink {
 pub(crate) struct Logger {
     sink: Sink,
     environment: *mut c_void,
-    errors: bool,
     warnings: bool,
     debug: bool,
 }
 
 /// Categories as the XML declares them: the messages of calls that fail, of calls that are carried out or discarded
-/// with a reason, and everything, which adds plain information.
+/// with a reason, and everything, which adds plain information. Errors are always logged. FMI 2.0 defines fmi2Error by
+/// "function logger was called" and has `loggingOn` and fmi2SetDebugLogging govern "debug logging"; FMI 3.0.3 says
+/// "regardless of the current logging settings".
 const CATEGORIES: [&CStr; 3] = [c"logStatusError", c"logStatusWarning", c"logAll"];
 
 impl Logger {
-    /// `loggingOn` of FMI 2.0 governs debug messages only. Errors and warnings are on from the start, whatever it
-    /// says: the standard defines fmi2Error and fmi2Warning by "function logger was called", and unlike fmi2Discard
-    /// without the condition of debug mode. (The Reference FMUs do the same for errors.) `fmi2SetDebugLogging` can turn
-    /// each category off.
+    /// `loggingOn` of FMI 2.0 governs debug messages only. Warnings, too, are on from the start, whatever it says: the
+    /// standard defines fmi2Warning by "function logger was called", and unlike fmi2Discard without the condition of
+    /// debug mode. `fmi2SetDebugLogging` can turn them off.
     pub(crate) fn fmi2(callback: Callback2, environment: *mut c_void, instance_name: &CStr, debug: bool) -> Self {
         let sink = Sink::Fmi2 { callback, instance_name: instance_name.to_owned() };
-        Self { sink, environment, errors: true, warnings: true, debug }
+        Self { sink, environment, warnings: true, debug }
     }
 
-    /// `loggingOn` of FMI 3.0 governs everything. A host without a callback is told nothing.
+    /// `loggingOn` of FMI 3.0 governs everything but errors. A host without a callback is told nothing.
     pub(crate) fn fmi3(callback: Option<Callback3>, environment: *mut c_void, on: bool) -> Self {
-        Self { sink: Sink::Fmi3(callback), environment, errors: on, warnings: on, debug: on }
+        Self { sink: Sink::Fmi3(callback), environment, warnings: on, debug: on }
     }
 
     /// Turns a category on or off. False if there is none of this name.
     pub(crate) fn switch(&mut self, category: &str, on: bool) -> bool {
         match category {
-            "logStatusError" => self.errors = on,
+            "logStatusError" => {}
             "logStatusWarning" => self.warnings = on,
             "logAll" => self.switch_all(on),
             _ => return false,
@@ -55,7 +55,7 @@ impl Logger {
     }
 
     pub(crate) fn switch_all(&mut self, on: bool) {
-        (self.errors, self.warnings, self.debug) = (on, on, on);
+        (self.warnings, self.debug) = (on, on);
     }
 
     /// Names of all categories, for messages.
@@ -68,7 +68,7 @@ impl Logger {
         let (on, category) = match status {
             Status::Ok => (self.debug, all),
             Status::Warning | Status::Discard => (self.warnings, warning),
-            Status::Error | Status::Fatal => (self.errors, error),
+            Status::Error | Status::Fatal => (true, error),
         };
         if !on {
             return;

@@ -15,7 +15,7 @@ use metafmu_runtime::{
 
 /// Categories of the messages that the library inside every FMU logs.
 const LOG_CATEGORIES: [(&str, &str); 3] = [
-    ("logStatusError", "calls that fail"),
+    ("logStatusError", "calls that fail; always logged"),
     ("logStatusWarning", "calls that are carried out with a reservation, or discarded"),
     ("logAll", "everything"),
 ];

@@ -82,9 +82,8 @@ void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID
     instance->send = send_message;
     /*
      * loggingOn governs debug messages only: the standard defines fmi2Error and fmi2Warning by "function logger was
-     * called". fmi2SetDebugLogging can turn each category off.
+     * called". fmi2SetDebugLogging can turn warnings off.
      */
-    instance->log_errors = true;
     instance->log_warnings = true;
     instance->log_everything = loggingOn != 0;
     bool good = instance_initialize(instance, "fmi2Instantiate", instanceName, fmuGUID);

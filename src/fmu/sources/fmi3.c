@@ -48,7 +48,6 @@ static Component *new_component(Interface interface, bool event_mode, bool loggi
         component->instance.interface = interface;
         component->instance.event_mode = event_mode;
         component->instance.send = send_message;
-        component->instance.log_errors = logging;
         component->instance.log_warnings = logging;
         component->instance.log_everything = logging;
     }

@@ -50,8 +50,6 @@ bool instance_initialize(Instance *instance, const char *function, const char *n
         instance_tell(instance, STATUS_OK, "%s", model_description);
         return true;
     }
-    /* the reason is told whatever else was asked for */
-    instance->log_errors = true;
     if (is_blank(name)) {
         instance_tell(instance, STATUS_ERROR, "the instance name is empty");
     } else if (token == NULL) {
@@ -148,7 +146,7 @@ static void send_message(const Instance *instance, Status status, const char *me
     bool on = instance->log_everything;
     const char *category = CATEGORY_ALL;
     if (status == STATUS_ERROR) {
-        on = instance->log_errors;
+        on = true; /* whatever the settings: fmi2Error says so, and FMI 3.0.3 */
         category = CATEGORY_ERROR;
     } else if (status != STATUS_OK) {
         on = instance->log_warnings;
@@ -178,7 +176,6 @@ Status instance_tell(Instance *instance, Status status, const char *format, ...)
 
 static void switch_all(Instance *instance, bool on)
 {
-    instance->log_errors = on;
     instance->log_warnings = on;
     instance->log_everything = on;
 }
@@ -196,13 +193,11 @@ Status instance_switch_logging(Instance *instance, bool on, size_t count, const 
         if (instance_lacks(instance, categories[i], 1, "categories")) {
             return STATUS_ERROR;
         }
-        if (strcmp(categories[i], CATEGORY_ERROR) == 0) {
-            instance->log_errors = on;
-        } else if (strcmp(categories[i], CATEGORY_WARNING) == 0) {
+        if (strcmp(categories[i], CATEGORY_WARNING) == 0) {
             instance->log_warnings = on;
         } else if (strcmp(categories[i], CATEGORY_ALL) == 0) {
             switch_all(instance, on);
-        } else {
+        } else if (strcmp(categories[i], CATEGORY_ERROR) != 0) {
             /* a warning, not an error: an unknown category is no reason to end a simulation */
             status = instance_tell(instance, STATUS_WARNING,
                                    "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],

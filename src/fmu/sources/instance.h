@@ -76,8 +76,7 @@ struct Instance {
     Interface interface;
     bool event_mode; /* FMI 3.0 co-simulation: whether the host enters Event Mode between steps */
     SendMessage send;
-    bool log_errors;
-    bool log_warnings;
+    bool log_warnings; /* errors are always logged */
     bool log_everything;
     const char *function; /* the call at hand, for messages */
     Snapshot now;

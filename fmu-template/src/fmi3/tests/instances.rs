@@ -71,15 +71,22 @@ fn a_host_without_a_logger_is_told_nothing() {
 }
 
 #[test]
-fn logging_is_off_until_it_is_asked_for() {
+fn warnings_are_logged_when_they_are_asked_for_and_errors_always() {
     let folder = Folder::with(&example::surrogate());
     let host = Host::instantiate(Use::Steps, c"a", TOKEN, path(&folder.0).as_ptr(), false);
     assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Warning);
     assert!(host.messages().is_empty());
-    let category = c"logStatusError".as_ptr();
+    for category in [c"logStatusWarning", c"logStatusError", c"logAll"] {
+        let category = category.as_ptr();
+        assert_eq!(host.exit(), Status::Error);
+        assert!(host.message().contains("fmi3ExitInitializationMode: not allowed in state `instantiated`, only in"));
+        assert_eq!(host.reset(), Status::Ok);
+        assert_eq!(unsafe { fmi3SetDebugLogging(host.instance, 0, 1, &category) }, Status::Ok);
+    }
+    let category = c"logStatusWarning".as_ptr();
     assert_eq!(unsafe { fmi3SetDebugLogging(host.instance, 1, 1, &category) }, Status::Ok);
-    assert_eq!(host.exit(), Status::Error);
-    assert!(host.message().contains("fmi3ExitInitializationMode: not allowed in state `instantiated`, only in"));
+    assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Warning);
+    assert!(host.message().contains("`length`: 9 is outside"));
 }
 
 #[test]

@@ -374,8 +374,8 @@ static void status_and_logging(void)
     check(strstr(last_message, "`log ##1` is unknown") != NULL, __LINE__);
     check(fmi2SetDebugLogging(c, 0, 1, known) == STATUS_OK, __LINE__);
     messages = 0;
-    check(fmi2SetDebugLogging(c, 1, 1, missing) == STATUS_ERROR && messages == 0, __LINE__);
-    check(fmi2SetDebugLogging(c, 1, 0, NULL) == STATUS_OK, __LINE__);
+    check(fmi2SetDebugLogging(c, 0, 0, NULL) == STATUS_OK, __LINE__);
+    refused(fmi2SetDebugLogging(c, 1, 1, missing), __LINE__); /* errors are logged whatever is switched off */
     refused(fmi2CancelStep(c), __LINE__);
     fmi2FreeInstance(c);
 }

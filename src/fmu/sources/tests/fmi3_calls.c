@@ -197,6 +197,20 @@ static void derivatives(void)
     const uint32_t unknowns[] = {ANGLE, VELOCITY};
     const uint32_t knowns[] = {LENGTH, SPEED, TIME};
     const double direction[] = {0.5, -1.0, 2.0};
+/* Errors are logged whatever was asked for, warnings when they are. */
+static void logging(void)
+{
+    void *instance = fmi3InstantiateModelExchange("instance", model_token, NULL, false, false, NULL, logger);
+    messages = 0;
+    check(set_real(instance, SPEED, 9.0) == STATUS_WARNING && messages == 0, __LINE__);
+    refused(fmi3SetTime(instance, 0.0), __LINE__);
+    check(fmi3SetDebugLogging(instance, true, 0, NULL) == STATUS_OK && fmi3Reset(instance) == STATUS_OK, __LINE__);
+    check(set_real(instance, SPEED, 9.0) == STATUS_WARNING && messages == 1, __LINE__);
+    check(fmi3SetDebugLogging(instance, false, 0, NULL) == STATUS_OK, __LINE__);
+    refused(fmi3SetTime(instance, 0.0), __LINE__);
+    fmi3FreeInstance(instance);
+}
+
     const double weights[] = {3.0, -0.25};
     double along[2];
     double gradient[3];
@@ -277,3 +291,4 @@ int main(void)
     absent();
     return 0;
 }
+    logging();
