@@ -10,7 +10,7 @@ use metafmu_runtime::{
     Domain, Evaluator, FormatError, Metadata, Role, Scratch, Surrogate, Variability,
     extra::{self, DomainPolicy},
 };
-use std::{fs, io, path::Path, path::PathBuf};
+use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::{Variable, Variables};
 
 mod derivatives;
@@ -30,6 +30,8 @@ pub(crate) struct Kind {
 pub(crate) enum LoadError {
     #[error("cannot read the model file `{path}`: {source}")]
     Unreadable { path: PathBuf, source: io::Error },
+    #[error("the model file `{path}` of {length} bytes does not fit into memory: {source}")]
+    Memory { path: PathBuf, length: u64, source: TryReserveError },
     #[error("model file `{path}`: {source}")]
     Format { path: PathBuf, source: FormatError },
     #[error(
@@ -68,6 +70,10 @@ pub(crate) struct Instance {
 
 impl Instance {
     /// Reads the model file in a resource directory, given the token of the description that goes with it.
+/// Memory that loading takes at most: this many bytes, and so many times the length of the model file. Networks take less
+/// than five times.
+const MEMORY: (usize, usize) = (1 << 18, 8);
+
     ///
     /// # Errors
     /// A [`LoadError`] that names the file.
@@ -75,6 +81,13 @@ impl Instance {
         let path = resources.join("model.safetensors");
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
+        let length = match fs::metadata(&path) {
+            Ok(metadata) => metadata.len(),
+            Err(source) => return Err(LoadError::Unreadable { path, source }),
+        };
+        if let Err(source) = check_memory(length) {
+            return Err(LoadError::Memory { path, length, source });
+        }
             Err(source) => return Err(LoadError::Unreadable { path, source }),
         };
         let intact = |surrogate: Surrogate| surrogate.check_content().map(|()| surrogate);
@@ -585,3 +598,14 @@ impl Instance {
 pub(crate) fn finite(argument: &'static str, value: f64) -> Result<(), Refusal> {
     if value.is_finite() { Ok(()) } else { Err(Refusal::NotFinite { argument, value }) }
 }
+/// An allocation that fails ends the process, which is the host's. So all that loading will take is asked for at once and
+/// given back, where a failure is an answer.
+fn check_memory(length: u64) -> Result<(), TryReserveError> {
+    let (least, times) = MEMORY;
+    let length = usize::try_from(length).unwrap_or(usize::MAX);
+    let mut memory = Vec::<u8>::new();
+    memory.try_reserve_exact(length.saturating_mul(times).saturating_add(least))?;
+    black_box(memory);
+    Ok(())
+}
+

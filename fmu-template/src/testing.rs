@@ -86,9 +86,18 @@ pub(crate) fn allocations() -> (usize, isize) {
     (ALLOCATIONS.get(), LIVE.get())
 }
 
+/// Calls a function that may have so many bytes more on this thread than now.
+pub(crate) fn limited<T>(bytes: isize, call: impl FnOnce() -> T) -> T {
+    LIMIT.set(LIVE.get() + bytes);
+    let result = call();
+    LIMIT.set(isize::MAX);
+    result
+}
+
 struct Counting;
 
 thread_local! {
+    static LIMIT: Cell<isize> = const { Cell::new(isize::MAX) };
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
     static LIVE: Cell<isize> = const { Cell::new(0) };
 }
@@ -99,6 +108,9 @@ static ALLOCATOR: Counting = Counting;
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        if LIVE.get() + layout.size() as isize > LIMIT.get() {
+            return std::ptr::null_mut();
+        }
         LIVE.set(LIVE.get() + layout.size() as isize);
         unsafe { System.alloc(layout) }
     }

@@ -143,6 +143,39 @@ fn errors_are_logged_whatever_is_switched_off() {
     }
 }
 
+/// An allocation that fails would end the process.
+#[test]
+fn an_instance_for_which_there_is_no_memory_is_null_and_the_reason_is_logged() {
+    use metafmu_runtime::Precision::{Double, Single};
+    let tanh = Activation::Tanh;
+    for surrogate in [
+        example::with_input(),
+        example::with_network(&[300, 300], tanh),
+        example::with_precision(&[512, 400], tanh, Single),
+        example::encoded(&example::series(&[256, 256], tanh, Double)),
+        example::series(&[128], tanh, Single),
+        example::with_bounds(),
+    ] {
+        let surrogate = surrogate.sealed().unwrap();
+        let folder = Folder::with(&surrogate);
+        let (uri, token) = (folder.uri(), c_string(&surrogate.instantiation_token()));
+        let instantiate = || Host::instantiate(c"large", CO_SIMULATION, &token, &uri, false);
+        drop(instantiate());
+        let mut limit = 1 << 15;
+        let host = loop {
+            let host = limited(limit, instantiate);
+            if !host.c.is_null() {
+                break host;
+            }
+            let message = host.message();
+            assert!(message.contains("does not fit into memory"), "{limit} bytes: {message}");
+            limit += limit / 16;
+        };
+        host.initialize(0.0);
+        assert!(host.messages().is_empty());
+    }
+}
+
 #[test]
 fn the_sign_that_hosts_replace_is_written_twice() {
     let host = Host::instantiate(c"a", CO_SIMULATION, TOKEN, "file:///no/C%23", false);
