@@ -5,11 +5,12 @@ use crate::{
     baseline::Kind,
     dataset::Dataset,
     files::write_whole,
-    study::{ParameterOptions, Study},
+    study::{self, ParameterOptions, Study},
     variable::Variable,
 };
 use metafmu_runtime::{
     Activation, Bounds, Encoding, Input, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
+    Variability,
     regression::{Function, Regression},
 };
 use std::path::Path;
@@ -55,7 +56,6 @@ fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
 
 fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| {
-        let original_start = variable.original.and_then(|original| original.start);
         let valid = |start: &f64| match range.is_nominal() {
             true => range.values.contains(start),
             false => (range.min..=range.max).contains(start),
@@ -63,12 +63,12 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         let middle = || 0.5 * (range.min + range.max);
         Input {
             name: variable.name.clone(),
-            role: role(variable, range),
+            role: role(range),
             unit: variable.unit.clone(),
             description: variable.description.clone(),
             min: range.min,
             max: range.max,
-            start: original_start.filter(valid).or(range.values.first().copied()).unwrap_or_else(middle),
+            start: variable.start.filter(valid).or(range.values.first().copied()).unwrap_or_else(middle),
             encoding: range.encoding(),
         }
     });
@@ -108,12 +108,12 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     }
 }
 
-/// The study decides about the variability of parameters; else they stay what they were.
-fn role(variable: &Variable, options: &ParameterOptions) -> Role {
-    match (variable.original.map(|original| original.role), options.variability) {
-        (Some(Role::Input), _) => Role::Input,
-        (Some(Role::Parameter(variability)), None) => Role::Parameter(variability),
-        (_, variability) => Role::Parameter(variability.unwrap_or_default()),
+/// In every run a parameter was constant, also one that was an input of an FMU: unless the study says otherwise, it is fixed.
+fn role(options: &ParameterOptions) -> Role {
+    match options.variability.unwrap_or_default() {
+        study::Variability::Fixed => Role::Parameter(Variability::Fixed),
+        study::Variability::Tunable => Role::Parameter(Variability::Tunable),
+        study::Variability::Continuous => Role::Input,
     }
 }
 

@@ -1,7 +1,5 @@
 //! What a quantity is called, in which unit, and what it means.
 
-use metafmu_runtime::Role;
-
 /// A named quantity of a source: a parameter or an output column of a dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
@@ -11,22 +9,13 @@ pub struct Variable {
     pub unit: String,
     /// One sentence for people.
     pub description: String,
-    /// What a parameter was in the FMU it is taken from; none if it is from elsewhere.
-    pub original: Option<Original>,
-}
-
-/// What a parameter is in an FMU whose surrogate is to take its place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Original {
-    /// A parameter, and when it may change, or an input.
-    pub role: Role,
-    /// Its value before a host sets one.
+    /// Value of a parameter before a host sets one, in the FMU it is taken from.
     pub start: Option<f64>,
 }
 
 impl Variable {
     /// A quantity that is from no FMU.
     pub fn new(name: &str, unit: &str, description: &str) -> Self {
-        Self { name: name.into(), unit: unit.into(), description: description.into(), original: None }
+        Self { name: name.into(), unit: unit.into(), description: description.into(), start: None }
     }
 }

@@ -62,7 +62,7 @@ mechanism = {}    # relative to this file
 stop = 2.0                  # s
 step = 0.01                 # s
 
-[parameters]                # inputs of the surrogate, beside the time; `variability` is \"tunable\" (default) or \"fixed\"
+[parameters]                # `variability` is \"fixed\" (default), \"tunable\" or \"continuous\" (an input); README, \"Using the FMU\"
 ",
         quoted(&mechanism.description().description),
         quoted(&file),

@@ -19,7 +19,7 @@
 //!
 //! [parameters]                          # inputs of the surrogate, beside the time
 //! L = { min = 0.1, max = 0.2, unit = "m" }
-//! thetad0 = { min = 0.0, max = 5.0, variability = "fixed" }
+//! thetad0 = { min = 0.0, max = 5.0, variability = "tunable" }  # else "fixed"; "continuous": an input
 //! theta0 = { min = -3.141592653589793, max = 3.141592653589793, periodic = true }  # max is min again
 //! m = { values = [0.1, 0.3, 1.0] }      # nominal: it has these values only
 //!
@@ -54,7 +54,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Encoder, Encoding};
 pub use options::{
     BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
-    SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
+    SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions, Variability,
 };
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};

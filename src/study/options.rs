@@ -1,7 +1,7 @@
 //! The sections of a study file as plain data.
 
 use indexmap::IndexMap;
-use metafmu_runtime::{Activation, Encoding, Precision, Variability};
+use metafmu_runtime::{Activation, Encoding, Precision};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -93,8 +93,21 @@ pub struct ParameterOptions {
     pub description: Option<String>,
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
     pub levels: Option<usize>,
-    /// When the host of the surrogate's FMU may change it; without it, what the source says, else tunable.
+    /// When the host of the surrogate's FMU may change it; fixed without it.
     pub variability: Option<Variability>,
+}
+
+/// When a host may change what is a parameter of the study, and constant in each of its runs (FMI terms).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Variability {
+    /// Only before the simulation starts.
+    #[default]
+    Fixed,
+    /// Also between two steps and at events. The FMU warns and is outside its domain from then on.
+    Tunable,
+    /// Any time: an input, which another component may drive. Likewise.
+    Continuous,
 }
 
 /// [`ParameterOptions`] as they stand in the study.

@@ -83,9 +83,10 @@ class Library:
             assert function(component) in FINE
         assert self.ExitInitializationMode(component) in FINE
 
-    def ready(self, resources=None):
+    def ready(self, resources=None, scale=1.0):
         component = self.instantiate(resources)
         assert component
+        assert self.set(component, self.parameters, [scale * value for value in self.starts]) in FINE
         self.initialize(component)
         return component
 
@@ -96,8 +97,7 @@ class Library:
 
     def run(self, scale=1.0, steps=3, resources=None):
         """Creates, sets, steps, reads, frees."""
-        component = self.ready(resources)
-        assert self.set(component, self.parameters, [scale * value for value in self.starts]) in FINE
+        component = self.ready(resources, scale)
         for step in range(steps):
             assert self.step(component, step * 0.01, 0.01) in FINE
         outputs = self.outputs_of(component)
@@ -288,10 +288,8 @@ def instances(fmu, count=1000):
     """Many instances at once, stepped in turn and freed in any order, know nothing of each other."""
     scales = [1 + 0.0001 * index for index in range(count)]
     before = resident()
-    components = [fmu.ready() for _ in scales]
+    components = [fmu.ready(scale=scale) for scale in scales]
     print(f"{count} instances: {(resident() - before) / count / 1024:.0f} KiB each")
-    for component, scale in zip(components, scales):
-        assert fmu.set(component, fmu.parameters, [scale * value for value in fmu.starts]) in FINE
     for step in range(3):
         for component in components:
             assert fmu.step(component, step * 0.01, 0.01) in FINE
@@ -358,9 +356,12 @@ def unknown_references(fmu):
     """Unknown or unsuitable value references are refused, and nothing of the call is carried out."""
     for references in ([UNKNOWN], [fmu.parameters[0], UNKNOWN]):
         component = fmu.ready()
-        assert fmu.get(component, references)[0] == ERROR
+        assert fmu.set(component, fmu.parameters[:1], fmu.starts[:1]) == ERROR, "parameters are fixed"
         fmu.FreeInstance(component)
         component = fmu.ready()
+        assert fmu.get(component, references)[0] == ERROR
+        fmu.FreeInstance(component)
+        component = fmu.instantiate()
         assert fmu.set(component, references, [1.01 * fmu.starts[0]] * len(references)) == ERROR
         assert fmu.Reset(component) == OK
         fmu.initialize(component)
@@ -405,10 +406,11 @@ def odd_numbers(fmu):
     """NaN, infinities, huge and tiny numbers wherever a number goes: refused, or carried out with finite outputs."""
     odd = [math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, -0.0]
     for value in odd:
-        component = fmu.ready()
+        component = fmu.instantiate()
         status = fmu.set(component, fmu.parameters[:1], [value])
         assert status in (*FINE, DISCARD, ERROR) and (math.isfinite(value) or status not in FINE), value
         if status in FINE:
+            fmu.initialize(component)
             fmu.outputs_of(component)
         fmu.FreeInstance(component)
         component = fmu.instantiate()

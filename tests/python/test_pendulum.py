@@ -126,7 +126,7 @@ def test_the_description_carries_units_ranges_and_starts(pendulum):
     description = read_model_description(pendulum.fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
     length = variables["L"]
-    assert (length.causality, length.variability, length.unit) == ("parameter", "tunable", "m")
+    assert (length.causality, length.variability, length.unit) == ("parameter", "fixed", "m")
     assert [float(value) for value in (length.min, length.start, length.max)] == pytest.approx([0.1, 0.15, 0.2])
     assert [variables[output].unit for output in OUTPUTS] == ["rad", "rad/s", "rad/s2"]
     assert (float(description.defaultExperiment.stopTime), float(description.defaultExperiment.stepSize)) == (2.0, 0.01)

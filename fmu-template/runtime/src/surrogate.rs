@@ -140,9 +140,9 @@ impl Precision {
 #[serde(rename_all = "lowercase")]
 pub enum Variability {
     /// Only before the simulation starts.
+    #[default]
     Fixed,
     /// Also between two communication steps.
-    #[default]
     Tunable,
 }
 

@@ -64,7 +64,9 @@ fmu = {}    # relative to this file
 stop = {stop:?}                  # s
 step = {step:?}                 # s
 
-[parameters]                # inputs of the surrogate, beside the time: parameters and inputs of the FMU, constant during a run
+# Parameters and inputs of the FMU, constant during a run: fixed parameters of the surrogate. `variability = \"tunable\"` lets a
+# host change one during a run, \"continuous\" makes it an input; then outputs are as if it had been so from the start.
+[parameters]
 {}
 [outputs]
 {}{}
@@ -159,7 +161,7 @@ fn parameters(description: &ModelDescription) -> Option<String> {
             }
         };
         if variable.causality == Causality::Input {
-            about.push("an input".into());
+            about.push("an input of the FMU".into());
         }
         about.extend(variable.description.iter().filter(|text| !text.is_empty()).map(|text| one_line(text)));
         let mark = if is_chosen { "" } else { "# " };

@@ -10,9 +10,8 @@ use crate::{
     },
     names::did_you_mean,
     study::Study,
-    variable::{Original, Variable},
+    variable::Variable,
 };
-use metafmu_runtime::{Role, Variability};
 
 /// A study's names found in an FMU.
 pub struct Resolved {
@@ -72,29 +71,22 @@ impl Resolver<'_> {
                 add(unknown(description, name, "variable to be set", |variable| varied(variable).is_ok()));
                 continue;
             };
-            let role = match varied(variable) {
-                Ok(role) => role,
-                Err(reason) => {
-                    add(reason);
-                    continue;
-                }
-            };
+            if let Err(reason) = varied(variable) {
+                add(reason);
+                continue;
+            }
             let (min, max) = range(description, variable);
             if options.min < min.unwrap_or(f64::NEG_INFINITY) || options.max > max.unwrap_or(f64::INFINITY) {
                 let end = |end: Option<f64>| end.map_or("any".into(), |end: f64| end.to_string());
                 let (from, to) = (end(min), end(max));
                 add(format!("range from {} to {}, the FMU takes {from} to {to}", options.min, options.max));
             }
-            if role == Role::Input && options.variability.is_some() {
-                problems.push((format!("{key}.variability"), "is an input of the FMU: belongs to parameters".into()));
-            }
             let unit = description.unit_of(variable).unwrap_or_default();
             problems.extend(wrong_unit(&key, options.unit.as_deref(), unit));
             self.task.variables.push(name.clone());
-            self.task.is_input.push(role == Role::Input);
-            let start = variable.kind.as_real().and_then(|real| real.start);
+            self.task.is_input.push(variable.causality == Causality::Input);
             self.parameters.push(Variable {
-                original: Some(Original { role, start }),
+                start: variable.kind.as_real().and_then(|real| real.start),
                 ..named(name, unit, options.description.as_deref(), variable)
             });
         }
@@ -165,8 +157,8 @@ fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVar
     Variable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
 }
 
-/// What a variable that a study varies is to a host, or why it cannot be varied.
-pub fn varied(variable: &ScalarVariable) -> std::result::Result<Role, String> {
+/// Whether a study can vary a variable, or why not.
+pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), String> {
     settable(variable)?;
     if !matches!(variable.kind, VariableType::Real(_)) {
         let what = variable.kind.name(fmi::FmiVersion::V2);
@@ -177,12 +169,7 @@ pub fn varied(variable: &ScalarVariable) -> std::result::Result<Role, String> {
     if !variable.dimensions.is_empty() {
         return Err("is an array: only scalars are varied; all elements may have one value in source.constants".into());
     }
-    Ok(match (variable.causality, variable.variability) {
-        (Causality::Input, _) => Role::Input,
-        (Causality::Parameter, fmi::Variability::Tunable) => Role::Parameter(Variability::Tunable),
-        // the start value of a state, too, counts at the beginning only
-        _ => Role::Parameter(Variability::Fixed),
-    })
+    Ok(())
 }
 
 /// Whether a variable may be given a value before the simulation, or why not.
@@ -271,12 +258,10 @@ mod tests {
     }
 
     #[test]
-    fn parameters_keep_what_they_are_and_where_they_start() {
+    fn parameters_keep_where_they_start() {
         let Resolved { parameters, outputs, task } = resolved("stop = 1", "stop = 1").unwrap();
-        let roles: Vec<Role> = parameters.iter().map(|p| p.original.unwrap().role).collect();
-        assert_eq!(roles, [Role::Parameter(Variability::Tunable), Role::Input]);
         assert_eq!(task.is_input, [false, true]);
-        assert!(parameters.iter().all(|p| p.original.unwrap().start.is_some() && !p.unit.is_empty()));
+        assert!(parameters.iter().all(|p| p.start.is_some() && !p.unit.is_empty()));
         assert_eq!((outputs[0].unit.as_str(), task.recorded.as_slice()), ("rad", &["angle".to_owned()][..]));
     }
 
@@ -291,11 +276,6 @@ mod tests {
             ("length =", "time =", "parameters.time"),
             ("length =", "velocity =", "parameters.velocity: is calculated by the FMU"),
             ("min = 0.12", "min = 0.0", "parameters.length: range from 0 to 0.2, the FMU takes 0.1 to 0.2"),
-            (
-                "max = 5 }\n[out",
-                "max = 5, variability = \"fixed\" }\n[out",
-                "parameters.speed.variability: is an input",
-            ),
             ("angle =", "in_domain =", "outputs.in_domain: is of type Boolean"),
             ("angle =", "angel =", "outputs.angel: the FMU has no variable to be recorded `angel`, expected one of "),
             ("angle = {}", "angle = { unit = \"deg\" }", "outputs.angle.unit: `deg`, expected `rad`"),
