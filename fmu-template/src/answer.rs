@@ -19,6 +19,11 @@ pub(crate) enum Status {
 pub(crate) enum Warning {
     #[error("variable `{name}`: {value} is outside {valid}; outputs are {instead} (said once a run)")]
     OutsideDomain { name: String, value: f64, valid: String, instead: &'static str },
+    #[error(
+        "variable `{name}`: changed from {from} to {to} during the run; outputs are those of a run that has had {to} \
+         since its start (said once a run)"
+    )]
+    Changed { name: String, from: f64, to: f64 },
     #[error("log category `{found}` is unknown, expected one of {expected}")]
     UnknownCategory { found: String, expected: String },
 }
@@ -54,6 +59,10 @@ pub(crate) enum Refusal {
     Policy { found: i32 },
     #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2")]
     OutsideDomain { name: String, value: f64, valid: String, status: Status },
+    #[error("variable `{name}`: {to} instead of {from} as at the start of the run, and domain_policy is 2")]
+    Changed { name: String, from: f64, to: f64, status: Status },
+    #[error("inputs or parameters have been changed during the run, which domain_policy 2 forbids")]
+    ChangedBefore,
     #[error("variable `{name}` (value reference {reference}) is no {expected}")]
     NotDifferentiable { name: String, reference: u32, expected: &'static str },
     #[error("derivatives of order {found} are not available, expected 1 to {max}")]
@@ -90,7 +99,7 @@ impl Refusal {
         match self {
             // "if a status is required which cannot be retrieved by the slave it returns fmi2Discard"
             Self::NoStatus { .. } => Status::Discard,
-            Self::OutsideDomain { status, .. } => *status,
+            Self::OutsideDomain { status, .. } | Self::Changed { status, .. } => *status,
             Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
             _ => Status::Error,
         }

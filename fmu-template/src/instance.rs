@@ -65,22 +65,22 @@ pub(crate) struct Instance {
     /// Columns the host was warned of in this run. Kept out of the snapshot: a host that repeats a step is not to be
     /// warned at each attempt.
     warned: Vec<bool>,
+    /// Whether it was warned in this run that an input or parameter changed, likewise.
+    warned_of_change: bool,
     warnings: Vec<Warning>,
 }
 
-impl Instance {
-    /// Reads the model file in a resource directory, given the token of the description that goes with it.
 /// Memory that loading takes at most: this many bytes, and so many times the length of the model file. Networks take less
 /// than five times.
 const MEMORY: (usize, usize) = (1 << 18, 8);
 
+impl Instance {
+    /// Reads the model file in a resource directory, given the token of the description that goes with it.
     ///
     /// # Errors
     /// A [`LoadError`] that names the file.
     pub(crate) fn load(resources: &Path, token: &str, kind: Kind) -> Result<Self, LoadError> {
         let path = resources.join("model.safetensors");
-        let bytes = match fs::read(&path) {
-            Ok(bytes) => bytes,
         let length = match fs::metadata(&path) {
             Ok(metadata) => metadata.len(),
             Err(source) => return Err(LoadError::Unreadable { path, source }),
@@ -88,6 +88,8 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         if let Err(source) = check_memory(length) {
             return Err(LoadError::Memory { path, length, source });
         }
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
             Err(source) => return Err(LoadError::Unreadable { path, source }),
         };
         let intact = |surrogate: Surrogate| surrogate.check_content().map(|()| surrogate);
@@ -116,13 +118,17 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
                 state: State::Instantiated,
                 experiment: false,
                 policy: DomainPolicy::default(),
+                changed: false,
                 time: 0.0,
+                start_time: 0.0,
                 stop_time: f64::INFINITY,
                 earliest: 0.0,
                 inputs: inputs.clone(),
+                at_start: inputs.clone(),
                 rates: [inputs.clone(), inputs.clone()],
             },
             warned: vec![false; inputs.len()],
+            warned_of_change: false,
             point: inputs.clone(),
             columns: [inputs.clone(), inputs],
             sensitivities: [outputs.clone(), outputs.clone()],
@@ -189,9 +195,10 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
                 return Err(Refusal::StopTime { start, stop });
             }
         }
-        self.warned.fill(false);
+        self.forget_warnings();
         self.set_time(start, Status::Error)?;
         self.now.experiment = true;
+        self.now.start_time = start;
         self.now.stop_time = stop.unwrap_or(f64::INFINITY);
         self.now.earliest = start;
         Ok(())
@@ -215,6 +222,7 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         if self.kind.interface == Interface::CoSimulation && !self.kind.event_mode {
             return Err(Refusal::NoEventMode);
         }
+        self.accept_point()?;
         self.now.earliest = self.now.time;
         self.now.state = State::Event;
         Ok(())
@@ -245,15 +253,23 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         self.now.state = State::Instantiated;
         self.now.experiment = false;
         self.now.policy = DomainPolicy::default();
+        self.now.changed = false;
+        self.now.start_time = 0.0;
         self.now.stop_time = f64::INFINITY;
         self.now.earliest = 0.0;
         for (value, input) in self.now.inputs.iter_mut().zip(&self.metadata.inputs) {
             *value = if input.role == Role::Time { 0.0 } else { input.start };
         }
+        self.now.at_start.copy_from_slice(&self.now.inputs);
         self.now.rates.iter_mut().for_each(|rates| rates.fill(0.0));
         self.now.time = 0.0;
         self.stale = true;
+        self.forget_warnings();
+    }
+
+    fn forget_warnings(&mut self) {
         self.warned.fill(false);
+        self.warned_of_change = false;
     }
 
     // ---- Values --------------------------------------------------------------------------------------------------
@@ -319,7 +335,7 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
     pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
         for (value, &reference) in values.iter_mut().zip(references) {
             *value = match self.variable(reference)? {
-                Variable::InDomain => self.domain.contains_point(&self.now.inputs).into(),
+                Variable::InDomain => self.is_in_domain().into(),
                 other => return Err(self.wrong_type(other, reference, "Boolean")),
             };
         }
@@ -333,12 +349,19 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
             if !value.is_finite() {
                 return Err(Refusal::ValueNotFinite { name: self.column_name(column), reference, value });
             }
-            self.check_domain(column, value, self.now.policy, Status::Error)?;
+            if !self.is_trial() {
+                self.check_value(column, value, self.now.time, self.now.policy, Status::Error)?;
+            }
         }
         for (&reference, &value) in references.iter().zip(values) {
             let column = reference as usize;
             self.now.inputs[column] = value;
-            self.note_domain(column, value);
+            if self.now.time <= self.now.start_time {
+                self.now.at_start[column] = value;
+            }
+            if !self.is_trial() {
+                self.note_value(column);
+            }
         }
         self.stale |= !references.is_empty();
         Ok(())
@@ -354,12 +377,8 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
             }
             self.parameter_settable(Variability::Tunable, Variable::Policy, reference)?;
         }
-        // a value that is outside already is not left standing; the time counts once it is known
-        for (column, input) in self.metadata.inputs.iter().enumerate() {
-            if input.role != Role::Time || self.now.experiment {
-                self.check_domain(column, self.now.inputs[column], new, Status::Error)?;
-            }
-        }
+        // a value that is outside already is not left standing
+        self.check_point(new)?;
         self.stale |= new != self.now.policy;
         self.now.policy = new;
         Ok(())
@@ -487,16 +506,15 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         // FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again
         let status = if self.kind.version == Version::Fmi2 { Status::Error } else { Status::Discard };
         for &column in &self.input_columns {
-            self.check_domain(column, self.extrapolated(column, size), self.now.policy, status)?;
+            self.check_value(column, self.extrapolated(column, size), time, self.now.policy, status)?;
         }
         self.set_time(time, status)?;
         for index in 0..self.input_columns.len() {
             let column = self.input_columns[index];
-            let value = self.extrapolated(column, size);
-            self.now.inputs[column] = value;
+            self.now.inputs[column] = self.extrapolated(column, size);
             self.now.rates[0][column] += size * self.now.rates[1][column];
             self.stale = true;
-            self.note_domain(column, value);
+            self.note_value(column);
         }
         Ok(())
     }
@@ -516,18 +534,39 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         if time < earliest - 1e-9 * earliest.abs().max(self.metadata.time_step) {
             return Err(Refusal::BackInTime { time, earliest });
         }
-        self.set_time(time, Status::Discard)
+        self.set_time(time, Status::Error)
     }
 
     #[inline]
     fn set_time(&mut self, time: f64, refused: Status) -> Result<(), Refusal> {
         if let Some(column) = self.time_column {
-            self.check_domain(column, time, self.now.policy, refused)?;
+            if !self.is_trial() {
+                self.check_value(column, time, time, self.now.policy, refused)?;
+            }
             self.now.inputs[column] = time;
             self.stale = true;
-            self.note_domain(column, time);
+            if !self.is_trial() {
+                self.note_value(column);
+            }
         }
         self.now.time = time;
+        Ok(())
+    }
+
+    /// Whether times and inputs are those a solver tries. They may lie outside the domain, also past the stop time, and
+    /// many a solver takes any answer but OK for a failure: what counts is a point that it accepts.
+    #[inline]
+    fn is_trial(&self) -> bool {
+        self.now.state == State::ContinuousTime
+    }
+
+    /// Where a solver has completed a step or an event begins: now the time and the inputs count.
+    pub(crate) fn accept_point(&mut self) -> Result<(), Refusal> {
+        if self.now.time <= self.now.start_time {
+            self.now.at_start.copy_from_slice(&self.now.inputs);
+        }
+        self.check_point(self.now.policy)?;
+        (0..self.now.inputs.len()).for_each(|column| self.note_value(column));
         Ok(())
     }
 
@@ -538,19 +577,65 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
 
     // ---- Domain --------------------------------------------------------------------------------------------------
 
+    /// Whether a value at this time is another than the one the run began with. If the time is an input of the network,
+    /// its outputs are those of a run in which nothing changes.
     #[inline]
-    fn check_domain(&self, column: usize, value: f64, policy: DomainPolicy, status: Status) -> Result<(), Refusal> {
-        if policy != DomainPolicy::Error || self.domain.contains(column, value) {
+    fn is_changed(&self, column: usize, value: f64, time: f64) -> bool {
+        self.time_column.is_some_and(|other| other != column)
+            && time > self.now.start_time
+            && value != self.now.at_start[column]
+    }
+
+    fn is_in_domain(&self) -> bool {
+        let Snapshot { changed, time, inputs, .. } = &self.now;
+        let is_changed = |(column, &value)| self.is_changed(column, value, *time);
+        !changed && self.domain.contains_point(inputs) && !inputs.iter().enumerate().any(is_changed)
+    }
+
+    #[inline]
+    fn check_value(
+        &self,
+        column: usize,
+        value: f64,
+        time: f64,
+        policy: DomainPolicy,
+        status: Status,
+    ) -> Result<(), Refusal> {
+        if policy != DomainPolicy::Error {
             return Ok(());
         }
-        let input = &self.metadata.inputs[column];
-        Err(Refusal::OutsideDomain { name: input.name.clone(), value, valid: input.valid(), status })
+        let name = || self.column_name(column);
+        if !self.domain.contains(column, value) {
+            let valid = self.metadata.inputs[column].valid();
+            return Err(Refusal::OutsideDomain { name: name(), value, valid, status });
+        }
+        if self.is_changed(column, value, time) {
+            return Err(Refusal::Changed { name: name(), from: self.now.at_start[column], to: value, status });
+        }
+        Ok(())
+    }
+
+    /// The same for all values as they are; the time counts once it is known.
+    fn check_point(&self, policy: DomainPolicy) -> Result<(), Refusal> {
+        for (column, &value) in self.now.inputs.iter().enumerate() {
+            if self.time_column != Some(column) || self.now.experiment {
+                self.check_value(column, value, self.now.time, policy, Status::Error)?;
+            }
+        }
+        if policy == DomainPolicy::Error && self.now.changed {
+            return Err(Refusal::ChangedBefore);
+        }
+        Ok(())
     }
 
     /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
     /// do not, as a warning without a message would be against the standard and a message a step a flood.
     #[inline]
-    fn note_domain(&mut self, column: usize, value: f64) {
+    fn note_value(&mut self, column: usize) {
+        let value = self.now.inputs[column];
+        if self.is_changed(column, value, self.now.time) {
+            self.note_change(column);
+        }
         if self.now.policy != DomainPolicy::Warn || self.warned[column] || self.domain.contains(column, value) {
             return;
         }
@@ -559,6 +644,16 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
         let instead = if input.nominal_values().is_some() { "those of the nearest" } else { "extrapolated" };
         let (name, valid) = (input.name.clone(), input.valid());
         self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
+    }
+
+    /// Nothing can be clamped here, so this is said whatever the policy.
+    fn note_change(&mut self, column: usize) {
+        self.now.changed = true;
+        if !self.warned_of_change {
+            self.warned_of_change = true;
+            let (from, to) = (self.now.at_start[column], self.now.inputs[column]);
+            self.warnings.push(Warning::Changed { name: self.column_name(column), from, to });
+        }
     }
 
     // ---- State ---------------------------------------------------------------------------------------------------
@@ -595,9 +690,6 @@ const MEMORY: (usize, usize) = (1 << 18, 8);
     }
 }
 
-pub(crate) fn finite(argument: &'static str, value: f64) -> Result<(), Refusal> {
-    if value.is_finite() { Ok(()) } else { Err(Refusal::NotFinite { argument, value }) }
-}
 /// An allocation that fails ends the process, which is the host's. So all that loading will take is asked for at once and
 /// given back, where a failure is an answer.
 fn check_memory(length: u64) -> Result<(), TryReserveError> {
@@ -609,3 +701,6 @@ fn check_memory(length: u64) -> Result<(), TryReserveError> {
     Ok(())
 }
 
+pub(crate) fn finite(argument: &'static str, value: f64) -> Result<(), Refusal> {
+    if value.is_finite() { Ok(()) } else { Err(Refusal::NotFinite { argument, value }) }
+}

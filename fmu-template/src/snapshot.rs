@@ -7,10 +7,13 @@
 //! | 1 | state |
 //! | 1 | whether the experiment is set up |
 //! | 1 | domain policy |
+//! | 1 | whether inputs or parameters were changed during the run |
 //! | 8 | time |
+//! | 8 | start time |
 //! | 8 | stop time |
 //! | 8 | earliest time |
 //! | 8 each | values of the input columns |
+//! | 8 each | their values at the start of the run |
 //! | 8 each | their first derivatives |
 //! | 8 each | their second derivatives |
 //! | 8 | checksum of all before |
@@ -29,26 +32,31 @@ pub(crate) struct Snapshot {
     /// Whether the start time is known.
     pub experiment: bool,
     pub policy: DomainPolicy,
+    /// Whether inputs or parameters were changed during the run.
+    pub changed: bool,
     pub time: f64,
+    pub start_time: f64,
     /// Infinite if none is defined.
     pub stop_time: f64,
     /// Where a solver may go back to: the start time or the last event.
     pub earliest: f64,
     /// One value per input column of the network, the time among them.
     pub inputs: Vec<f64>,
+    /// What they were when the run began to go on from its start time.
+    pub at_start: Vec<f64>,
     /// First and second derivatives with respect to time of the columns that are inputs, zero for others.
     pub rates: [Vec<f64>; 2],
 }
 
-const MAGIC: [u8; 8] = *b"metafmu\x01";
+const MAGIC: [u8; 8] = *b"metafmu\x02";
 
-/// All but the inputs and their derivatives.
-const FIXED_SIZE: usize = 8 + 8 + 1 + 1 + 1 + 8 + 8 + 8 + 8;
+/// All but the inputs, their values at the start and their derivatives.
+const FIXED_SIZE: usize = 8 + 8 + 4 + 4 * 8 + 8;
 
 impl Snapshot {
     /// Number of bytes [`Snapshot::to_bytes`] gives.
     pub(crate) fn size(&self) -> usize {
-        FIXED_SIZE + 3 * 8 * self.inputs.len()
+        FIXED_SIZE + 4 * 8 * self.inputs.len()
     }
 
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
@@ -58,8 +66,10 @@ impl Snapshot {
         bytes.push(self.state as u8);
         bytes.push(self.experiment.into());
         bytes.push(self.policy as u8);
-        let times = [self.time, self.stop_time, self.earliest];
-        for number in times.iter().chain(&self.inputs).chain(self.rates.iter().flatten()) {
+        bytes.push(self.changed.into());
+        let times = [self.time, self.start_time, self.stop_time, self.earliest];
+        let columns = self.inputs.iter().chain(&self.at_start).chain(self.rates.iter().flatten());
+        for number in times.iter().chain(columns) {
             bytes.extend(number.to_le_bytes());
         }
         bytes.extend(fingerprint(&bytes).to_le_bytes());
@@ -84,17 +94,30 @@ impl Snapshot {
         if bytes.len() != like.size() {
             return Err(Refusal::StateSize { found: bytes.len(), expected: like.size() });
         }
-        let [state, experiment, policy] = take(&mut numbers)?;
+        let [state, experiment, policy, changed] = take(&mut numbers)?;
         let mut number = || take(&mut numbers).map(f64::from_le_bytes);
-        let (time, stop_time, earliest) = (number()?, number()?, number()?);
+        let (time, start_time, stop_time, earliest) = (number()?, number()?, number()?, number()?);
         let mut columns = || (0..like.inputs.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
-        let (inputs, rates) = (columns()?, [columns()?, columns()?]);
+        let (inputs, at_start, rates) = (columns()?, columns()?, [columns()?, columns()?]);
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
             return Err(damaged("the checksum does not match"));
         }
         let state = State::from_number(state).ok_or_else(|| damaged("it names no state"))?;
         let policy = DomainPolicy::from_number(policy.into()).ok_or_else(|| damaged("it names no domain policy"))?;
-        Ok(Self { surrogate, state, experiment: experiment != 0, policy, time, stop_time, earliest, inputs, rates })
+        Ok(Self {
+            surrogate,
+            state,
+            experiment: experiment != 0,
+            policy,
+            changed: changed != 0,
+            time,
+            start_time,
+            stop_time,
+            earliest,
+            inputs,
+            at_start,
+            rates,
+        })
     }
 }
 
@@ -121,10 +144,13 @@ mod tests {
             state: State::Step,
             experiment: true,
             policy: DomainPolicy::Clamp,
+            changed: true,
             time: 0.1 + 0.2,
+            start_time: 0.1,
             stop_time: f64::INFINITY,
             earliest: -1.0,
             inputs: vec![1e-300, -0.0, 0.1 + 0.2],
+            at_start: vec![1e-300, 0.0, 0.1],
             rates: [vec![0.0, 1.0, 2.0], vec![3.0, 4.0, 5.0]],
         }
     }

@@ -38,8 +38,9 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
         &mut page,
         &format!(
             "<p>This FMU is {} that stands in for a simulation model. It computes its outputs directly from its inputs, \
-             parameters and the time, any step size will do, and it may be trusted inside the ranges below only.</p>",
-            what(surrogate.model())
+             parameters and the time, any step size will do, and it may be trusted inside the ranges below only{}.</p>",
+            what(surrogate.model()),
+            unchanged(surrogate)
         ),
     );
     variables(&mut page, surrogate);
@@ -51,6 +52,17 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
     page
+}
+
+/// What holds of values that were constant in each run of the training.
+fn unchanged(surrogate: &Surrogate) -> &'static str {
+    let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
+    if surrogate.inputs().iter().any(|input| may_change(input.role)) {
+        ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
+         training they were constant"
+    } else {
+        ""
+    }
 }
 
 /// The kind of model.
@@ -251,6 +263,7 @@ mod tests {
             "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125</td>",
             "20 runs of the original model (4020 rows)",
             "constant output",
+            "as long as its inputs and parameters stay what they are at the start of a run",
             "&lt;free&gt; &amp; open",
             "domain_policy",
             "<figure><svg viewBox=\"0 0 1 1\"/><figcaption>truth &amp; prediction</figcaption></figure>",

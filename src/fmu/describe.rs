@@ -53,10 +53,8 @@ impl ModelDescription {
             token: surrogate.instantiation_token(),
             description: text(description),
             generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
-            model_exchange: Some(ModelExchange {
-                interface: interface.clone(),
-                needs_completed_integrator_step: false,
-            }),
+            // what a solver tries is not warned of, only what it accepts
+            model_exchange: Some(ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
             co_simulation: Some(CoSimulation {
                 interface,
                 variable_step_size: true,
@@ -144,18 +142,26 @@ fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
     variable(&input.name, &input_description(input), what, VariableType::Real(real))
 }
 
-/// The text about an input, with what its limits do not tell.
+/// The text about an input, with what its limits and its variability do not tell.
 pub(crate) fn input_description(input: &Input) -> String {
-    let Input { description, min, max, encoding, .. } = input;
-    let more = match encoding {
-        Encoding::Plain => return description.clone(),
+    let Input { description, role, min, max, encoding, .. } = input;
+    let values = match encoding {
+        Encoding::Plain => None,
         Encoding::Nominal(values) => {
             let values: Vec<String> = values.iter().map(f64::to_string).collect();
-            format!("one of {}", values.join(", "))
+            Some(format!("one of {}", values.join(", ")))
         }
-        Encoding::Periodic => format!("any number: values that differ by {} are the same", max - min),
+        Encoding::Periodic => Some(format!("any number: values that differ by {} are the same", max - min)),
     };
-    if description.is_empty() { more } else { format!("{description} ({more})") }
+    let change = matches!(role, Role::Input | Role::Parameter(metafmu_runtime::Variability::Tunable)).then(|| {
+        "constant in each training run: after a change outputs are as if it had been so from the start".into()
+    });
+    let more: Vec<String> = values.into_iter().chain(change).collect();
+    match (description.is_empty(), more.join("; ")) {
+        (_, more) if more.is_empty() => description.clone(),
+        (true, more) => more,
+        (false, more) => format!("{description} ({more})"),
+    }
 }
 
 /// FMI 2.0 has no arrays.
@@ -382,7 +388,9 @@ mod tests {
             let real = variable.kind.as_real().unwrap();
             (real.min, real.max, real.start)
         };
-        assert_eq!(length.description.as_deref(), Some("example input length (one of 0.14, 0.1, 0.2)"));
+        let says = "example input length (one of 0.14, 0.1, 0.2; constant in each training run: after a change outputs \
+                    are as if it had been so from the start)";
+        assert_eq!(length.description.as_deref(), Some(says));
         assert_eq!(real(length), (Some(0.1), Some(0.2), Some(0.14)));
         let says = "example input speed (any number: values that differ by 5 are the same)";
         assert_eq!((speed.description.as_deref(), real(speed)), (Some(says), (None, None, Some(2.5))));

@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, ROOT, metafmu
+from conftest import CASES, ROOT, changed, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
@@ -64,14 +64,43 @@ def test_outputs_do_not_depend_on_the_step_size(both, version, interval):
             break
 
 
+@pytest.fixture(scope="module")
+def tunable(tmp_path_factory):
+    """FMUs of both versions of a small study whose `L` is tunable."""
+    folder = tmp_path_factory.mktemp("tunable")
+    study = changed(
+        "single-pendulum.toml",
+        ('unit = "m", ', 'unit = "m", variability = "tunable", '),
+        ("runs = 1331", "runs = 20"),
+        ("runs = 1000", "runs = 100"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("hidden = [128, 128]", "hidden = [16]"),
+        ("epochs = 150", "epochs = 2"),
+    )
+    (folder / "study.toml").write_text(study)
+    metafmu("build", folder / "study.toml", "--out", folder, "--fmi", "both", check=False)
+    return {version: folder / f"single-pendulum-{version}.fmu" for version in ("fmi2", "fmi3")}
+
+
 @pytest.mark.parametrize("version,interface", KINDS)
-def test_a_parameter_may_change_while_the_simulation_runs(both, version, interface):
+def test_a_tunable_parameter_may_change_while_the_simulation_runs_and_the_domain_is_left(tunable, version, interface):
     """fmpy sets a tunable parameter like an input: at events, and in co-simulation between steps."""
     dtype = [("time", float), ("L", float)]
     changes = np.array([(0.0, 0.12), (1.0, 0.12), (1.0, 0.18), (2.0, 0.18)], dtype=dtype)
-    changed = simulate(both[version], interface, (0.12, 0.05, 2.5), input=changes)
-    before, after = (simulate(both[version], interface, (length, 0.05, 2.5)) for length in (0.12, 0.18))
+    messages = []
+    changed = simulate(
+        tunable[version],
+        interface,
+        (0.12, 0.05, 2.5),
+        input=changes,
+        output=[*OUTPUTS, "in_domain"],
+        logger=lambda *arguments: messages.append(str(arguments)),
+        debug_logging=True,
+    )
+    before, after = (simulate(tunable[version], interface, (length, 0.05, 2.5)) for length in (0.12, 0.18))
     times = np.asarray(changed["time"])
+    assert changed["in_domain"][times < 0.985].all() and not changed["in_domain"][times > 1.015].any()
+    assert sum("changed from 0.12 to 0.18 during the run" in message for message in messages) == 1
     # the row at the event itself may be of either side
     for result, rows in ((before, times < 0.985), (after, times > 1.015)):
         for output in OUTPUTS:

@@ -276,11 +276,14 @@ def variables(fmu):
 
 
 def expect_same(found, expected, names):
-    """Names, units and what they are to a host."""
+    """Names, units and what they are to a host. What was constant in each run is a fixed parameter, also an input."""
     for name in names:
         new, old = found[name], expected[name]
-        for attribute in ("causality", "variability", "unit", "type", *([] if old.dimensions else ["description"])):
+        for attribute in ("unit", "type", *([] if old.dimensions else ["description"])):
             assert getattr(new, attribute) == getattr(old, attribute), (name, attribute)
+        was_set = old.causality in ("parameter", "input")
+        kind = ("parameter", "fixed") if was_set else (old.causality, old.variability)
+        assert (new.causality, new.variability) == kind, name
 
 
 def test_an_oscillator_of_c_becomes_a_surrogate_that_takes_its_place(tmp_path):
@@ -306,7 +309,18 @@ def test_an_oscillator_of_c_becomes_a_surrogate_that_takes_its_place(tmp_path):
         assert np.sqrt(np.mean((ours[name] - theirs[name]) ** 2)) < 0.15 * np.std(theirs[name])
 
 
-def test_an_fmi_3_fmu_with_an_input_and_an_array_keeps_them(tmp_path):
+def test_an_input_of_an_fmu_stays_an_input_if_the_study_says_so(tmp_path):
+    fmu = make_fmus.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", tmp_path / "chain.fmu")
+    surrogate, _ = surrogate_of(fmu, tmp_path, **{'unit = "N" }': 'unit = "N", variability = "continuous" }'})
+    force = variables(surrogate)["force"]
+    assert (force.causality, force.variability) == ("input", "continuous")
+    assert "after a change outputs are as if it had been so from the start" in force.description
+    signal = np.array([(0.0, 5.0), (1.0, 5.0), (1.0, 10.0), (2.0, 10.0)], dtype=[("time", float), ("force", float)])
+    result = simulate_fmu(surrogate, input=signal, output=["in_domain"], stop_time=2.0, output_interval=0.1)
+    assert result["in_domain"][result["time"] < 0.95].all() and not result["in_domain"][result["time"] > 1.15].any()
+
+
+def test_an_fmi_3_fmu_with_an_array_keeps_it_and_its_input_becomes_a_parameter(tmp_path):
     fmu = make_fmus.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", tmp_path / "chain.fmu")
     surrogate, metrics = surrogate_of(fmu, tmp_path, **{"# constants = { NAME = VALUE }": "constants = { mass = 2 }"})
     assert read_model_description(surrogate).fmiVersion == "3.0"

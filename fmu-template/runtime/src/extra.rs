@@ -45,11 +45,12 @@ pub const DOMAIN_POLICY: Extra = Extra {
     kind: Kind::IntegerParameter { start: 0, min: 0, max: 2 },
 };
 
-/// Whether every input, parameter and the time are in their training ranges, up to [`TOLERANCE`](crate::TOLERANCE).
+/// Whether every input, parameter and the time are in their training ranges, up to [`TOLERANCE`](crate::TOLERANCE), and
+/// inputs and parameters have been what they were at the start of the run if the time is an input of the network.
 pub const IN_DOMAIN: Extra = Extra {
     name: "in_domain",
     offset: 1,
-    description: "Whether inputs, parameters and time are all in the training ranges",
+    description: "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged since the start",
     kind: Kind::BooleanOutput,
 };
 
@@ -75,7 +76,7 @@ pub enum DomainPolicy {
     Warn,
     /// Compute with inputs, parameters and time clamped to their ranges.
     Clamp,
-    /// Refuse to leave the ranges.
+    /// Refuse to leave the ranges, and to change inputs or parameters during a run.
     Error,
 }
 

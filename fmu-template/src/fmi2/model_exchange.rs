@@ -43,10 +43,11 @@ pub(super) unsafe extern "C" fn fmi2CompletedIntegratorStep(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Function::CompletedIntegratorStep, |_| {
+        call(c, Function::CompletedIntegratorStep, |instance| {
             not_null(terminateSimulation, "terminateSimulation")?;
             write(enterEventMode, 0, "enterEventMode")?;
-            write(terminateSimulation, 0, "terminateSimulation")
+            write(terminateSimulation, 0, "terminateSimulation")?;
+            instance.accept_point()
         })
     }
 }

@@ -130,6 +130,14 @@ impl Host {
         host
     }
 
+    /// Model exchange in Continuous-Time Mode, `speed` an input.
+    fn solving() -> Self {
+        let host = Self::of_kind(&example::with_input(), MODEL_EXCHANGE);
+        host.initialize(0.0);
+        assert_eq!(host.go_on(), Status::Ok);
+        host
+    }
+
     /// Messages since the last time they were asked for.
     fn messages(&self) -> Vec<Message> {
         std::mem::take(&mut self.log.lock().unwrap())
@@ -184,6 +192,16 @@ impl Host {
     /// Into Continuous-Time Mode.
     fn go_on(&self) -> Status {
         unsafe { fmi2EnterContinuousTimeMode(self.c) }
+    }
+
+    /// Into Event Mode.
+    fn event(&self) -> Status {
+        unsafe { fmi2EnterEventMode(self.c) }
+    }
+
+    /// The step of a solver that ends here is accepted.
+    fn complete(&self) -> Status {
+        unsafe { fmi2CompletedIntegratorStep(self.c, 1, &mut 0, &mut 0) }
     }
 
     fn set_time(&self, time: f64) -> Status {

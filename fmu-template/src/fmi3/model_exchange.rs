@@ -19,10 +19,11 @@ pub(super) unsafe extern "C" fn fmi3CompletedIntegratorStep(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::CompletedIntegratorStep, |_| {
+        call(instance, Function::CompletedIntegratorStep, |instance| {
             not_null(terminateSimulation, "terminateSimulation")?;
             write(enterEventMode, 0, "enterEventMode")?;
-            write(terminateSimulation, 0, "terminateSimulation")
+            write(terminateSimulation, 0, "terminateSimulation")?;
+            instance.accept_point()
         })
     }
 }

@@ -10,6 +10,7 @@ const BLOCK: usize = 16;
 const EXTERNAL_NAMES: &[&str] = &[
     "activate",
     "activate_series",
+    "instance_accept_point",
     "instance_adjoint_derivative",
     "instance_begin",
     "instance_count_dependencies",

@@ -406,7 +406,7 @@ Status fmi2CompletedIntegratorStep(void *c, int noSetFMUStatePriorToCurrentPoint
     }
     *enterEventMode = 0;
     *terminateSimulation = 0;
-    return STATUS_OK;
+    return instance_accept_point(c);
 }
 
 Status fmi2SetTime(void *c, double time)

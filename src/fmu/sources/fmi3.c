@@ -471,7 +471,7 @@ Status fmi3CompletedIntegratorStep(void *instance, bool noSetFMUStatePriorToCurr
     }
     *enterEventMode = false;
     *terminateSimulation = false;
-    return STATUS_OK;
+    return instance_accept_point(instance);
 }
 
 Status fmi3SetTime(void *instance, double time)

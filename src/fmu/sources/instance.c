@@ -295,28 +295,109 @@ static double distance_slope(const Instance *instance, size_t farthest)
     return value < column->min ? -1.0 / column->width : 0.0;
 }
 
-/* Whether the policy forbids a value; the host is told, with the given status. */
-static bool forbids(Instance *instance, size_t index, double value, Policy policy, Status status)
+/*
+ * Whether times and inputs are those a solver tries. They may lie outside the domain, also past the stop time, and many
+ * a solver takes any answer but OK for a failure: what counts is a point that it accepts.
+ */
+static bool is_trial(const Instance *instance)
+{
+    return instance->now.state == STATE_CONTINUOUS_TIME;
+}
+
+static bool time_is_column(void)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].role == ROLE_TIME) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/*
+ * Whether a value at this time is another than the one the run began with. If the time is an input of the network, its
+ * outputs are those of a run in which nothing changes.
+ */
+static bool is_changed(const Instance *instance, size_t index, double value, double time)
+{
+    return model_columns[index].role != ROLE_TIME && time > instance->now.start_time &&
+           !(value == instance->now.at_start[index]) && time_is_column();
+}
+
+/* Whether the policy forbids a value at this time; the host is told, with the given status. */
+static bool forbids(Instance *instance, size_t index, double value, double time, Policy policy, Status status)
 {
     const Column *column = &model_columns[index];
-    if (policy != POLICY_ERROR || contains(column, value)) {
+    if (policy != POLICY_ERROR) {
         return false;
     }
-    instance_tell(instance, status,
-                  "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g, and domain_policy is 2",
-                  column->name, value, column->min, column->max);
-    return true;
+    if (!contains(column, value)) {
+        instance_tell(instance, status,
+                      "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g, and domain_policy "
+                      "is 2",
+                      column->name, value, column->min, column->max);
+        return true;
+    }
+    if (is_changed(instance, index, value, time)) {
+        instance_tell(instance, status,
+                      "variable `%.100s`: %.10g instead of %.10g as at the start of the run, and domain_policy is 2",
+                      column->name, value, instance->now.at_start[index]);
+        return true;
+    }
+    return false;
+}
+
+/* The same for all values as they are; the time counts once it is known. */
+static bool forbids_point(Instance *instance, Policy policy)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const bool known = model_columns[i].role != ROLE_TIME || instance->now.experiment;
+        if (known && forbids(instance, i, instance->now.columns[i], instance->now.time, policy, STATUS_ERROR)) {
+            return true;
+        }
+    }
+    if (policy == POLICY_ERROR && instance->now.changed) {
+        instance_tell(instance, STATUS_ERROR,
+                      "inputs or parameters have been changed during the run, which domain_policy 2 forbids");
+        return true;
+    }
+    return false;
+}
+
+static Status worse(Status a, Status b)
+{
+    return a > b ? a : b;
+}
+
+/* Nothing can be clamped here, so this is said whatever the policy. */
+static Status note_change(Instance *instance, size_t index)
+{
+    instance->now.changed = true;
+    if (instance->warned_of_change) {
+        return STATUS_OK;
+    }
+    instance->warned_of_change = true;
+    return instance_tell(instance, STATUS_WARNING,
+                         "variable `%.100s`: changed from %.10g to %.10g during the run; outputs are those of a run "
+                         "that has had %.10g since its start (said once a run)",
+                         model_columns[index].name, instance->now.at_start[index], instance->now.columns[index],
+                         instance->now.columns[index]);
 }
 
 /*
  * The first call that leaves the domain answers with a warning, for the computation can continue; those after it do
  * not, as a warning without a message would be against the standard and a message a step a flood.
  */
-static Status note_domain(Instance *instance, size_t index, double value)
+static Status note_value(Instance *instance, size_t index)
 {
     const Column *column = &model_columns[index];
+    const double value = instance->now.columns[index];
+    Status status = STATUS_OK;
+    if (is_changed(instance, index, value, instance->now.time)) {
+        status = note_change(instance, index);
+    }
     if (instance->now.policy != POLICY_WARN || instance->warned[index] || contains(column, value)) {
-        return STATUS_OK;
+        return status;
     }
     instance->warned[index] = true;
     return instance_tell(instance, STATUS_WARNING,
@@ -342,11 +423,6 @@ static void update_point(Instance *instance)
     }
 }
 
-static Status worse(Status a, Status b)
-{
-    return a > b ? a : b;
-}
-
 /* ---- Time ---- */
 
 static Status set_time(Instance *instance, double time, Status refused)
@@ -356,12 +432,14 @@ static Status set_time(Instance *instance, double time, Status refused)
         if (model_columns[i].role != ROLE_TIME) {
             continue;
         }
-        if (forbids(instance, i, time, instance->now.policy, refused)) {
+        if (!is_trial(instance) && forbids(instance, i, time, time, instance->now.policy, refused)) {
             return refused;
         }
         instance->now.columns[i] = time;
         instance->stale = true;
-        status = note_domain(instance, i, time);
+        if (!is_trial(instance)) {
+            status = note_value(instance, i);
+        }
     }
     instance->now.time = time;
     return status;
@@ -380,7 +458,8 @@ static bool forbids_inputs(Instance *instance, double size, Status status)
 {
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT &&
-            forbids(instance, i, extrapolated(instance, i, size), instance->now.policy, status)) {
+            forbids(instance, i, extrapolated(instance, i, size), instance->now.time + size, instance->now.policy,
+                    status)) {
             return true;
         }
     }
@@ -392,11 +471,10 @@ static Status advance_inputs(Instance *instance, double size)
     Status status = STATUS_OK;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT) {
-            const double value = extrapolated(instance, i, size);
-            instance->now.columns[i] = value;
+            instance->now.columns[i] = extrapolated(instance, i, size);
             instance->now.rates[0][i] += size * instance->now.rates[1][i];
             instance->stale = true;
-            status = worse(status, note_domain(instance, i, value));
+            status = worse(status, note_value(instance, i));
         }
     }
     return status;
@@ -448,10 +526,31 @@ Status instance_set_solver_time(Instance *instance, double time)
         return instance_tell(instance, STATUS_ERROR, "time %.17g is before %.17g, the start time or the last event",
                              time, earliest);
     }
-    return set_time(instance, time, STATUS_DISCARD);
+    return set_time(instance, time, STATUS_ERROR);
+}
+
+Status instance_accept_point(Instance *instance)
+{
+    Status status = STATUS_OK;
+    if (instance->now.time <= instance->now.start_time) {
+        memcpy(instance->now.at_start, instance->now.columns, sizeof instance->now.at_start);
+    }
+    if (forbids_point(instance, instance->now.policy)) {
+        return STATUS_ERROR;
+    }
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        status = worse(status, note_value(instance, i));
+    }
+    return status;
 }
 
 /* ---- Modes ---- */
+
+static void forget_warnings(Instance *instance)
+{
+    memset(instance->warned, 0, sizeof instance->warned);
+    instance->warned_of_change = false;
+}
 
 Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop)
 {
@@ -464,10 +563,11 @@ Status instance_set_up_experiment(Instance *instance, double start, bool stop_de
     if (stop_defined && stop <= start) {
         return instance_tell(instance, STATUS_ERROR, "stop time %.17g is not after start time %.17g", stop, start);
     }
-    memset(instance->warned, 0, sizeof instance->warned);
+    forget_warnings(instance);
     const Status status = set_time(instance, start, STATUS_ERROR);
     if (status != STATUS_ERROR) {
         instance->now.experiment = true;
+        instance->now.start_time = start;
         instance->now.stop_time = stop_defined ? stop : HUGE_VAL;
         instance->now.earliest = start;
     }
@@ -495,9 +595,12 @@ Status instance_enter_event_mode(Instance *instance)
     if (instance->interface == CO_SIMULATION && !instance->event_mode) {
         return instance_tell(instance, STATUS_ERROR, "the instance was made with eventModeUsed = false");
     }
-    instance->now.earliest = instance->now.time;
-    instance->now.state = STATE_EVENT;
-    return STATUS_OK;
+    const Status status = instance_accept_point(instance);
+    if (status != STATUS_ERROR) {
+        instance->now.earliest = instance->now.time;
+        instance->now.state = STATE_EVENT;
+    }
+    return status;
 }
 
 void instance_reset(Instance *instance)
@@ -506,15 +609,18 @@ void instance_reset(Instance *instance)
     now->state = STATE_INSTANTIATED;
     now->experiment = false;
     now->policy = POLICY_WARN;
+    now->changed = false;
     now->time = 0.0;
+    now->start_time = 0.0;
     now->stop_time = HUGE_VAL;
     now->earliest = 0.0;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         now->columns[i] = model_columns[i].role == ROLE_TIME ? 0.0 : model_columns[i].start;
+        now->at_start[i] = now->columns[i];
         now->rates[0][i] = 0.0;
         now->rates[1][i] = 0.0;
-        instance->warned[i] = false;
     }
+    forget_warnings(instance);
     instance->stale = true;
 }
 
@@ -547,12 +653,7 @@ static bool is_bound(uint32_t reference)
 /* Whether the reference is that of a time which is no column. */
 static bool is_added_time(uint32_t reference)
 {
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        if (model_columns[i].role == ROLE_TIME) {
-            return false;
-        }
-    }
-    return reference == REFERENCE_TIME;
+    return reference == REFERENCE_TIME && !time_is_column();
 }
 
 static uint32_t last_reference(void)
@@ -659,9 +760,11 @@ Status instance_get_boolean(Instance *instance, const uint32_t references[], siz
             return wrong_reference(instance, references[i], "Boolean");
         }
     }
-    *value = true;
+    const Snapshot *now = &instance->now;
+    *value = !now->changed;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        *value = *value && contains(&model_columns[i], instance->now.columns[i]);
+        *value = *value && contains(&model_columns[i], now->columns[i]) &&
+                 !is_changed(instance, i, now->columns[i], now->time);
     }
     return STATUS_OK;
 }
@@ -707,6 +810,7 @@ static Status check_settable(Instance *instance, uint32_t reference)
 
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
 {
+    Snapshot *now = &instance->now;
     Status status = STATUS_OK;
     for (size_t i = 0; i < count; i++) {
         if (check_settable(instance, references[i]) != STATUS_OK) {
@@ -716,26 +820,29 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
             return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
-        if (forbids(instance, references[i], values[i], instance->now.policy, STATUS_ERROR)) {
+        if (!is_trial(instance) &&
+            forbids(instance, references[i], values[i], now->time, now->policy, STATUS_ERROR)) {
             return STATUS_ERROR;
         }
     }
     for (size_t i = 0; i < count; i++) {
-        instance->now.columns[references[i]] = values[i];
+        now->columns[references[i]] = values[i];
+        if (now->time <= now->start_time) {
+            now->at_start[references[i]] = values[i];
+        }
         instance->stale = true;
-        status = worse(status, note_domain(instance, references[i], values[i]));
+        if (!is_trial(instance)) {
+            status = worse(status, note_value(instance, references[i]));
+        }
     }
     return status;
 }
 
-/* Sets domain_policy, unless a value is outside already that it would forbid; the time counts once it is known. */
+/* Sets domain_policy, unless a value is outside already that it would forbid. */
 static Status set_policy(Instance *instance, Policy policy)
 {
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        const bool known = model_columns[i].role != ROLE_TIME || instance->now.experiment;
-        if (known && forbids(instance, i, instance->now.columns[i], policy, STATUS_ERROR)) {
-            return STATUS_ERROR;
-        }
+    if (forbids_point(instance, policy)) {
+        return STATUS_ERROR;
     }
     instance->now.policy = policy;
     instance->stale = true;
@@ -980,19 +1087,20 @@ Status instance_set_input_derivatives(Instance *instance, const uint32_t referen
 
 /*
  * Serialized: magic number with the version of this layout, fingerprint; state, whether the experiment is set up,
- * policy, a byte each; time, stop time, earliest time, columns, first and second rates; a checksum of all before.
+ * policy, whether inputs or parameters were changed, a byte each; time, start time, stop time, earliest time, columns,
+ * columns at the start, first and second rates; a checksum of all before.
  * Numbers have 8 bytes and begin with the lowest.
  */
 enum {
     NUMBER_SIZE = 8,
     MAGIC_SIZE = 8,
-    FLAGS_SIZE = 3,
-    NUMBERS = 3 + (1 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
+    FLAGS_SIZE = 4,
+    NUMBERS = 4 + (2 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
     CHECKED_SIZE = MAGIC_SIZE + NUMBER_SIZE + FLAGS_SIZE + NUMBERS * NUMBER_SIZE,
     SERIALIZED_SIZE = CHECKED_SIZE + NUMBER_SIZE
 };
 
-static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x01";
+static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x02";
 
 size_t snapshot_size(void)
 {
@@ -1078,10 +1186,13 @@ Status instance_serialize(Instance *instance, const Snapshot *from, uint8_t byte
     *to++ = (uint8_t)from->state;
     *to++ = from->experiment ? 1 : 0;
     *to++ = (uint8_t)from->policy;
+    *to++ = from->changed ? 1 : 0;
     to = put_reals(to, &from->time, 1);
+    to = put_reals(to, &from->start_time, 1);
     to = put_reals(to, &from->stop_time, 1);
     to = put_reals(to, &from->earliest, 1);
     to = put_reals(to, from->columns, COLUMN_COUNT);
+    to = put_reals(to, from->at_start, COLUMN_COUNT);
     to = put_reals(to, from->rates[0], COLUMN_COUNT);
     to = put_reals(to, from->rates[1], COLUMN_COUNT);
     put_integer(to, hash(HASH_START, bytes, CHECKED_SIZE));
@@ -1126,10 +1237,13 @@ Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t si
     to->state = (State)from[0];
     to->experiment = from[1] != 0;
     to->policy = (Policy)from[2];
+    to->changed = from[3] != 0;
     from = take_reals(from + FLAGS_SIZE, &to->time, 1);
+    from = take_reals(from, &to->start_time, 1);
     from = take_reals(from, &to->stop_time, 1);
     from = take_reals(from, &to->earliest, 1);
     from = take_reals(from, to->columns, COLUMN_COUNT);
+    from = take_reals(from, to->at_start, COLUMN_COUNT);
     from = take_reals(from, to->rates[0], COLUMN_COUNT);
     take_reals(from, to->rates[1], COLUMN_COUNT);
     return STATUS_OK;

@@ -59,10 +59,13 @@ typedef struct {
     State state;
     bool experiment; /* whether the start time is known */
     Policy policy;
-    double time;      /* s */
-    double stop_time; /* s; infinite if none is defined */
-    double earliest;  /* s; where a solver may go back to: the start time or the last event */
+    bool changed;      /* whether inputs or parameters were changed during the run */
+    double time;       /* s */
+    double start_time; /* s */
+    double stop_time;  /* s; infinite if none is defined */
+    double earliest;   /* s; where a solver may go back to: the start time or the last event */
     double columns[COLUMN_COUNT];
+    double at_start[COLUMN_COUNT]; /* what the columns were when the run began to go on from its start time */
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT]; /* time derivatives of inputs, per s and per s^2 */
 } Snapshot;
 
@@ -84,6 +87,7 @@ struct Instance {
     double outputs[OUTPUT_COUNT]; /* valid unless stale */
     bool stale; /* whether something changed since the outputs were computed; they are, when somebody asks */
     bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */
+    bool warned_of_change;     /* whether it was told that an input or parameter changed */
     Scratch scratch;
 };
 
@@ -152,6 +156,9 @@ Status instance_do_step(Instance *instance, double from, double size);
 
 /* Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event. */
 Status instance_set_solver_time(Instance *instance, double time);
+
+/* Where a solver has completed a step or an event begins: now the time and the inputs count. */
+Status instance_accept_point(Instance *instance);
 
 /* ---- Derivatives ---- */
 

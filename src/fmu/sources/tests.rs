@@ -258,6 +258,49 @@ fn the_functions_of_fmi_3_answer_as_the_standard_says() {
     run(folder.path(), &surrogate, FmiVersion::V3, program, &SANITIZERS, "");
 }
 
+/// tests/hosts/strict.c with the library of an FMU, by each version and interface.
+fn run_strict_host(library_of: impl Fn(&Path, FmiVersion) -> PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let resources = folder.path().join("resources");
+    let surrogate = seal(example::with_input()).unwrap();
+    fs::create_dir(&resources).unwrap();
+    fs::write(resources.join("model.safetensors"), surrogate.to_bytes().unwrap()).unwrap();
+    let host = folder.path().join("strict");
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hosts/strict.c");
+    let status = compiler().args(FLAGS).arg(source).arg("-o").arg(&host).arg("-ldl").status().unwrap();
+    assert!(status.success());
+    for (version, number, resources) in [
+        (FmiVersion::V2, "2", format!("file://{}", resources.display())),
+        (FmiVersion::V3, "3", resources.display().to_string()),
+    ] {
+        let library = library_of(folder.path(), version);
+        for interface in ["cs", "me"] {
+            let arguments = [library.to_str().unwrap(), number, interface, &resources];
+            let output = Command::new(&host).args(arguments).arg(surrogate.instantiation_token()).output().unwrap();
+            assert!(output.status.success(), "{number} {interface}: {}", String::from_utf8_lossy(&output.stderr));
+            assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
+
+#[test]
+fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_packed_library() {
+    run_strict_host(|folder, _| {
+        let binary = Binary::embedded().into_iter().find(|binary| binary.platform == Platform::CURRENT).unwrap();
+        let path = folder.join("packed");
+        fs::write(&path, &binary.bytes).unwrap();
+        path
+    });
+}
+
+#[test]
+fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_sources() {
+    run_strict_host(|folder, version| {
+        write_sources(folder, &seal(example::with_input()).unwrap(), version);
+        compile(folder, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
+    });
+}
+
 #[test]
 fn several_fmus_can_be_linked_into_one_library() {
     let folder = tempfile::tempdir().unwrap();

@@ -77,11 +77,133 @@ fn the_policy_to_refuse_lets_nothing_leave_the_domain() {
     let host = Host::new();
     assert_eq!(host.set_policy(2), Status::Ok);
     assert_eq!(host.set_up_until(-1.0, 1.0), Status::Error);
-    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
-    assert_eq!(host.set_policy(2), Status::Ok);
-    assert_eq!(host.go_on(), Status::Ok);
-    assert_eq!(host.set_time(2.5), Status::Discard, "a solver may try a smaller step");
-    assert_eq!(host.set_time(1.5), Status::Ok);
+}
+
+#[test]
+fn what_a_solver_tries_outside_the_domain_is_neither_refused_nor_warned_of() {
+    for policy in [0, 1, 2] {
+        let host = Host::solving();
+        assert_eq!((host.event(), host.set_policy(policy), host.go_on()), (Status::Ok, Status::Ok, Status::Ok));
+        for (time, speed) in [(0.5, 2.5), (9.0, 2.5), (0.25, 7.0), (3.81, -1.0), (0.5, 2.5)] {
+            assert_eq!((host.set_time(time), host.set(&[SPEED], &[speed])), (Status::Ok, Status::Ok));
+            assert_eq!(host.in_domain(), (time, speed) == (0.5, 2.5));
+        }
+        assert_eq!((host.complete(), host.event(), host.in_domain()), (Status::Ok, Status::Ok, true));
+        assert!(host.messages().is_empty());
+    }
+}
+
+#[test]
+fn leaving_the_domain_is_said_where_a_solver_accepts_a_step_or_an_event_begins() {
+    let accept: [fn(&Host) -> Status; 2] = [Host::complete, Host::event];
+    for accept in accept {
+        let host = Host::solving();
+        assert_eq!(host.set_time(2.5), Status::Ok);
+        assert_eq!(accept(&host), Status::Warning);
+        assert!(host.message().contains("variable `time`: 2.5 is outside the training range from 0 to 2; outputs are"));
+        assert_eq!(host.outputs(), expected(starts()[0], 2.5, 2.5));
+    }
+}
+
+#[test]
+fn the_policy_to_refuse_ends_a_run_where_a_solver_accepts_a_step_outside() {
+    let accept: [fn(&Host) -> Status; 2] = [Host::complete, Host::event];
+    for accept in accept {
+        let host = Host::solving();
+        assert_eq!((host.event(), host.set_policy(2), host.go_on()), (Status::Ok, Status::Ok, Status::Ok));
+        assert_eq!((host.set_time(2.5), accept(&host)), (Status::Ok, Status::Error));
+        assert!(
+            host.message().contains("`time`: 2.5 is outside the training range from 0 to 2, and domain_policy is 2")
+        );
+    }
+}
+
+#[test]
+fn a_parameter_or_an_input_that_changes_during_a_run_is_warned_of_once_and_leaves_the_domain_until_a_reset() {
+    for (reference, name, values) in [(LENGTH, "length", [0.15000000000000002, 0.12]), (SPEED, "speed", [2.5, 1.0])] {
+        let host = Host::driven();
+        assert_eq!(host.set(&[reference], &[0.19]), Status::Ok, "the run has not begun to go on");
+        assert_eq!(host.set(&[reference], &[values[0]]), Status::Ok);
+        assert_eq!(host.step(0.0, 0.5), Status::Ok);
+        assert_eq!((host.set(&[reference], &[values[0]]), host.in_domain()), (Status::Ok, true), "no change");
+        assert_eq!((host.set(&[reference], &[values[1]]), host.in_domain()), (Status::Warning, false));
+        let says = format!(
+            "variable `{name}`: changed from {} to {} during the run; outputs are those of a run that has had {} since its \
+             start (said once a run)",
+            values[0], values[1], values[1]
+        );
+        let message = host.message();
+        assert!(message.ends_with(&says), "{message}");
+        assert_eq!(
+            (host.set(&[reference], &[values[0]]), host.in_domain()),
+            (Status::Ok, false),
+            "it has been changed"
+        );
+        assert_eq!((host.set(&[LENGTH], &[0.11]), host.step(0.5, 0.5)), (Status::Ok, Status::Ok));
+        assert_eq!(distance(&host), 0.0);
+        assert!(host.messages().is_empty());
+        let state = host.save();
+        assert_eq!(host.reset(), Status::Ok);
+        host.initialize(0.0);
+        assert!(host.in_domain());
+        assert_eq!((host.restore(state), host.in_domain()), (Status::Ok, false), "part of the state");
+        let bytes = host.serialize(state);
+        let other = Host::driven();
+        let again = other.deserialize(&bytes).unwrap();
+        assert_eq!((other.restore(again), other.in_domain()), (Status::Ok, false), "also as bytes");
+        other.free_state(again);
+        host.free_state(state);
+    }
+}
+
+#[test]
+fn an_input_that_follows_a_derivative_changes_during_the_run() {
+    let host = Host::driven();
+    assert_eq!(unsafe { fmi2SetRealInputDerivatives(host.c, &SPEED, 1, &1, &1.0) }, Status::Ok);
+    assert_eq!((host.step(0.0, 0.5), host.in_domain()), (Status::Warning, false));
+    assert!(host.message().contains("variable `speed`: changed from 2.5 to 3 during the run"));
+}
+
+#[test]
+fn an_input_that_changes_in_model_exchange_is_warned_of_where_a_step_is_accepted() {
+    let host = Host::solving();
+    assert_eq!((host.set(&[SPEED], &[1.0]), host.set_time(0.5)), (Status::Ok, Status::Ok), "at the start time");
+    assert_eq!((host.complete(), host.in_domain()), (Status::Ok, true));
+    assert_eq!((host.set(&[SPEED], &[2.0]), host.in_domain()), (Status::Ok, false));
+    assert_eq!((host.set(&[SPEED], &[1.0]), host.in_domain()), (Status::Ok, true), "it was a trial");
+    assert_eq!((host.set(&[SPEED], &[3.0]), host.complete()), (Status::Ok, Status::Warning));
+    assert!(host.message().contains("variable `speed`: changed from 1 to 3 during the run"));
+    assert_eq!((host.set(&[SPEED], &[1.0]), host.complete(), host.in_domain()), (Status::Ok, Status::Ok, false));
+}
+
+#[test]
+fn the_policy_to_refuse_lets_nothing_change_during_a_run() {
+    let host = Host::driven();
+    assert_eq!(
+        (host.set_policy(2), host.set(&[LENGTH], &[0.12]), host.step(0.0, 0.5)),
+        (Status::Ok, Status::Ok, Status::Ok)
+    );
+    assert_eq!(host.set(&[LENGTH], &[0.13]), Status::Error);
+    assert!(
+        host.message().contains("`length`: 0.13 instead of 0.12 as at the start of the run, and domain_policy is 2")
+    );
+    let host = Host::driven();
+    assert_eq!((host.step(0.0, 0.5), host.set(&[LENGTH], &[0.12])), (Status::Ok, Status::Warning));
+    assert_eq!(host.set(&[LENGTH], &[starts()[0]]), Status::Ok);
+    host.messages();
+    assert_eq!(host.set_policy(2), Status::Error);
+    assert!(host.message().contains("have been changed during the run, which domain_policy 2 forbids"));
+}
+
+#[test]
+fn without_a_time_of_its_own_the_surrogate_follows_every_change() {
+    let surrogate = example::with_input();
+    let mut metadata = surrogate.metadata().clone();
+    (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
+    let host = Host::of(&Surrogate::new(metadata, surrogate.model().clone()).unwrap());
+    host.initialize(0.0);
+    assert_eq!((host.step(0.0, 0.5), host.set(&[LENGTH, SPEED], &[0.12, 1.0])), (Status::Ok, Status::Ok));
+    assert_eq!((host.in_domain(), host.messages().len()), (true, 0));
 }
 
 #[test]

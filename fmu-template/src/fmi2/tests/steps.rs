@@ -101,7 +101,7 @@ fn reset_restores_everything_and_a_second_run_is_the_first_again() {
         host.outputs()
     };
     let first = run();
-    assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Ok);
+    assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Warning);
     assert_eq!(host.terminate(), Status::Ok);
     assert_eq!(host.reset(), Status::Ok);
     assert_eq!(host.state(), State::Instantiated);
@@ -131,6 +131,7 @@ fn status_information_is_the_time_reached_and_never_the_wish_to_end() {
 fn a_step_with_its_outputs_allocates_nothing() {
     let host = Host::of(&example::with_network(&[128, 128], Activation::Tanh));
     host.initialize(0.0);
+    assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Ok);
     let size = 1e-4;
     let before = allocations().0;
     for step in 0..10_000 {

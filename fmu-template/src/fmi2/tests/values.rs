@@ -13,7 +13,8 @@ fn outputs_are_right_at_every_point_where_a_host_may_look() {
     assert_eq!(host.outputs(), expected(0.12, 4.0, 0.25), "at the start time");
     assert_eq!(host.step(0.25, 0.5), Status::Ok);
     assert_eq!(host.outputs(), expected(0.12, 4.0, 0.75), "after a step");
-    assert_eq!(host.set(&[LENGTH], &[0.18]), Status::Ok);
+    assert_eq!(host.set(&[LENGTH], &[0.18]), Status::Warning);
+    assert!(host.message().contains("`length`: changed from 0.12 to 0.18 during the run"));
     assert_eq!(host.outputs(), expected(0.18, 4.0, 0.75), "after a set between steps");
     assert_eq!(host.step(0.75, 0.01), Status::Ok);
     assert_eq!(host.try_get([4, 0, 2, 1, 3]), {

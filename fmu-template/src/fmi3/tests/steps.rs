@@ -29,14 +29,16 @@ fn a_solver_finds_right_outputs_at_every_point() {
     let host = Host::driven(Use::Solver);
     let length = starts()[0];
     assert_eq!((host.update(), host.continuous()), (([0; 5], Status::Ok), Status::Ok));
-    for time in [0.5, 0.25, 1.0] {
+    for time in [0.5, 0.25, 9.0, 1.0] {
         assert_eq!(unsafe { fmi3SetTime(host.instance, time) }, Status::Ok);
         assert_eq!(host.set(&[SPEED], &[time]), Status::Ok);
         assert_eq!(host.outputs(), expected(length, time, time));
-        let (mut event, mut end) = (1, 1);
-        assert_eq!(unsafe { fmi3CompletedIntegratorStep(host.instance, 1, &mut event, &mut end) }, Status::Ok);
-        assert_eq!((event, end), (0, 0));
     }
+    assert!(host.messages().is_empty(), "a solver tries what it likes");
+    let (mut event, mut end) = (1, 1);
+    assert_eq!(unsafe { fmi3CompletedIntegratorStep(host.instance, 1, &mut event, &mut end) }, Status::Warning);
+    assert_eq!((event, end), (0, 0));
+    assert!(host.message().contains("`speed`: changed from 2.5 to 1 during the run"));
     assert_eq!(host.event_mode(), Status::Ok);
     assert_eq!(host.continuous(), Status::Ok);
     assert_eq!(unsafe { fmi3SetTime(host.instance, 0.5) }, Status::Error, "back across an event");
@@ -161,6 +163,7 @@ fn a_step_with_its_outputs_allocates_nothing() {
         {
             let host = Host::of(&surrogate, Use::Steps);
             assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
+            assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Ok);
             let size = 1e-3;
             let before = allocations().0;
             for step in 0..1_000 {

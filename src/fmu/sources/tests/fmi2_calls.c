@@ -214,7 +214,7 @@ static void states(void)
     size_t size = 0;
     char bytes[4096];
     initialize(c);
-    check(fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK && set_real(c, SPEED, 3.25) == STATUS_OK, __LINE__);
+    check(set_real(c, SPEED, 3.25) == STATUS_OK && fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK, __LINE__);
     const double expected = real(c, ANGLE);
     check(fmi2GetFMUstate(c, &state) == STATUS_OK && fmi2GetFMUstate(c, &state) == STATUS_OK, __LINE__);
     check(fmi2SerializedFMUstateSize(c, state, &size) == STATUS_OK && size < sizeof bytes, __LINE__);
@@ -269,7 +269,7 @@ static void derivatives(void)
     fmi2Reset(c);
     initialize(c);
     check(fmi2SetRealInputDerivatives(c, &speed, 1, orders, (const double[]){2.0}) == STATUS_OK, __LINE__);
-    check(fmi2DoStep(c, 0.0, 0.5 - step, 1) == STATUS_OK, __LINE__);
+    check(fmi2DoStep(c, 0.0, 0.5 - step, 1) == STATUS_WARNING, __LINE__); /* it is not constant during the run */
     const double before = real(c, ANGLE);
     check(fmi2DoStep(c, 0.5 - step, step, 1) == STATUS_OK && fabs(real(c, SPEED) - 3.5) < 1e-12, __LINE__);
     const double now = real(c, ANGLE);
@@ -296,13 +296,13 @@ static void model_exchange(void)
     initialize(c);
     check(fmi2NewDiscreteStates(c, &info) == STATUS_OK && info.newDiscreteStatesNeeded == 0, __LINE__);
     check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && fmi2SetTime(c, 0.25) == STATUS_OK, __LINE__);
-    check(real(c, TIME) == 0.25 && set_real(c, SPEED, 1.0) == STATUS_OK, __LINE__);
+    check(real(c, TIME) == 0.25 && set_real(c, SPEED, 2.5) == STATUS_OK, __LINE__);
     check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK && !enter && !terminate, __LINE__);
     check(fmi2GetDerivatives(c, NULL, 0) == STATUS_OK && fmi2GetEventIndicators(c, NULL, 0) == STATUS_OK, __LINE__);
     check(fmi2GetContinuousStates(c, NULL, 0) == STATUS_OK, __LINE__);
     check(fmi2GetNominalsOfContinuousStates(c, NULL, 0) == STATUS_OK, __LINE__);
     check(fmi2SetContinuousStates(c, NULL, 0) == STATUS_OK && fmi2EnterEventMode(c) == STATUS_OK, __LINE__);
-    check(set_real(c, LENGTH, 0.11) == STATUS_OK && fmi2EnterContinuousTimeMode(c) == STATUS_OK, __LINE__);
+    check(fmi2EnterContinuousTimeMode(c) == STATUS_OK, __LINE__);
     refused(set_real(c, LENGTH, 0.12), __LINE__); /* a parameter in Continuous-Time Mode */
     fmi2Reset(c);
     initialize(c);
@@ -311,6 +311,79 @@ static void model_exchange(void)
     fmi2Reset(c);
     initialize(c);
     refused(fmi2SetTime(c, NAN), __LINE__);
+    fmi2FreeInstance(c);
+}
+
+/* A solver tries what it likes; what it accepts outside the domain is warned of, or refused if that is the policy. */
+static void trials(void)
+{
+    for (int32_t policy = 0; policy < 3; policy++) {
+        void *c = made(0, &with_memory);
+        int enter = 1;
+        int terminate = 1;
+        check(set_policy(c, policy) == STATUS_OK, __LINE__);
+        initialize(c);
+        messages = 0;
+        check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && fmi2SetTime(c, 3.81) == STATUS_OK, __LINE__);
+        check(set_real(c, SPEED, 9.0) == STATUS_OK && !in_domain(c) && messages == 0, __LINE__);
+        check(set_real(c, SPEED, 2.5) == STATUS_OK && fmi2SetTime(c, 0.5) == STATUS_OK && in_domain(c), __LINE__);
+        check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK && messages == 0, __LINE__);
+        check(fmi2SetTime(c, 2.5) == STATUS_OK, __LINE__);
+        const Status status = fmi2CompletedIntegratorStep(c, 1, &enter, &terminate);
+        check(status == (const Status[]){STATUS_WARNING, STATUS_OK, STATUS_ERROR}[policy], __LINE__);
+        check(messages == (policy == 1 ? 0 : 1), __LINE__);
+        fmi2Reset(c);
+        initialize(c);
+        messages = 0;
+        check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && fmi2SetTime(c, 2.5) == STATUS_OK, __LINE__);
+        check(fmi2EnterEventMode(c) == STATUS_WARNING && messages == 1, __LINE__);
+        fmi2FreeInstance(c);
+    }
+}
+
+/* Inputs and parameters that do not stay what they were at the start of the run. */
+static void changes(void)
+{
+    const uint32_t references[] = {LENGTH, SPEED};
+    const double rate = 0.5;
+    const int32_t order = 1;
+    const uint32_t speed = SPEED;
+    int enter = 1;
+    int terminate = 1;
+    for (int i = 0; i < 2; i++) {
+        void *c = made(1, &with_memory);
+        void *state = NULL;
+        initialize(c);
+        check(set_real(c, references[i], 0.19) == STATUS_OK && fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK, __LINE__);
+        messages = 0;
+        check(set_real(c, references[i], 0.19) == STATUS_OK && in_domain(c) && messages == 0, __LINE__);
+        check(set_real(c, references[i], 0.12) == STATUS_WARNING && !in_domain(c) && messages == 1, __LINE__);
+        check(strstr(last_message, "changed from 0.19 to 0.12 during the run") != NULL, __LINE__);
+        check(set_real(c, references[i], 0.19) == STATUS_OK && !in_domain(c) && messages == 1, __LINE__);
+        check(fmi2GetFMUstate(c, &state) == STATUS_OK && fmi2Reset(c) == STATUS_OK, __LINE__);
+        initialize(c);
+        check(in_domain(c) && fmi2SetFMUstate(c, state) == STATUS_OK && !in_domain(c), __LINE__);
+        refused(set_policy(c, 2), __LINE__);
+        fmi2Reset(c);
+        initialize(c);
+        check(set_policy(c, 2) == STATUS_OK && fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK, __LINE__);
+        refused(set_real(c, references[i], 0.12), __LINE__);
+        fmi2Reset(c);
+        initialize(c);
+        check(fmi2SetRealInputDerivatives(c, &speed, 1, &order, &rate) == STATUS_OK, __LINE__);
+        check(fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_WARNING && !in_domain(c), __LINE__);
+        check(fmi2FreeFMUstate(c, &state) == STATUS_OK, __LINE__);
+        fmi2FreeInstance(c);
+    }
+    void *c = made(0, &with_memory);
+    initialize(c);
+    check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && set_real(c, SPEED, 1.0) == STATUS_OK, __LINE__);
+    check(fmi2SetTime(c, 0.5) == STATUS_OK && in_domain(c), __LINE__);
+    check(set_real(c, SPEED, 2.0) == STATUS_OK && !in_domain(c), __LINE__);
+    check(set_real(c, SPEED, 1.0) == STATUS_OK && in_domain(c), __LINE__);
+    check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK, __LINE__);
+    check(set_real(c, SPEED, 2.0) == STATUS_OK, __LINE__);
+    check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_WARNING, __LINE__);
     fmi2FreeInstance(c);
 }
 
@@ -403,6 +476,8 @@ int main(void)
     states();
     derivatives();
     model_exchange();
+    trials();
+    changes();
     null_components();
     status_and_logging();
     several_instances();

@@ -110,7 +110,9 @@ static void co_simulation_run(void)
     initialize(instance);
     const double start = real(instance, ANGLE);
     check(step(instance, 0.0, 0.5) == STATUS_OK && real(instance, TIME) == 0.5, __LINE__);
-    check(real(instance, ANGLE) != start && set_real(instance, SPEED, 3.0) == STATUS_OK, __LINE__);
+    messages = 0;
+    check(real(instance, ANGLE) != start && set_real(instance, SPEED, 3.0) == STATUS_WARNING, __LINE__);
+    check(messages == 1 && strstr(last_message, "changed from 2.5 to 3 during the run") != NULL, __LINE__);
     check(fmi3GetFloat64(instance, references, 2, read, 2) == STATUS_OK && read[0] == 0.12, __LINE__);
     check(fmi3Terminate(instance) == STATUS_OK && real(instance, ANGLE) == read[1], __LINE__);
     check(fmi3Reset(instance) == STATUS_OK, __LINE__);
@@ -145,7 +147,7 @@ static void event_mode(void)
               STATUS_OK && !flags[0] && !flags[4], __LINE__);
     check(fmi3EvaluateDiscreteStates(instance) == STATUS_OK && fmi3EnterStepMode(instance) == STATUS_OK, __LINE__);
     check(step(instance, 0.0, 0.25) == STATUS_OK && fmi3EnterEventMode(instance) == STATUS_OK, __LINE__);
-    check(set_real(instance, SPEED, 1.0) == STATUS_OK && fmi3EnterStepMode(instance) == STATUS_OK, __LINE__);
+    check(set_real(instance, SPEED, 2.5) == STATUS_OK && fmi3EnterStepMode(instance) == STATUS_OK, __LINE__);
     check(step(instance, 0.25, 0.25) == STATUS_OK, __LINE__);
     fmi3FreeInstance(instance);
 }
@@ -158,8 +160,12 @@ static void model_exchange_run(void)
     size_t count = 7;
     initialize(instance);
     check(fmi3EnterContinuousTimeMode(instance) == STATUS_OK && fmi3SetTime(instance, 0.75) == STATUS_OK, __LINE__);
-    check(real(instance, TIME) == 0.75 && set_real(instance, SPEED, 1.5) == STATUS_OK, __LINE__);
+    check(real(instance, TIME) == 0.75 && set_real(instance, SPEED, 9.0) == STATUS_OK, __LINE__);
+    check(fmi3SetTime(instance, 3.81) == STATUS_OK && fmi3SetTime(instance, 0.75) == STATUS_OK, __LINE__);
+    check(set_real(instance, SPEED, 2.5) == STATUS_OK, __LINE__);
     check(fmi3CompletedIntegratorStep(instance, true, &enter, &terminate) == STATUS_OK && !enter, __LINE__);
+    check(set_real(instance, SPEED, 9.0) == STATUS_OK, __LINE__);
+    check(fmi3CompletedIntegratorStep(instance, true, &enter, &terminate) == STATUS_WARNING, __LINE__);
     check(fmi3GetNumberOfContinuousStates(instance, &count) == STATUS_OK && count == 0, __LINE__);
     check(fmi3GetContinuousStateDerivatives(instance, NULL, 0) == STATUS_OK, __LINE__);
     check(fmi3SetTime(instance, 0.5) == STATUS_OK && fmi3EnterEventMode(instance) == STATUS_OK, __LINE__);
@@ -191,12 +197,6 @@ static void domain(void)
     fmi3FreeInstance(instance);
 }
 
-static void derivatives(void)
-{
-    void *instance = co_simulation(false);
-    const uint32_t unknowns[] = {ANGLE, VELOCITY};
-    const uint32_t knowns[] = {LENGTH, SPEED, TIME};
-    const double direction[] = {0.5, -1.0, 2.0};
 /* Errors are logged whatever was asked for, warnings when they are. */
 static void logging(void)
 {
@@ -211,6 +211,12 @@ static void logging(void)
     fmi3FreeInstance(instance);
 }
 
+static void derivatives(void)
+{
+    void *instance = co_simulation(false);
+    const uint32_t unknowns[] = {ANGLE, VELOCITY};
+    const uint32_t knowns[] = {LENGTH, SPEED, TIME};
+    const double direction[] = {0.5, -1.0, 2.0};
     const double weights[] = {3.0, -0.25};
     double along[2];
     double gradient[3];
@@ -286,9 +292,9 @@ int main(void)
     event_mode();
     model_exchange_run();
     domain();
+    logging();
     derivatives();
     states();
     absent();
     return 0;
 }
-    logging();
