@@ -201,6 +201,7 @@ SECTIONS = {
         "no binary for this platform": fmu(more={"binaries/win64/van_der_pol.dll": ""}),
         "a file that leads out of the archive": fmu(more={**BINARY, "../escape": "hello"}),
         "a value reference that is no number": fmu('valueReference="0"', 'valueReference="mu"'),
+        "an empty modelIdentifier": fmu('modelIdentifier="van_der_pol"', 'modelIdentifier=""'),
         "a start value that is no number": fmu('start="1"', 'start="one"'),
     },
     "Studies of FMUs": {

@@ -3,9 +3,10 @@
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use metafmu::{
     baseline::Kind,
-    source::{fmu::worker, shard::Shard, systems::SYSTEMS},
+    fmu::worker,
+    source::{shard::Shard, systems::SYSTEMS},
 };
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 /// Turns a multibody model into a small, fast, trustworthy FMU.
 #[derive(Debug, Parser)]
@@ -121,12 +122,15 @@ The FMU has a binary for every platform embedded in this program unless --platfo
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
-Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer. Exit code 1 if there are problems.")]
+Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: that an FMU
+crashes, exits or hangs is a problem like others. What it prints goes to stderr. Exit code 1 if there are problems.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV
     #[command(after_help = "Example:
   metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg
-  metafmu simulate plant.fmu --input force.csv --interface me")]
+  metafmu simulate plant.fmu --input force.csv --interface me
+
+The FMU runs in a process of its own; what it prints goes to stderr.")]
     Simulate(SimulateArgs),
     /// Run an FMU for another process of this program
     #[command(name = worker::ARGUMENT, hide = true)]
@@ -281,6 +285,9 @@ pub struct ValidateArgs {
     /// FMU to check
     #[arg(value_name = "FMU")]
     pub fmu: PathBuf,
+    /// Seconds that loading the FMU and each of the checks that run it may take
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = duration)]
+    pub time_limit: Duration,
     /// Print findings as JSON
     #[arg(long)]
     pub json: bool,
@@ -312,6 +319,9 @@ pub struct SimulateArgs {
     /// Model exchange: tolerance of a step, relative to each state and to its nominal value [default: the FMU's, else 1e-8]
     #[arg(long, value_name = "TOLERANCE", value_parser = tolerance)]
     pub tolerance: Option<f64>,
+    /// Seconds that the simulation may take [default: any]
+    #[arg(long, value_name = "SECONDS", value_parser = duration)]
+    pub time_limit: Option<Duration>,
     /// CSV file to write [default: stdout, unless there is a plot]
     #[arg(long, value_name = "FILE.csv")]
     pub output: Option<PathBuf>,
@@ -324,6 +334,12 @@ fn name_and_value(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
     let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
     Ok((name.trim().to_owned(), number))
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().filter(|seconds| *seconds > 0.0);
+    let duration = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    duration.ok_or_else(|| "expected a positive number of seconds".into())
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {

@@ -8,7 +8,7 @@ mod commands;
 
 use clap::Parser;
 use cli::Command;
-use metafmu::source::fmu::worker;
+use metafmu::fmu::worker;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -4,11 +4,19 @@ use super::{
     Outcome, compare,
     evaluate::{self, Metrics},
     export::{self, Plan, Written},
+    heard, interrupt,
     job::Job,
     print, print_json, report, sample, say, train,
 };
 use crate::cli::BuildArgs;
-use metafmu::{Result, baseline::Comparison, dataset::Dataset, fmu::validate, report::Evaluated, sampling::Sets};
+use metafmu::{
+    Result,
+    baseline::Comparison,
+    dataset::Dataset,
+    fmu::{Watch, validate_apart},
+    report::Evaluated,
+    sampling::Sets,
+};
 use metafmu_runtime::Surrogate;
 use std::path::PathBuf;
 
@@ -26,7 +34,7 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy), &figures)?;
     let mut problems = 0;
     for Written { fmu, .. } in &written {
-        let report = validate(fmu)?;
+        let report = validate_apart(fmu, Watch { limit: None, stop: interrupt::flag(), heard })?;
         problems += report.problems.len();
         say(format_args!("validated {}: {}", fmu.display(), report.to_string().trim_end()));
     }

@@ -22,6 +22,7 @@ pub mod validate;
 
 use metafmu::{Error, Result};
 use std::{
+    borrow::Cow,
     fmt::Display,
     io::{ErrorKind, Write},
     path::Path,
@@ -40,27 +41,66 @@ pub enum Outcome {
 
 /// Prints to stdout; a reader that has seen enough (`| head`) is no error, a stdout that is closed (`>&-`) is one.
 fn print(text: &str) -> Result<()> {
-    let write = || {
-        if stdout::was_closed() {
-            return Err(std::io::Error::other("it is closed"));
-        }
-        let mut stdout = std::io::stdout();
-        stdout.write_all(text.as_bytes())?;
-        stdout.flush()
-    };
-    match write() {
+    match write(visible(text).as_bytes()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
         _ => Ok(()),
     }
 }
 
+/// Writes to stdout.
+fn write(bytes: &[u8]) -> std::io::Result<()> {
+    if stdout::was_closed() {
+        return Err(std::io::Error::other("it is closed"));
+    }
+    let mut stdout = std::io::stdout();
+    stdout.write_all(bytes)?;
+    stdout.flush()
+}
+
 /// Prints a line of progress, a warning or an error to stderr. Nobody reading it any more (`2>&1 | head`) is no reason to stop.
 pub fn say(line: impl Display) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", visible(&line.to_string()));
+}
+
+/// Prints a line of an FMU.
+fn heard(line: &str) {
+    say(line);
+}
+
+/// A text of others' names and messages with its control characters as they are written in JSON, so that they do nothing to
+/// a terminal; line breaks and tabs stay.
+fn visible(text: &str) -> Cow<'_, str> {
+    let hidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(hidden) {
+        return text.into();
+    }
+    let mut visible = String::with_capacity(text.len());
+    for c in text.chars() {
+        if hidden(c) {
+            visible.push_str(&format!("\\u{:04x}", u32::from(c)));
+        } else {
+            visible.push(c);
+        }
+    }
+    visible.into()
 }
 
 /// Prints a value as indented JSON.
 fn print_json(value: &impl serde::Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value).map_err(std::io::Error::from);
     print(&(text.map_err(Error::io(Path::new("stdout"), "write"))? + "\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_of_others_are_shown_and_not_sent_to_the_terminal() {
+        assert_eq!(
+            visible("a \u{1b}[2J\u{9b}31m\r\u{7}b\n\tc\u{7f} é"),
+            "a \\u001b[2J\\u009b31m\\u000d\\u0007b\n\tc\\u007f é"
+        );
+        assert!(matches!(visible("one\ntwo\tthree"), Cow::Borrowed(_)));
+    }
 }

@@ -1,22 +1,27 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{Outcome, print, say};
+use super::{Outcome, heard, interrupt, say, visible, write};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
-    fmu::host::{Fmu, Inputs, InterfaceKind, SimulationOptions, Table, simulate},
+    fmu::{
+        Watch,
+        host::{Column, Inputs, InterfaceKind, RowSink, SimulationOptions, Table, Unpacked},
+        simulate_apart,
+    },
     report::{Curve, time_series_svg},
     table::header_field,
 };
 use metafmu_runtime::extra::IN_DOMAIN;
-use std::{fmt::Write, path::Path};
+use std::{
+    io::{self, ErrorKind, IsTerminal, Write},
+    path::Path,
+};
+
+/// So many bytes are printed at once: of a run that fails before, nothing.
+const PIECE: usize = 1 << 20;
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
-    let fmu = match args.interface {
-        None => Fmu::open(&args.fmu)?,
-        Some(InterfaceArg::Cs) => Fmu::open_for(&args.fmu, InterfaceKind::CoSimulation)?,
-        Some(InterfaceArg::Me) => Fmu::open_for(&args.fmu, InterfaceKind::ModelExchange)?,
-    };
     let options = SimulationOptions {
         start: args.start_time,
         stop: args.stop_time,
@@ -27,51 +32,143 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         record: Vec::new(),
         record_only: false,
     };
-    let table = simulate(&fmu.instantiate("metafmu", false)?, &options)?;
-    warn_outside(&table);
+    let wanted = args.interface.map(|interface| match interface {
+        InterfaceArg::Cs => InterfaceKind::CoSimulation,
+        InterfaceArg::Me => InterfaceKind::ModelExchange,
+    });
+    let watch = Watch { limit: args.time_limit, stop: interrupt::flag(), heard };
+    let unpacked = Unpacked::open(&args.fmu, wanted)?;
+    let (mut table, mut domain) = (args.plot.as_ref().map(|_| Table::default()), Domain::default());
+    let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
+    let mut simulate = |csv: Option<&mut dyn Write>| {
+        let mut rows = Rows { csv, path, table: table.as_mut(), domain: &mut domain };
+        simulate_apart(&unpacked, &options, watch, &mut rows)
+    };
     match (&args.output, &args.plot) {
-        (Some(path), _) => files::write_whole(path, csv(&table).as_bytes())?,
-        (None, None) => print(&csv(&table))?,
-        (None, Some(_)) => {}
+        (Some(_), _) => {
+            let mut failure = None;
+            let written = files::write_with(path, |file| {
+                simulate(Some(file)).map(drop).map_err(|error| {
+                    failure = Some(error);
+                    io::Error::other("the simulation failed")
+                })
+            });
+            failure.map_or(written, Err)?;
+        }
+        (None, None) => {
+            let mut stdout = Stdout::default();
+            let ended = simulate(Some(&mut stdout));
+            match ended.and_then(|_| stdout.flush().map_err(Error::io(path, "write"))) {
+                // a reader that has seen enough
+                Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => {}
+                ended => ended?,
+            }
+        }
+        (None, Some(_)) => drop(simulate(None)?),
     }
-    if let Some(path) = &args.plot {
-        plot(path, &fmu.description().model_name, &table)?;
+    domain.warn();
+    if let (Some(path), Some(table)) = (&args.plot, &table) {
+        plot(path, &unpacked.description().model_name, table)?;
     }
     Ok(Outcome::Fine)
 }
 
-/// `time` and the recorded variables; numbers are the shortest decimals that read back as the same doubles.
-fn csv(table: &Table) -> String {
-    let names: Vec<String> = table.columns.iter().map(|column| header_field(&column.name)).collect();
-    let mut text = format!("time,{}\n", names.join(","));
-    for (time, row) in table.times.iter().zip(&table.rows) {
-        let _ = write!(text, "{time:?}");
-        for value in row {
-            let _ = write!(text, ",{value:?}");
+/// Where the rows go: numbers as the shortest decimals that read back as the same doubles.
+struct Rows<'a, 'b> {
+    csv: Option<&'a mut dyn Write>,
+    path: &'b Path,
+    /// For the plot.
+    table: Option<&'b mut Table>,
+    domain: &'b mut Domain,
+}
+
+impl RowSink for Rows<'_, '_> {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+        self.domain.column = columns.iter().position(|column| column.name == IN_DOMAIN.name);
+        if let Some(table) = &mut self.table {
+            table.begin(columns)?;
         }
-        text.push('\n');
+        let Some(csv) = &mut self.csv else { return Ok(()) };
+        let names: Vec<String> = columns.iter().map(|column| header_field(&column.name)).collect();
+        writeln!(csv, "time,{}", names.join(",")).map_err(Error::io(self.path, "write"))
     }
-    text
+
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
+        self.domain.look(time, values);
+        if let Some(table) = &mut self.table {
+            table.row(time, values)?;
+        }
+        let Some(csv) = &mut self.csv else { return Ok(()) };
+        let mut write = || {
+            write!(csv, "{time:?}")?;
+            values.iter().try_for_each(|value| write!(csv, ",{value:?}"))?;
+            writeln!(csv)
+        };
+        write().map_err(Error::io(self.path, "write"))
+    }
+}
+
+/// Standard output, in large pieces.
+#[derive(Default)]
+struct Stdout {
+    waiting: Vec<u8>,
+}
+
+impl Write for Stdout {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.waiting.extend_from_slice(bytes);
+        if self.waiting.len() >= PIECE {
+            self.flush()?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let waiting = std::mem::take(&mut self.waiting);
+        match str::from_utf8(&waiting) {
+            // the names of the columns are not the user's
+            Ok(text) if io::stdout().is_terminal() => write(visible(text).as_bytes()),
+            _ => write(&waiting),
+        }
+    }
 }
 
 /// What the FMU says about its domain of validity, which nobody looks for in a long table.
-fn warn_outside(table: &Table) {
-    let Some(column) = table.columns.iter().position(|column| column.name == IN_DOMAIN.name) else { return };
-    let outside = || table.times.iter().zip(&table.rows).filter(|(_, row)| row[column] == 0.0);
-    if let Some((first, _)) = outside().next() {
-        say(format_args!(
-            "warning: outside the ranges that the FMU is made for in {} of {} rows, at {first} s for the first time \
-             (`{}` is false): its outputs there cannot be trusted",
-            outside().count(),
-            table.rows.len(),
-            IN_DOMAIN.name
-        ));
+#[derive(Default)]
+struct Domain {
+    column: Option<usize>,
+    rows: usize,
+    outside: usize,
+    /// The first time outside.
+    first: f64,
+}
+
+impl Domain {
+    fn look(&mut self, time: f64, values: &[f64]) {
+        self.rows += 1;
+        if self.column.is_some_and(|column| values[column] == 0.0) {
+            if self.outside == 0 {
+                self.first = time;
+            }
+            self.outside += 1;
+        }
+    }
+
+    fn warn(&self) {
+        let Self { rows, outside, first, .. } = self;
+        if *outside > 0 {
+            say(format_args!(
+                "warning: outside the ranges that the FMU is made for in {outside} of {rows} rows, at {first} s for the first \
+                 time (`{}` is false): its outputs there cannot be trusted",
+                IN_DOMAIN.name
+            ));
+        }
     }
 }
 
 /// Plots what changes during the run, or everything if nothing does.
 fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
-    let curve = |(index, column): (usize, &metafmu::fmu::host::Column)| Curve {
+    let curve = |(index, column): (usize, &Column)| Curve {
         name: column.name.clone(),
         unit: column.unit.clone().unwrap_or_default(),
         values: table.rows.iter().map(|row| row[index]).collect(),

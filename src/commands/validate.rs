@@ -1,11 +1,15 @@
 //! `metafmu validate`: lists every problem of an FMU.
 
-use super::{Outcome, print, print_json};
+use super::{Outcome, heard, interrupt, print, print_json};
 use crate::cli::ValidateArgs;
-use metafmu::{Result, fmu::validate};
+use metafmu::{
+    Result,
+    fmu::{Watch, validate_apart},
+};
 
 pub fn run(args: &ValidateArgs) -> Result<Outcome> {
-    let report = validate(&args.fmu)?;
+    let watch = Watch { limit: Some(args.time_limit), stop: interrupt::flag(), heard };
+    let report = validate_apart(&args.fmu, watch)?;
     if args.json {
         print_json(&report)?;
     } else {

@@ -4,7 +4,7 @@ use super::xml::{self, Document};
 use crate::{Error, Result};
 use std::{
     fs::{self, File},
-    io::{BufReader, Read},
+    io::{self, BufReader, ErrorKind, Read, Write},
     path::{Path, PathBuf},
 };
 use zip::{CompressionMethod, ZipArchive};
@@ -32,6 +32,8 @@ pub struct Entry {
     pub encrypted: bool,
     /// Whether FMI allows how it is packed: stored or deflated.
     pub allowed_method: bool,
+    /// Bytes of its content.
+    pub size: u64,
     /// Why it cannot be unpacked safely, if so.
     pub unsafe_name: Option<&'static str>,
 }
@@ -45,7 +47,7 @@ impl Archive {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         // a folder can be opened like a file on some systems
         if file.metadata().map_err(Error::io(path, "open"))?.is_dir() {
-            return Err(Error::io(path, "open")(std::io::ErrorKind::IsADirectory.into()));
+            return Err(Error::io(path, "open")(ErrorKind::IsADirectory.into()));
         }
         let archive = |source| Error::Archive { path: path.to_owned(), source };
         let zip = ZipArchive::new(BufReader::new(file)).map_err(archive)?;
@@ -69,6 +71,7 @@ impl Archive {
                 Ok(Entry {
                     unsafe_name: if data.is_symlink() { Some("is a symbolic link") } else { unsafe_name(&name) },
                     encrypted: data.encrypted(),
+                    size: data.size(),
                     allowed_method: matches!(
                         data.compression(),
                         CompressionMethod::Stored | CompressionMethod::Deflated
@@ -100,11 +103,15 @@ impl Archive {
             return Err(problem("is missing: not an FMU".into()));
         }
         let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
+        let large = || problem(format!("is larger than {limit} bytes"));
+        if entry.size() > limit {
+            return Err(large());
+        }
         let mut bytes = Vec::new();
         // the size in the directory may be a lie: what counts is what comes out
         entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| problem(error.to_string()))?;
         if bytes.len() as u64 > limit {
-            return Err(problem(format!("is larger than {limit} bytes")));
+            return Err(large());
         }
         Ok(bytes)
     }
@@ -137,36 +144,56 @@ impl Archive {
         if let Some((entry, problem)) = entries.iter().find_map(|entry| Some((entry, entry.unsafe_name?))) {
             return refuse(&entry.name, problem.into());
         }
-        let mut left = MAX_UNPACKED;
-        for (index, Entry { name, .. }) in entries.iter().enumerate() {
-            left -= self.unpack_entry(index, name, folder, left)?;
+        let mut sum = 0u64;
+        for entry in &entries {
+            sum = sum.saturating_add(entry.size);
+            if sum > MAX_UNPACKED {
+                return refuse(&entry.name, format!("makes more than the {MAX_UNPACKED} bytes that are unpacked"));
+            }
         }
-        Ok(())
+        fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+        (0..).zip(&entries).try_for_each(|(index, entry)| self.unpack_entry(index, entry, folder))
     }
 
-    /// Returns the number of bytes.
-    fn unpack_entry(&mut self, index: usize, name: &str, folder: &Path, limit: u64) -> Result<u64> {
+    fn unpack_entry(&mut self, index: usize, entry: &Entry, folder: &Path) -> Result<()> {
+        let path = self.path.clone();
+        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: entry.name.clone(), problem };
+        // some names are none for a file here, or for a file what is a folder for another entry: the archive's fault
+        let failed = |target: &Path, action, error: io::Error| match error.kind() {
+            ErrorKind::InvalidFilename
+            | ErrorKind::InvalidInput
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::AlreadyExists => problem(format!("cannot be unpacked: {error}")),
+            _ => Error::io(target, action)(error),
+        };
         // some tools write backslashes
-        let target = folder.join(name.replace('\\', "/"));
-        let is_folder = name.ends_with(['/', '\\']);
+        let target = folder.join(entry.name.replace('\\', "/"));
+        let is_folder = entry.name.ends_with(['/', '\\']);
         let parent = if is_folder { Some(target.as_path()) } else { target.parent() };
         if let Some(parent) = parent {
-            fs::create_dir_all(parent).map_err(Error::io(parent, "create"))?;
+            fs::create_dir_all(parent).map_err(|error| failed(parent, "create", error))?;
         }
         if is_folder {
-            return Ok(0);
+            return Ok(());
         }
-        let path = self.path.clone();
-        let problem = |problem: String| Error::ArchiveEntry { path, entry: name.into(), problem };
-        let entry = match self.zip.by_index(index) {
-            Ok(entry) => entry,
-            Err(error) => return Err(problem(error.to_string())),
-        };
-        let mut file = File::create(&target).map_err(Error::io(&target, "write"))?;
-        match std::io::copy(&mut entry.take(limit + 1), &mut file) {
-            Ok(bytes) if bytes <= limit => Ok(bytes),
-            Ok(_) => Err(problem(format!("more than {MAX_UNPACKED} bytes in the archive"))),
-            Err(error) => Err(problem(error.to_string())),
+        // no more than it says is written
+        let content = self.zip.by_index(index).map_err(|error| problem(error.to_string()))?;
+        let mut content = content.take(entry.size.saturating_add(1));
+        let mut file = File::create(&target).map_err(|error| failed(&target, "write", error))?;
+        let (mut buffer, mut left) = (vec![0; 1 << 16], entry.size);
+        loop {
+            let count = match content.read(&mut buffer) {
+                Ok(0) => return Ok(()),
+                Ok(count) => count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                Err(error) => return Err(problem(error.to_string())),
+            };
+            let Some(rest) = left.checked_sub(count as u64) else {
+                return Err(problem(format!("is larger than the {} bytes that the archive says", entry.size)));
+            };
+            left = rest;
+            file.write_all(&buffer[..count]).map_err(|error| failed(&target, "write", error))?;
         }
     }
 
@@ -197,7 +224,6 @@ fn unsafe_name(name: &str) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::Write;
     use zip::{ZipWriter, write::SimpleFileOptions};
 
     fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
@@ -257,6 +283,54 @@ mod tests {
         let mut archive = Archive::open(&archive(folder.path(), &[("zeros", &vec![0; 1 << 20])])).unwrap();
         assert_eq!(archive.read("zeros", 1 << 20).unwrap().len(), 1 << 20);
         assert!(message(archive.read("zeros", (1 << 20) - 1)).ends_with("is larger than 1048575 bytes"));
+    }
+
+    /// The sizes that the archive says become another.
+    fn declare(path: &Path, size: u32) {
+        let mut bytes = fs::read(path).unwrap();
+        for place in 0..bytes.len() - 28 {
+            if bytes[place..].starts_with(b"PK\x01\x02") {
+                bytes[place + 24..place + 28].copy_from_slice(&size.to_le_bytes());
+            }
+        }
+        fs::write(path, bytes).unwrap();
+    }
+
+    #[test]
+    fn an_archive_that_says_it_is_too_large_is_refused_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = archive(folder.path(), &[("a", b"1"), ("b", b"2")]);
+        declare(&path, u32::MAX - 1);
+        let target = folder.path().join("out");
+        let found = message(Archive::open(&path).unwrap().unpack(&target));
+        assert!(found.ends_with("entry `b`: makes more than the 4294967296 bytes that are unpacked"), "{found}");
+        assert!(!target.exists());
+        assert!(message(Archive::open(&path).unwrap().read("a", 1 << 20)).ends_with("is larger than 1048576 bytes"));
+    }
+
+    #[test]
+    fn an_entry_larger_than_it_says_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = archive(folder.path(), &[("zeros", &vec![0; 1 << 20])]);
+        declare(&path, 10);
+        let target = folder.path().join("out");
+        let found = message(Archive::open(&path).unwrap().unpack(&target));
+        assert!(found.ends_with("entry `zeros`: is larger than the 10 bytes that the archive says"), "{found}");
+        assert_eq!(fs::read(target.join("zeros")).unwrap_or_default(), b"");
+    }
+
+    #[test]
+    fn entries_that_cannot_be_files_are_the_archives_fault_and_a_folder_that_is_not_there_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let long = "x".repeat(5000);
+        for (name, target) in [("a/b", "one"), (long.as_str(), "two")] {
+            let path = archive(folder.path(), &[("a", b"1"), (name, b"2")]);
+            let found = Archive::open(&path).unwrap().unpack(&folder.path().join(target));
+            assert!(matches!(&found, Err(Error::ArchiveEntry { entry, .. }) if entry == name), "{found:?}");
+        }
+        let path = archive(folder.path(), &[("a", b"1")]);
+        let found = Archive::open(&path).unwrap().unpack(Path::new("/dev/null/none"));
+        assert!(matches!(found, Err(Error::Io { .. })), "{found:?}");
     }
 
     #[test]

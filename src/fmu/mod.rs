@@ -3,7 +3,8 @@
 //! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
 //! - [`pack`]: a surrogate becomes an FMU; [`Binary`]: the library for a platform.
 //! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
-//! - [`validate()`]: every problem of an FMU.
+//! - [`worker`]: FMUs run in processes of their own; [`simulate_apart`] does a whole run in one.
+//! - [`validate()`]: every problem of an FMU; [`validate_apart`] in processes of their own.
 //! - [`sources`]: the FMU as C source code.
 
 mod archive;
@@ -20,6 +21,7 @@ pub mod sources;
 pub(crate) mod testing;
 pub mod unit;
 pub mod validate;
+pub mod worker;
 pub mod xml;
 
 pub use archive::Archive;
@@ -30,4 +32,5 @@ pub use model_description::{FmiVersion, ModelDescription};
 pub use package::{Contents, MODEL_FILE, pack};
 pub use platform::Platform;
 pub use reference::ReferenceOptions;
-pub use validate::{Report, validate};
+pub use validate::{Report, validate, validate_apart};
+pub use worker::{Watch, simulate_apart};

@@ -587,6 +587,10 @@ impl VariableType {
     }
 }
 
+/// FMUs with more numbers than this, all elements of all variables, are refused: their descriptions are mistaken, and not to be
+/// answered by running out of memory.
+pub const MAX_ELEMENTS: u64 = 1 << 24;
+
 impl ModelDescription {
     /// The variable of that name or alias.
     pub fn variable(&self, name: &str) -> Option<&ScalarVariable> {

@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -241,6 +243,170 @@ def test_runs_that_fail_do_not_keep_a_target_from_being_pursued(folder):
     study.write_text(study.read_text().replace("max_failed = 0.5", "max_failed = 0.02"))
     result = build()
     assert result.returncode == 2 and "runs failed, at most 1 may (source.max_failed = 0.02)" in result.stderr, result.stderr
+
+
+# ---- Other verbs that run an FMU -------------------------------------------------------------------------------------
+
+
+def run(folder, *arguments, **variables):
+    command = [METAFMU, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment(folder, **variables), capture_output=True, text=True, timeout=60)
+
+
+ENDS = {
+    "exit": "the FMU ended its process with exit code 0",
+    "crash": "its process ended with signal: 11 (SIGSEGV)",
+    "hang": "took longer than 1 s (--time-limit)",
+    "orphan": "the FMU ended its process with exit code 3",
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize(
+    ("function", "check"),
+    [
+        ("fmi2Instantiate", "an instance with a wrong token"),
+        ("fmi2DoStep", "the default experiment"),
+        ("fmi2Reset", "a run after a reset"),
+    ],
+)
+def test_an_fmu_that_ends_its_process_does_not_pass_the_validation(folder, function, check, end):
+    result = run(folder, "validate", "faulty.fmu", "--json", "--time-limit", "1", FAULTY=f"{function}:{end}")
+    assert result.returncode == 1, result.stderr
+    # what it prints is elsewhere, and does nothing to a terminal
+    report = json.loads(result.stdout)
+    assert [problem["message"] for problem in report["problems"]][-1].startswith(f"co-simulation, {check}: {ENDS[end]}")
+    assert f"co-simulation after {check}: the process had ended" in report["not_checked"]
+    if function != "fmi2Instantiate":
+        assert '{"Done": 3}\n\\u001b[31mhello from the FMU\n' in result.stderr
+    assert not list((folder / "temporary").iterdir())
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_an_fmu_that_ends_its_process_ends_a_simulation_with_an_error(folder, end):
+    arguments = ["simulate", "faulty.fmu", "--time-limit", "1"]
+    for output in ([], ["--output", "table.csv"]):
+        result = run(folder, *arguments, *output, FAULTY=f"fmi2DoStep:{end}")
+        assert (result.returncode, result.stdout) == (2, "")
+        assert f"error: faulty.fmu: in the simulation, at 0 s or later, " in result.stderr and ENDS[end] in result.stderr
+        assert not (folder / "table.csv").exists() and not list((folder / "temporary").iterdir())
+    result = run(folder, *arguments, FAULTY=f"fmi2Instantiate:{end}")
+    assert result.returncode == 2 and f"when it was loaded or instantiated, " in result.stderr and ENDS[end] in result.stderr
+
+
+def test_what_an_fmu_prints_is_no_result(folder):
+    result = run(folder, "simulate", "faulty.fmu")
+    assert result.returncode == 0 and "hello from the FMU" in result.stderr and "\033" not in result.stderr
+    table = list(csv.DictReader(result.stdout.splitlines()))
+    assert len(table) == 21 and set(table[0]) == {"time", "tip.y[1,2]"}
+    for row in table:
+        assert abs(float(row["tip.y[1,2]"]) - (0.6 * np.cos(2 * float(row["time"])) + 0.5)) < 1e-12
+
+
+def test_a_failure_late_in_a_long_simulation_prints_what_came_before(folder):
+    # of less than a megabyte nothing is printed; of more, what was there
+    for step, printed in (("0.05", False), ("0.000005", True)):
+        result = run(folder, "simulate", "faulty.fmu", "--start", "rod.k[1]=0.72", "--step-size", step)
+        assert result.returncode == 2 and bool(result.stdout) == printed
+        assert "error: fmi2DoStep returned error: no solution for 0.5" in result.stderr
+
+
+def test_the_rows_of_a_long_simulation_are_not_kept(folder):
+    code = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True); print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    size = lambda step: int(
+        run_python(folder, code, METAFMU, "simulate", "faulty.fmu", "--step-size", step, "--output", "table.csv")
+    )
+    short, long = size("0.05"), size("0.0000005")
+    with open(folder / "table.csv") as file:
+        assert sum(1 for _ in file) == 2_000_002
+    # two million rows of two numbers alone are 31 MiB
+    assert long < short + 10_000, (short, long)
+
+
+def run_python(folder, code, *arguments):
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("verb", ["validate", "simulate", "sample"])
+def test_nothing_is_left_behind_whatever_ends_the_program(folder, verb, end):
+    (folder / "campaign.toml").write_text(STUDY.replace("time_limit = 1", "time_limit = 600"))
+    arguments = {"validate": ["faulty.fmu"], "simulate": ["faulty.fmu"], "sample": ["campaign.toml"]}[verb]
+    env = environment(folder, FAULTY="fmi2DoStep:hang")
+    process = subprocess.Popen([METAFMU, verb, *arguments], cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    wait_for(lambda: children(process))
+    time.sleep(0.3)
+    workers = children(process)
+    process.send_signal(end)
+    output, message = process.communicate(timeout=10)
+    assert output == b"" and process.returncode == (130 if end == signal.SIGINT else -end)
+    assert end != signal.SIGINT or message.endswith(b"error: stopped\n")
+    wait_for(lambda: not any(map(is_alive, workers)))
+    wait_for(lambda: not list((folder / "temporary").iterdir()))
+
+
+def test_what_a_killed_process_and_its_workers_left_is_removed_by_the_next_one(folder):
+    env = environment(folder, FAULTY="fmi2DoStep:hang")
+    process = subprocess.Popen([METAFMU, "simulate", "faulty.fmu"], cwd=folder, env=env, stderr=subprocess.DEVNULL)
+    wait_for(lambda: children(process))
+    time.sleep(0.3)
+    workers = children(process)
+    for pid in (*workers, process.pid):
+        os.kill(pid, signal.SIGSTOP)
+    # in use: it is left alone
+    assert run(folder, "simulate", "faulty.fmu").returncode == 0
+    left = list((folder / "temporary").iterdir())
+    assert len(left) == 1
+    for pid in (*workers, process.pid):
+        os.kill(pid, signal.SIGKILL)
+    process.wait()
+    wait_for(lambda: not any(map(is_alive, workers)))
+    assert list((folder / "temporary").iterdir()) == left
+    assert run(folder, "simulate", "faulty.fmu").returncode == 0
+    assert not list((folder / "temporary").iterdir())
+
+
+def test_a_temporary_folder_that_cannot_be_used_is_no_problem_of_the_fmu(folder):
+    for verb in ("validate", "simulate"):
+        result = run(folder, verb, "faulty.fmu", TMPDIR=str(folder / "nowhere"))
+        assert (result.returncode, result.stdout) == (2, "")
+        assert f"error: {folder / 'nowhere'}: cannot create a folder in: No such file or directory" in result.stderr
+
+
+def test_a_temporary_folder_that_is_full_is_no_problem_of_the_fmu(folder):
+    def no_room():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+    command = [METAFMU, "validate", "faulty.fmu"]
+    options = {"preexec_fn": no_room, "restore_signals": False}
+    result = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, **options)
+    assert (result.returncode, result.stdout) == (2, "") and "cannot write: File too large" in result.stderr, result.stderr
+    assert not list((folder / "temporary").iterdir())
+
+
+@pytest.mark.parametrize("size", ['<Dimension start="9000000000000000000"/>', '<Dimension valueReference="99"/>'])
+def test_arrays_of_an_unreasonable_size_are_refused_by_every_verb(tmp_path, size):
+    source = ROOT / "examples" / "fmu-source" / "chain"
+    shutil.copytree(source, tmp_path / "chain")
+    description = (source / "modelDescription.xml").read_text()
+    fixed = '<Dimension start="3"/>'
+    assert fixed in description
+    parameter = '<UInt64 name="count" valueReference="99" causality="structuralParameter" variability="fixed" start="9000000000000000000"/>'
+    changed = description.replace(fixed, size).replace("<ModelVariables>", "<ModelVariables>\n" + parameter, 1)
+    (tmp_path / "chain" / "modelDescription.xml").write_text(changed)
+    make_fmus.build_c(tmp_path / "chain" / "chain.c", tmp_path / "chain.fmu")
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "chain.toml").write_text(
+        STUDY.replace("faulty", "chain").replace("rod.k[1]", "mass").replace('"rod.k[2,1]"', "force").replace("tip.y[1,2]", "position[1]")
+    )
+    says = 'variable "position" has 9000000000000000000 elements, expected at most 16777216 of all variables'
+    for arguments in (["new", "y", "--fmu", "chain.fmu"], ["sample", "chain.toml"], ["simulate", "chain.fmu"]):
+        result = run(tmp_path, *arguments)
+        assert (result.returncode, result.stdout) == (2, "") and says in result.stderr, result.stderr
+    result = run(tmp_path, "validate", "chain.fmu")
+    assert result.returncode == 1 and says in result.stdout, result.stdout
 
 
 # ---- Surrogates that take the place of their FMUs -------------------------------------------------------------------

@@ -6,11 +6,12 @@ use crate::{
     fmu::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
     table,
 };
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Values of input variables over time: linear between two rows for continuous variables, that of the row before for the
 /// others, and the first and last row go on for ever.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Names of the variables.
     pub names: Vec<String>,

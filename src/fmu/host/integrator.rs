@@ -5,7 +5,7 @@
 //! method of order 8(5,3), so that all of these are ends of steps and nothing is interpolated.
 
 use super::{Instance, Step, inputs::Driver};
-use crate::{Error, Result, integrate::in_words};
+use crate::{Error, Result, fmu::model_description::MAX_ELEMENTS, integrate::in_words};
 use nalgebra::DVector;
 use ode_solvers::{
     Dop853, System,
@@ -27,8 +27,6 @@ const MAX_TRIALS: usize = 400;
 const MAX_STEPS: u32 = 100_000;
 /// Steps of a stretch after which the method looks whether the equations are stiff.
 const STIFF_AFTER: u32 = 1000;
-/// More continuous states or event indicators than this are a mistake in the description.
-const MAX_COUNT: usize = 1 << 28;
 
 /// An instance that is run by model exchange, in Continuous-Time Mode.
 #[derive(Debug)]
@@ -78,7 +76,7 @@ impl<'a> Exchange<'a> {
         let suggested = description.default_experiment.and_then(|experiment| experiment.tolerance);
         let tolerance = tolerance.or(suggested.filter(|tolerance| *tolerance > 0.0)).unwrap_or(TOLERANCE);
         let (states, indicators) = (description.state_count(), description.indicator_count());
-        if states.max(indicators) > MAX_COUNT {
+        if states.max(indicators) as u64 > MAX_ELEMENTS {
             let message = format!("{states} continuous states and {indicators} event indicators are too many");
             return Err(Error::Integration { time, message });
         }

@@ -20,6 +20,7 @@ mod simulate;
 mod state;
 #[cfg(test)]
 mod tests;
+pub mod unpacked;
 mod values;
 
 pub use exchange::{CompletedStep, DiscreteStates};
@@ -27,8 +28,9 @@ pub use inputs::Inputs;
 pub use instance::{Instance, Step};
 pub use journal::LogMessage;
 pub use recorder::{Column, element_names};
-pub use simulate::{SimulationOptions, Table, simulate};
+pub use simulate::{RowSink, SimulationOptions, Table, simulate, simulate_into};
 pub use state::State;
+pub use unpacked::Unpacked;
 pub(super) use {
     grid::Grid,
     inputs::NO_INPUTS,
@@ -50,7 +52,6 @@ use std::{
     fmt,
     path::{MAIN_SEPARATOR, Path, PathBuf},
 };
-use tempfile::TempDir;
 
 /// Who advances the time of an FMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -87,42 +88,7 @@ pub struct Fmu {
     resources: CString,
     // dropped in this order: the library is unloaded before its file is removed
     library: Library,
-    _folder: Option<TempDir>,
-}
-
-/// An FMU's files in a temporary folder, which is removed when the value is dropped. Nothing of it is loaded.
-#[derive(Debug)]
-pub struct Unpacked {
-    path: PathBuf,
-    description: ModelDescription,
-    interface: InterfaceKind,
-    folder: TempDir,
-}
-
-impl Unpacked {
-    /// Opens and unpacks an FMU for one interface; else for co-simulation or, if it does not offer that, for model exchange.
-    ///
-    /// # Errors
-    /// As [`Fmu::open`], but for what concerns the content of the binary.
-    pub fn open(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
-        let (mut archive, description, interface) = inspect(path, wanted)?;
-        let folder = tempfile::Builder::new()
-            .prefix("metafmu-")
-            .tempdir()
-            .map_err(Error::io(&std::env::temp_dir(), "create a folder in"))?;
-        archive.unpack(folder.path())?;
-        Ok(Self { path: path.to_owned(), description, interface, folder })
-    }
-
-    /// The folder.
-    pub fn folder(&self) -> &Path {
-        self.folder.path()
-    }
-
-    fn load(self) -> Result<Fmu> {
-        let fmu = Fmu::of_folder(&self.path, self.folder.path(), self.description, self.interface)?;
-        Ok(Fmu { _folder: Some(self.folder), ..fmu })
-    }
+    _folder: Option<unpacked::Folder>,
 }
 
 /// Opens an archive and reads what is in it, the interface to use and a binary for this platform included.
@@ -188,21 +154,21 @@ impl Fmu {
         Unpacked::open(path, wanted)?.load()
     }
 
-    /// Loads an FMU that another process has [unpacked](Unpacked) into a folder; `path` is for messages.
+    /// Loads an FMU that another process has unpacked into a [temporary folder](Unpacked::folder); `path` is for messages.
     ///
     /// # Errors
     /// As [`Fmu::open`].
     pub fn open_unpacked(path: &Path, folder: &Path, interface: InterfaceKind) -> Result<Self> {
+        let folder = unpacked::files(folder);
         let file = folder.join("modelDescription.xml");
         let text = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
         let document = xml::read(&text).map_err(|problem| description_error(path, &problem))?;
         let (description, interface) = usable(path, document, Some(interface))?;
-        Self::of_folder(path, folder, description, interface)
+        Self::of_folder(path, &folder, description, interface)
     }
 
     fn of_folder(path: &Path, folder: &Path, description: ModelDescription, interface: InterfaceKind) -> Result<Self> {
         let resources = folder.join("resources");
-        std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
         let binary = binary(&description, interface);
         let file = folder.join(&binary);
         let bytes = std::fs::read(&file).map_err(Error::io(&file, "read"))?;

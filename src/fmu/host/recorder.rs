@@ -5,9 +5,10 @@ use crate::{
     Error, Result,
     fmu::model_description::{Real, ScalarVariable, VariableType},
 };
+use serde::{Deserialize, Serialize};
 
 /// A recorded variable, or an element of one.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
     /// The variable's name; of an array with the indices of the element, counted from 1.
     pub name: String,
@@ -57,8 +58,8 @@ impl<'a> Recorder<'a> {
             instance.element_count(variable)?;
             let shape = description.shape(variable).unwrap_or_default();
             let unit = description.unit_of(variable).map(str::to_owned);
-            let columns = element_names(&variable.name, &shape).into_iter();
-            recorder.columns.extend(columns.map(|name| Column { name, unit: unit.clone() }));
+            let names = element_names(&variable.name, &shape);
+            recorder.columns.extend(names.map(|name| Column { name, unit: unit.clone() }));
         }
         Ok(recorder)
     }
@@ -82,17 +83,17 @@ impl<'a> Recorder<'a> {
 }
 
 /// `name`, or `name[1,1]`, `name[1,2]` and so on, the last index first to change.
-pub fn element_names(name: &str, shape: &[u64]) -> Vec<String> {
-    let mut indices = vec![String::new()];
-    for &size in shape {
-        let longer = |index: &String| {
-            let index = index.clone();
-            (1..=size).map(move |next| if index.is_empty() { next.to_string() } else { format!("{index},{next}") })
-        };
-        indices = indices.iter().flat_map(longer).collect();
-    }
-    let full = |index: String| if index.is_empty() { name.to_owned() } else { format!("{name}[{index}]") };
-    indices.into_iter().map(full).collect()
+pub fn element_names(name: &str, shape: &[u64]) -> impl Iterator<Item = String> {
+    let count = shape.iter().copied().fold(1, u64::saturating_mul);
+    (0..count).map(move |mut position| {
+        let mut indices = Vec::new();
+        for size in shape.iter().rev() {
+            indices.push((position % size + 1).to_string());
+            position /= size;
+        }
+        indices.reverse();
+        if shape.is_empty() { name.to_owned() } else { format!("{name}[{}]", indices.join(",")) }
+    })
 }
 
 #[cfg(test)]
@@ -101,9 +102,10 @@ mod tests {
 
     #[test]
     fn elements_of_arrays_are_named_in_row_major_order() {
-        assert_eq!(element_names("x", &[]), ["x"]);
-        assert_eq!(element_names("x", &[2]), ["x[1]", "x[2]"]);
-        assert_eq!(element_names("x", &[2, 2]), ["x[1,1]", "x[1,2]", "x[2,1]", "x[2,2]"]);
-        assert_eq!(element_names("x", &[2, 0]), [""; 0]);
+        let names = |shape: &[u64]| element_names("x", shape).collect::<Vec<_>>();
+        assert_eq!(names(&[]), ["x"]);
+        assert_eq!(names(&[2]), ["x[1]", "x[2]"]);
+        assert_eq!(names(&[2, 3]), ["x[1,1]", "x[1,2]", "x[1,3]", "x[2,1]", "x[2,2]", "x[2,3]"]);
+        assert_eq!(names(&[2, 0]), [""; 0]);
     }
 }

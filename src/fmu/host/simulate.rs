@@ -5,9 +5,10 @@ use crate::{
     Error, Result,
     fmu::model_description::{Causality, ScalarVariable, Variability, VariableType},
 };
+use serde::{Deserialize, Serialize};
 
 /// What to run. Whatever is not given comes from the FMU's default experiment.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SimulationOptions {
     /// Start time; else the FMU's, else 0.
     pub start: Option<f64>,
@@ -28,8 +29,23 @@ pub struct SimulationOptions {
     pub record_only: bool,
 }
 
+/// Takes a run's rows as they come: one for each communication point, the start included.
+pub trait RowSink {
+    /// Takes what the columns are, before the initialization; time is not among them.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn begin(&mut self, columns: &[Column]) -> Result<()>;
+
+    /// Takes the values at a time, one for each column.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()>;
+}
+
 /// The result of a run: a row for each communication point, the start included.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     /// What the columns are; time is not among them.
     pub columns: Vec<Column>,
@@ -41,7 +57,31 @@ pub struct Table {
     pub terminated: bool,
 }
 
-/// Runs an instance that was just made or reset, from its initialization to its end, and records the outputs.
+impl RowSink for Table {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+        self.columns = columns.to_vec();
+        Ok(())
+    }
+
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
+        self.times.push(time);
+        self.rows.push(values.to_vec());
+        Ok(())
+    }
+}
+
+/// Runs an instance as [`simulate_into`] does, and keeps the rows.
+///
+/// # Errors
+/// Those of [`simulate_into`].
+pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Table> {
+    let mut table = Table::default();
+    table.terminated = simulate_into(instance, options, &mut table)?;
+    Ok(table)
+}
+
+/// Runs an instance that was just made or reset, from its initialization to its end, and records the outputs. Returns whether
+/// the FMU ended the simulation before its stop time.
 ///
 /// Step `i` begins at `start + i * step`, with no accumulation of rounding; a last partial step reaches `stop`. Inputs
 /// are set at every communication point before the outputs are read there, so that outputs follow inputs without delay.
@@ -54,13 +94,15 @@ pub struct Table {
 /// - [`Error::Experiment`]: the times make no simulation, or need a partial step the FMU cannot do;
 /// - [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be;
 /// - [`Error::Integration`]: model exchange that cannot be integrated, or has no end of events;
-/// - [`Error::Fmi`]: the FMU failed.
-pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Table> {
+/// - [`Error::Fmi`]: the FMU failed;
+/// - those of the sink.
+pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mut impl RowSink) -> Result<bool> {
     let fmu = instance.fmu();
     let exchange = fmu.interface() == InterfaceKind::ModelExchange;
     let grid = Grid::new(fmu, options)?;
     let recorder = Recorder::new(instance, &options.record, options.record_only)?;
     let inputs = options.inputs.drive(fmu.description())?;
+    sink.begin(&recorder.columns)?;
     for (name, value) in &options.start_values {
         set_start(instance, name, *value)?;
     }
@@ -76,17 +118,15 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
     }
     instance.exit_initialization_mode()?;
 
-    let mut table = Table { columns: recorder.columns.clone(), times: Vec::new(), rows: Vec::new(), terminated: false };
-    let mut integration = None;
+    let (mut terminated, mut integration) = (false, None);
     if exchange {
         let (run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
-        table.terminated = begun != Step::Done;
+        terminated = begun != Step::Done;
         integration = Some(run);
     }
-    table.times.push(start);
-    table.rows.push(recorder.row()?);
+    sink.row(start, &recorder.row()?)?;
     for step in 0..grid.steps() {
-        if table.terminated {
+        if terminated {
             break;
         }
         let time = grid.time(step + 1);
@@ -94,20 +134,20 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
             Some(run) => run.advance(time)?,
             None => instance.do_step(grid.time(step), grid.size(step))?,
         };
-        match reached {
+        let reached_time = match reached {
             Step::Done => {
                 if !exchange {
                     set_inputs(time)?;
                 }
-                table.times.push(time);
+                time
             }
-            Step::Terminated { time } => table.times.push(time),
-        }
-        table.terminated = reached != Step::Done;
-        table.rows.push(recorder.row()?);
+            Step::Terminated { time } => time,
+        };
+        terminated = reached != Step::Done;
+        sink.row(reached_time, &recorder.row()?)?;
     }
     instance.terminate()?;
-    Ok(table)
+    Ok(terminated)
 }
 
 /// Sets a start value before initialization.

@@ -3,7 +3,7 @@
 use super::{Functions, Instance, fmi2, fmi3, instance::c_bool};
 use crate::{
     Error, Result,
-    fmu::model_description::{FmiVersion, Integer, Real, ScalarVariable, VariableType, Width},
+    fmu::model_description::{FmiVersion, Integer, MAX_ELEMENTS, Real, ScalarVariable, VariableType, Width},
 };
 use std::ffi::c_int;
 
@@ -398,8 +398,7 @@ impl Instance<'_> {
         let description = self.fmu.description();
         debug_assert!(description.fmi_version == FmiVersion::V3 || variable.dimensions.is_empty());
         let count = description.shape(variable).and_then(|shape| shape.into_iter().try_fold(1u64, u64::checked_mul));
-        // an array of more elements is a mistake in the description, not to be answered by running out of memory
-        count.filter(|&count| count <= 1 << 28).map(|count| count as usize).ok_or_else(|| Error::Variable {
+        count.filter(|&count| count <= MAX_ELEMENTS).map(|count| count as usize).ok_or_else(|| Error::Variable {
             name: variable.name.clone(),
             problem: "is an array of unknown or unreasonable size".into(),
         })

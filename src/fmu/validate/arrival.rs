@@ -1,6 +1,6 @@
 //! Repeats the reference run inside an FMU of metafmu and compares the results.
 
-use super::{Area, Report};
+use super::{Area, Notes};
 use crate::{
     Result,
     fmu::{
@@ -20,19 +20,12 @@ pub struct Reference {
     rows: Vec<Vec<f64>>,
 }
 
-/// The reference inside, if there is one that can be read.
-pub fn read(archive: &mut Archive, report: &mut Report) -> Option<Reference> {
+/// The reference inside, if there is one, or what is wrong with it.
+pub fn read(archive: &mut Archive) -> std::result::Result<Option<Reference>, String> {
     if !archive.contains(OPTIONS_FILE) && !archive.contains(RESULT_FILE) {
-        report.skipped("a reference result: there is none of metafmu's inside");
-        return None;
+        return Ok(None);
     }
-    match parse(archive) {
-        Ok(reference) => Some(reference),
-        Err(problem) => {
-            report.problem(Area::Archive, problem);
-            None
-        }
-    }
+    parse(archive).map(Some)
 }
 
 fn parse(archive: &mut Archive) -> std::result::Result<Reference, String> {
@@ -47,8 +40,9 @@ fn parse(archive: &mut Archive) -> std::result::Result<Reference, String> {
 }
 
 /// Reports the first difference.
-pub fn check(fmu: &Fmu, reference: &Reference, report: &mut Report) {
+pub fn check(fmu: &Fmu, reference: &Reference, report: &mut Notes) {
     let interface = fmu.interface();
+    report.doing("the reference run");
     match compare(fmu, reference) {
         Ok(None) => {}
         Ok(Some(problem)) => report.problem(Area::Behaviour, format!("{interface}, the reference run: {problem}")),

@@ -1,7 +1,7 @@
 //! Runs an FMU by one of its interfaces and compares what it does with what the standard says.
 
 use super::{
-    Area, Report,
+    Area, Notes,
     run::{Run, experiment, whole_run},
 };
 use crate::{
@@ -13,8 +13,10 @@ use crate::{
 };
 
 /// Reports what the binary lacks and what goes wrong when it is run.
-pub fn check(fmu: &Fmu, report: &mut Report) {
+pub fn check(fmu: &Fmu, report: &mut Notes) {
+    report.doing("its version");
     binary(fmu, report);
+    report.doing("an instance with a wrong token");
     if fmu.instantiate_as("wrong token", "{no such token}", false).is_ok() {
         report.problem(Area::Behaviour, "an instance is made with a token that is not that of modelDescription.xml");
     }
@@ -44,7 +46,7 @@ pub fn check(fmu: &Fmu, report: &mut Report) {
     states_put_back(fmu, &experiment, &reference, report);
 }
 
-fn binary(fmu: &Fmu, report: &mut Report) {
+fn binary(fmu: &Fmu, report: &mut Notes) {
     for function in fmu.missing_functions() {
         report.problem(Area::Binary, format!("does not export `{function}`"));
     }
@@ -63,8 +65,9 @@ fn binary(fmu: &Fmu, report: &mut Report) {
 }
 
 /// Runs a check that returns what is different from what it should be, and reports that or the failure.
-pub fn attempt(fmu: &Fmu, report: &mut Report, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
+pub fn attempt(fmu: &Fmu, report: &mut Notes, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
     let interface = fmu.interface();
+    report.doing(what);
     match check() {
         Ok(None) => {}
         Ok(Some(difference)) => report.problem(Area::Behaviour, format!("{interface}, {what}: {difference}")),
@@ -98,7 +101,7 @@ fn two_at_once(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>]) -> Result<O
 }
 
 /// A state taken in the middle of a run and put back must lead to the same end.
-fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report: &mut Report) {
+fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report: &mut Notes) {
     let capabilities = fmu.capabilities();
     if !capabilities.get_and_set_state {
         return report.skipped("FMU states: the FMU offers none");

@@ -1,6 +1,6 @@
 //! Compares the derivatives an FMU offers with differences of its outputs.
 
-use super::{Area, Report};
+use super::{Area, Notes};
 use crate::{
     Result,
     fmu::{
@@ -23,7 +23,7 @@ const MAX_KNOWNS: usize = 32;
 
 /// Reports derivatives that are not those of the outputs by the inputs and parameters they are said to depend on, in
 /// Initialization Mode, where parameters count as known as well.
-pub fn check(fmu: &Fmu, report: &mut Report) {
+pub fn check(fmu: &Fmu, report: &mut Notes) {
     let capabilities = fmu.capabilities();
     if !capabilities.directional_derivative {
         return report.skipped("derivatives: the FMU offers none");
@@ -42,6 +42,7 @@ pub fn check(fmu: &Fmu, report: &mut Report) {
             report.skipped(format!("derivatives of \"{}\" by more than {MAX_KNOWNS} variables", unknown.name));
             knowns.truncate(MAX_KNOWNS);
         }
+        report.doing(format!("derivatives of \"{}\"", unknown.name));
         match differences(fmu, unknown, &knowns, capabilities.adjoint_derivative, report) {
             Ok(problems) => problems.into_iter().for_each(|problem| report.problem(Area::Behaviour, problem)),
             Err(error) => report.problem(Area::Behaviour, format!("derivatives of \"{}\": {error}", unknown.name)),
@@ -58,7 +59,7 @@ fn differences(
     unknown: &ScalarVariable,
     knowns: &[&ScalarVariable],
     adjoint: bool,
-    report: &mut Report,
+    report: &mut Notes,
 ) -> Result<Vec<String>> {
     let instance = fmu.instantiate("derivatives", true)?;
     let start = fmu.description().default_experiment.and_then(|experiment| experiment.start).unwrap_or(0.0);

@@ -1,6 +1,6 @@
 //! Checks what an FMU of metafmu does outside its training ranges.
 
-use super::{Area, Report};
+use super::{Area, Notes};
 use crate::{
     Result,
     fmu::{Fmu, Instance},
@@ -14,7 +14,7 @@ use metafmu_runtime::{
 const TOLERANCE: f64 = 1e-9;
 
 /// Reports where the three policies and the two outputs of the domain do not hold.
-pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
+pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     for policy in [DomainPolicy::Warn, DomainPolicy::Clamp, DomainPolicy::Error] {
         for column in 0..surrogate.inputs().len() {
             let Input { role, encoding, .. } = &surrogate.inputs()[column];
@@ -22,6 +22,7 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
             if *role == Role::Time || *encoding == Encoding::Periodic {
                 continue;
             }
+            report.doing(format!("domain_policy {}", policy as i32));
             match outside(fmu, surrogate, policy, column) {
                 Ok(None) => {}
                 Ok(Some(problem)) => {

@@ -1,8 +1,7 @@
 //! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
 //! interfaces, and whether it computes what the surrogate and the reference result inside say.
-//!
-//! The binary is run in this process: an FMU that crashes takes the program along.
 
+mod apart;
 mod archive;
 mod arrival;
 mod behaviour;
@@ -12,13 +11,17 @@ mod domain;
 mod prediction;
 mod run;
 
-use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, package::MODEL_FILE};
+pub use apart::{Task, validate_apart};
+
+pub(super) use apart::serve;
+
+use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, host::Unpacked, package::MODEL_FILE};
 use crate::Error;
 use metafmu_runtime::{
     FormatError, Model, Surrogate,
     regression::{Function, Regression},
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::{collections::HashSet, fmt, path::Path};
 
 /// Largest model file that is read.
@@ -34,7 +37,7 @@ pub struct Report {
 }
 
 /// One problem.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
     /// Part of the FMU.
     pub area: Area,
@@ -45,7 +48,7 @@ pub struct Finding {
 }
 
 /// Part of an FMU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Area {
     /// The zip archive and what is in it.
@@ -60,7 +63,43 @@ pub enum Area {
     Surrogate,
 }
 
+/// What comes up while the binary is run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Note {
+    /// This is what is done from here on.
+    Doing(String),
+    /// This is wrong.
+    Problem(Finding),
+    /// This could not be checked.
+    NotChecked(String),
+}
+
+/// Takes notes at once, for an FMU may end the process at any time.
+struct Notes<'a>(&'a mut dyn FnMut(Note));
+
+impl Notes<'_> {
+    fn doing(&mut self, what: impl Into<String>) {
+        self.0(Note::Doing(what.into()));
+    }
+
+    fn problem(&mut self, area: Area, message: impl Into<String>) {
+        self.0(Note::Problem(Finding { area, line: None, message: message.into() }));
+    }
+
+    fn skipped(&mut self, what: impl Into<String>) {
+        self.0(Note::NotChecked(what.into()));
+    }
+}
+
 impl Report {
+    fn add(&mut self, note: Note) {
+        match note {
+            Note::Doing(_) => {}
+            Note::Problem(finding) => self.problems.push(finding),
+            Note::NotChecked(what) => self.not_checked.push(what),
+        }
+    }
+
     fn problem(&mut self, area: Area, message: impl Into<String>) {
         self.problems.push(Finding { area, line: None, message: message.into() });
     }
@@ -119,12 +158,25 @@ impl fmt::Display for Area {
     }
 }
 
-/// Checks an FMU and reports every problem.
+/// Checks an FMU and reports every problem. Its binary is run in this process: an FMU that crashes takes the program along,
+/// unlike with [`validate_apart`].
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, [`Error::Archive`] if it is no zip archive: there is nothing to validate.
+/// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is no zip archive: there is nothing to validate.
 pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
     let path = path.as_ref();
+    examine(path, &mut |unpacked, report| {
+        let mut archive = Archive::open(path)?;
+        match unpacked.load() {
+            Ok(fmu) => run(&fmu, &mut archive, &mut Notes(&mut |note| report.add(note))),
+            Err(error) => report.problem(Area::Binary, error.to_string()),
+        }
+        Ok(())
+    })
+}
+
+/// Checks what can be checked without the binary, and has it run by each interface.
+fn examine(path: &Path, run: &mut dyn FnMut(Unpacked, &mut Report) -> crate::Result<()>) -> crate::Result<Report> {
     let mut report = Report::default();
     let mut archive = Archive::open(path)?;
     archive::check(&mut archive, &mut report);
@@ -143,25 +195,24 @@ pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
         Err(_) => return Ok(nothing_run(report)),
     };
     description::check(&document, &mut report);
-    let surrogate = surrogate(&mut archive, &mut report);
-    let reference = arrival::read(&mut archive, &mut report);
+    let surrogate = match surrogate(&mut archive) {
+        Ok(surrogate) => surrogate,
+        Err(problem) => {
+            report.problem(Area::Surrogate, problem);
+            None
+        }
+    };
+    match arrival::read(&mut archive) {
+        Ok(Some(_)) => {}
+        Ok(None) => report.skipped("a reference result: there is none of metafmu's inside"),
+        Err(problem) => report.problem(Area::Archive, problem),
+    }
     if document.description.scheduled_execution.is_some() {
         report.skipped("scheduled execution: only co-simulation and model exchange are run");
     }
     for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
-        let Some(fmu) = load(path, &document.description, interface, &mut report) else { continue };
-        behaviour::check(&fmu, &mut report);
-        if surrogate.as_ref().is_some_and(is_piecewise_constant) {
-            report.skipped("derivatives: the model inside jumps, between jumps they are 0");
-        } else {
-            derivatives::check(&fmu, &mut report);
-        }
-        if let Some(surrogate) = &surrogate {
-            prediction::check(&fmu, surrogate, &mut report);
-            domain::check(&fmu, surrogate, &mut report);
-        }
-        if let Some(reference) = &reference {
-            arrival::check(&fmu, reference, &mut report);
+        if let Some(unpacked) = unpack(path, &document.description, interface, &mut report)? {
+            run(unpacked, &mut report)?;
         }
     }
     if surrogate.is_none() {
@@ -173,6 +224,24 @@ pub fn validate(path: impl AsRef<Path>) -> crate::Result<Report> {
     Ok(report)
 }
 
+/// Runs an FMU; what cannot be read of the archive has been reported.
+fn run(fmu: &Fmu, archive: &mut Archive, report: &mut Notes) {
+    let surrogate = surrogate(archive).ok().flatten();
+    behaviour::check(fmu, report);
+    if surrogate.as_ref().is_some_and(is_piecewise_constant) {
+        report.skipped("derivatives: the model inside jumps, between jumps they are 0");
+    } else {
+        derivatives::check(fmu, report);
+    }
+    if let Some(surrogate) = &surrogate {
+        prediction::check(fmu, surrogate, report);
+        domain::check(fmu, surrogate, report);
+    }
+    if let Ok(Some(reference)) = arrival::read(archive) {
+        arrival::check(fmu, &reference, report);
+    }
+}
+
 fn nothing_run(mut report: Report) -> Report {
     report.skipped("the binary and what it computes: modelDescription.xml cannot be read");
     report
@@ -182,37 +251,33 @@ fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
     matches!(surrogate.model(), Model::Regression(Regression { function: Function::Forest(_), .. }))
 }
 
-/// The surrogate inside, if there is one; a model file of another program is none of ours.
-fn surrogate(archive: &mut Archive, report: &mut Report) -> Option<Surrogate> {
+/// The surrogate inside, if there is one, or what is wrong with it; a model file of another program is none of ours.
+fn surrogate(archive: &mut Archive) -> Result<Option<Surrogate>, String> {
     if !archive.contains(MODEL_FILE) {
-        return None;
+        return Ok(None);
     }
-    let bytes = match archive.read(MODEL_FILE, MAX_MODEL) {
-        Ok(bytes) => bytes,
-        Err(error) => {
-            report.problem(Area::Surrogate, error.to_string());
-            return None;
-        }
-    };
+    let bytes = archive.read(MODEL_FILE, MAX_MODEL).map_err(|error| error.to_string())?;
     match Surrogate::from_bytes(&bytes) {
-        Ok(surrogate) => Some(surrogate),
-        Err(FormatError::NoMetadata) => None,
-        Err(error) => {
-            report.problem(Area::Surrogate, format!("`{MODEL_FILE}`: {error}"));
-            None
-        }
+        Ok(surrogate) => Ok(Some(surrogate)),
+        Err(FormatError::NoMetadata) => Ok(None),
+        Err(error) => Err(format!("`{MODEL_FILE}`: {error}")),
     }
 }
 
 /// The FMU for one of its interfaces, if it offers that and can be run here.
-fn load(path: &Path, description: &ModelDescription, interface: InterfaceKind, report: &mut Report) -> Option<Fmu> {
-    let offered = description.interface(interface)?;
+fn unpack(
+    path: &Path,
+    description: &ModelDescription,
+    interface: InterfaceKind,
+    report: &mut Report,
+) -> crate::Result<Option<Unpacked>> {
+    let Some(offered) = description.interface(interface) else { return Ok(None) };
     if offered.needs_execution_tool {
         report.skipped(format!("{interface}: the FMU needs another program to run"));
-        return None;
+        return Ok(None);
     }
-    match Fmu::open_for(path, interface) {
-        Ok(fmu) => return Some(fmu),
+    match Unpacked::open(path, Some(interface)) {
+        Ok(unpacked) => return Ok(Some(unpacked)),
         // what of it is wrong has been reported with its line
         Err(Error::Description { .. }) => {
             report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
@@ -226,9 +291,15 @@ fn load(path: &Path, description: &ModelDescription, interface: InterfaceKind, r
         Err(Error::NoBinary { expected, .. }) => {
             report.problem(Area::Binary, format!("there is no binary for any platform, expected `{expected}`"));
         }
-        Err(error) => report.problem(Area::Binary, error.to_string()),
+        // the machine's fault
+        Err(error @ Error::Io { .. }) => return Err(error),
+        // the check of the archive may have found it, too
+        Err(Error::ArchiveEntry { entry, problem, .. }) => {
+            report.problem(Area::Archive, format!("entry `{entry}` {problem}"));
+        }
+        Err(error) => report.problem(Area::Archive, error.to_string()),
     }
-    None
+    Ok(None)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Compares an FMU with the surrogate inside it.
 
 use super::{
-    Area, Report,
+    Area, Notes,
     run::{Run, experiment},
 };
 use crate::{
@@ -16,11 +16,12 @@ const TOLERANCE: f64 = 1e-12;
 const MAX_CORNER_PARAMETERS: u32 = 6;
 
 /// Reports what of the surrogate is wrong, and where the FMU computes something else.
-pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
+pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     identity(fmu, surrogate, report);
     let Some(oracle) = Oracle::new(fmu, surrogate, report) else { return };
     let mut errors = Vec::new();
     for point in points(surrogate, report) {
+        report.doing("a run with changed parameters");
         if let Err(error) = oracle.compare(&point, report) {
             errors.push(error.to_string());
         }
@@ -32,7 +33,7 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
 }
 
 /// Digest and token.
-fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
+fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     if let Err(error) = surrogate.check_content() {
         report.problem(Area::Surrogate, format!("`{MODEL_FILE}`: {error}"));
     }
@@ -44,7 +45,7 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Report) {
 }
 
 /// Values of the input columns at which to compare: the start values, then the corners of the parameter ranges.
-fn points(surrogate: &Surrogate, report: &mut Report) -> Vec<Vec<f64>> {
+fn points(surrogate: &Surrogate, report: &mut Notes) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs();
     let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| inputs[column].role != Role::Time).collect();
     if parameters.len() > MAX_CORNER_PARAMETERS as usize {
@@ -78,7 +79,7 @@ struct Oracle<'a> {
 }
 
 impl<'a> Oracle<'a> {
-    fn new(fmu: &'a Fmu, surrogate: &'a Surrogate, report: &mut Report) -> Option<Self> {
+    fn new(fmu: &'a Fmu, surrogate: &'a Surrogate, report: &mut Notes) -> Option<Self> {
         let description = fmu.description();
         let inputs: Vec<&str> = surrogate.inputs().iter().map(|input| input.name.as_str()).collect();
         let outputs: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
@@ -101,7 +102,7 @@ impl<'a> Oracle<'a> {
             surrogate,
             evaluator: Evaluator::new(surrogate),
             // what of it cannot be run has been reported
-            experiment: experiment(fmu, &mut Report::default())?,
+            experiment: experiment(fmu, &mut Notes(&mut drop))?,
             inputs: references[..inputs.len()].to_vec(),
             outputs: references[inputs.len()..].to_vec(),
             tolerances: outputs.iter().map(tolerance).collect(),
@@ -110,7 +111,7 @@ impl<'a> Oracle<'a> {
 
     /// Runs with the parameters of a point: at the start, at every communication point, after a change of the tunable
     /// parameters, and after a step of another size.
-    fn compare(&self, point: &[f64], report: &mut Report) -> Result<()> {
+    fn compare(&self, point: &[f64], report: &mut Notes) -> Result<()> {
         let Self { experiment, surrogate, .. } = self;
         let mut comparison = Comparison { oracle: self, scratch: self.evaluator.scratch(), point: point.to_vec() };
         let instance = self.fmu.instantiate("comparison", true)?;
@@ -164,7 +165,7 @@ impl Comparison<'_> {
     }
 
     /// Compares the outputs now; reports and returns false if they are not those predicted.
-    fn holds(&mut self, instance: &Instance, time: f64, when: &str, report: &mut Report) -> Result<bool> {
+    fn holds(&mut self, instance: &Instance, time: f64, when: &str, report: &mut Notes) -> Result<bool> {
         let Oracle { surrogate, evaluator, outputs, tolerances, .. } = self.oracle;
         if let Some(column) = surrogate.time_column() {
             self.point[column] = time;

@@ -1,6 +1,6 @@
 //! Runs an FMU along its default experiment, by whichever interface it was loaded for.
 
-use super::{Area, Report};
+use super::{Area, Notes};
 use crate::{
     Result,
     fmu::{
@@ -89,7 +89,7 @@ pub fn whole_run(instance: &Instance, experiment: &Grid) -> Result<Vec<Vec<f64>>
 }
 
 /// The communication points of the default experiment, as far as they are run.
-pub fn experiment(fmu: &Fmu, report: &mut Report) -> Option<Grid> {
+pub fn experiment(fmu: &Fmu, report: &mut Notes) -> Option<Grid> {
     let suggested = fmu.description().default_experiment.unwrap_or_default();
     let mut options = SimulationOptions::default();
     if suggested.stop.is_none() {

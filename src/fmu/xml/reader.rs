@@ -185,6 +185,8 @@ mod tests {
             (format!("<CoSimulation/>{VARIABLES}<ModelStructure/>"), 2, "<CoSimulation> has no attribute `modelIdentifier`"),
             (format!("<DefaultExperiment\n stopTime='soon'/>{VARIABLES}<ModelStructure/>"), 2,
              "<DefaultExperiment> has stopTime=\"soon\", expected a number"),
+            (format!("<CoSimulation modelIdentifier=''/>{VARIABLES}<ModelStructure/>"), 2,
+             "<CoSimulation> has modelIdentifier=\"\", expected a name"),
             (format!("<DefaultExperiment end='1'/>{VARIABLES}<ModelStructure/>"), 2,
              "<DefaultExperiment> has an unknown attribute `end`"),
             ("<ModelVariables>\n<ScalarVariable name='x' valueReference='-1'><Real/></ScalarVariable>\n</ModelVariables><ModelStructure/>".into(), 3,

@@ -7,6 +7,8 @@ use super::{Problem, tree::Element};
 #[derive(Clone, Copy, PartialEq)]
 pub enum Kind {
     Text,
+    /// A text that is not empty.
+    Name,
     Real,
     /// An integer from the first to the second number.
     Whole(i128, i128),
@@ -160,6 +162,7 @@ fn mismatch(kind: Kind, value: &str) -> Option<String> {
     let mut words = value.split_whitespace();
     let (fits, expected) = match kind {
         Kind::Text => (true, ""),
+        Kind::Name => (!value.trim().is_empty(), "a name"),
         Kind::Real => (parse_real(value).is_some(), "a number"),
         INTEGER => (whole(value, (i32::MIN.into(), i32::MAX.into())), "an integer of 32 bits"),
         Kind::Whole(min, max) => {

@@ -5,18 +5,21 @@
 //! `source.time_limit` is tried again `source.retries` times, in a fresh process; then it is left out and reported. Which
 //! process makes which run does not matter to the results, unless the FMU keeps something from instance to instance.
 
-mod process;
 pub mod variables;
-pub mod worker;
 
 use super::{Journal, journal::WORTH_KEEPING};
 use crate::{
     Error, Result,
-    fmu::host::{Unpacked, describe},
+    fmu::{
+        host::{Unpacked, describe},
+        worker::{
+            Answer, Job, Worker,
+            sampling::{Reply, Task},
+        },
+    },
     study::Study,
     variable::Variable,
 };
-use process::{Answer, Worker};
 use std::{
     borrow::Cow,
     path::Path,
@@ -27,7 +30,6 @@ use std::{
     time::{Duration, Instant},
 };
 use variables::{Resolved, resolve};
-use worker::{Reply, Setup, Task};
 
 /// Seconds of a run unless `source.time_limit` says otherwise.
 const TIME_LIMIT: f64 = 60.0;
@@ -104,12 +106,9 @@ impl FmuModel {
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {
             let unpacked = Unpacked::open(&self.task.path, Some(self.task.interface))?;
-            let setup = Setup { folder: unpacked.folder().to_owned(), task: Cow::Borrowed(&self.task) };
             let campaign = Campaign {
                 model: self,
-                setup: serde_json::to_string(&setup)
-                    .map_err(std::io::Error::from)
-                    .map_err(Error::io(&self.task.path, "describe"))?,
+                folder: unpacked.folder(),
                 points,
                 missing: &missing,
                 next: AtomicUsize::new(0),
@@ -148,7 +147,8 @@ impl FmuModel {
 /// Runs on their way.
 struct Campaign<'a> {
     model: &'a FmuModel,
-    setup: String,
+    /// Where the FMU is unpacked.
+    folder: &'a Path,
     points: &'a [Vec<f64>],
     /// Positions of the points that are to be run, and which of these is next.
     missing: &'a [usize],
@@ -200,20 +200,22 @@ impl Campaign<'_> {
     }
 
     /// One run, with as many tries as it may have; none if the program is to stop.
-    fn attempt(&self, point: &[f64], worker: &mut Option<Worker>) -> Result<Option<Outcome>> {
+    fn attempt(&self, point: &[f64], worker: &mut Option<Worker<Reply>>) -> Result<Option<Outcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {
             let begin = Instant::now();
             let Some(process) = self.ready(worker)? else { return Ok(None) };
-            let mut answer = process.ask(point, self.model.time_limit, self.stop);
-            if !matches!(&answer, Answer::Reply(Reply::Done(count), _) if *count == self.model.values)
+            process.ask(&point);
+            let mut answer = process.answer(Some(self.model.time_limit), self.stop);
+            let complete = |outputs: &[f64]| outputs.len() == self.model.values;
+            if !matches!(&answer, Answer::Reply(Reply::Done, outputs) if complete(outputs))
                 || self.model.one_run_per_process
             {
                 // a process in which something went wrong is not trusted any more
                 *worker = None;
             }
             reason = match &mut answer {
-                Answer::Reply(Reply::Done(count), outputs) if *count == self.model.values => {
+                Answer::Reply(Reply::Done, outputs) if complete(outputs) => {
                     let outputs = std::mem::take(outputs);
                     if let Some(journal) = self.journal.filter(|_| begin.elapsed() > WORTH_KEEPING) {
                         journal.keep(point, &outputs)?;
@@ -232,13 +234,13 @@ impl Campaign<'_> {
     }
 
     /// A process that has loaded the FMU; none if the program is to stop.
-    fn ready<'w>(&self, worker: &'w mut Option<Worker>) -> Result<Option<&'w mut Worker>> {
+    fn ready<'w>(&self, worker: &'w mut Option<Worker<Reply>>) -> Result<Option<&'w mut Worker<Reply>>> {
         let path = &self.model.task.path;
         let mut process = match worker.take() {
             Some(process) => return Ok(Some(worker.insert(process))),
-            None => Worker::start(&self.setup).map_err(Error::io(path, "start a worker for"))?,
+            None => Worker::start(path, self.folder, &Job::Sample(Cow::Borrowed(&self.model.task)), |_| {})?,
         };
-        let message = match process.answer(self.model.time_limit, self.stop) {
+        let message = match process.answer(Some(self.model.time_limit), self.stop) {
             Answer::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
             Answer::Stopped => return Ok(None),
             // it names the FMU

@@ -1,12 +1,13 @@
 //! Which of an FMU's variables can be what in a study.
 
-use super::{super::wrong_unit, worker::Task};
+use super::super::wrong_unit;
 use crate::{
     Result,
     fmu::{
         ModelDescription,
         host::{InterfaceKind, element_names},
         model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
+        worker::sampling::Task,
     },
     names::did_you_mean,
     study::Study,
@@ -134,8 +135,8 @@ impl Resolver<'_> {
                 continue;
             }
             if variable.name == *name && !variable.dimensions.is_empty() {
-                let elements = elements(self.description, variable);
-                let some: Vec<&str> = elements.iter().take(3).map(String::as_str).collect();
+                let shape = self.description.shape(variable).unwrap_or_default();
+                let some: Vec<String> = element_names(name, &shape).take(3).collect();
                 problems.push((key, format!("is an array, expected its elements: {}", some.join(", "))));
                 continue;
             }
@@ -207,15 +208,21 @@ pub fn range(description: &ModelDescription, variable: &ScalarVariable) -> (Opti
 
 /// Names of the elements of a variable; of a scalar its own.
 pub fn elements(description: &ModelDescription, variable: &ScalarVariable) -> Vec<String> {
-    element_names(&variable.name, &description.shape(variable).unwrap_or_default())
+    element_names(&variable.name, &description.shape(variable).unwrap_or_default()).collect()
 }
 
 /// The variable of a name, or the array that has an element of that name.
 fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a ScalarVariable> {
     description.variable(name).or_else(|| {
-        let (array, _) = name.strip_suffix(']')?.rsplit_once('[')?;
+        let (array, indices) = name.strip_suffix(']')?.rsplit_once('[')?;
         let variable = description.variable(array).filter(|variable| !variable.dimensions.is_empty())?;
-        elements(description, variable).iter().any(|element| element == name).then_some(variable)
+        let sizes = description.shape(variable)?;
+        let indices: Vec<&str> = indices.split(',').collect();
+        let is_index = |(index, size): (&&str, &u64)| {
+            index.parse().is_ok_and(|number: u64| (1..=*size).contains(&number) && number.to_string() == *index)
+        };
+        let fits = indices.len() == sizes.len() && indices.iter().zip(&sizes).all(is_index);
+        fits.then_some(variable)
     })
 }
 

@@ -4,7 +4,8 @@
  * At 0.5 s it ends its process by SIGSEGV for k1 in [0.1, 0.15) and by abort() for k1 in [0.3, 0.35), it hangs for k1 in
  * [0.5, 0.55), says fmi2Error for k1 in [0.7, 0.75) and computes NaN for k1 in [0.8, 0.85); it ends the simulation for k1 in
  * [0.95, 0.97). For k1 in [0.9, 0.92) it aborts once: the folder that FAULTY_MARKS names remembers. It prints what nobody
- * asked for, and SLOW makes a run last so many milliseconds.
+ * asked for, and SLOW makes a run last so many milliseconds. Whatever k1 is, FAULTY makes a function go wrong, for instance
+ * FAULTY=fmi2Reset:exit: by exit(0), SIGSEGV (crash), a loop without end (hang), or a process that is left behind (orphan).
  */
 #define _POSIX_C_SOURCE 199309L
 #include <fcntl.h>
@@ -33,6 +34,23 @@ typedef struct {
 
 static int *volatile nowhere;
 
+static void fault(const char *function) {
+    const char *wanted = getenv("FAULTY");
+    const size_t length = strlen(function);
+    if (!wanted || strncmp(wanted, function, length) || wanted[length] != ':') return;
+    switch (wanted[length + 1]) {
+    case 'e': exit(0);
+    case 'c': *nowhere = 1; break;
+    case 'h': for (;;) sleep(1);
+    case 'o':
+        if (fork() == 0) {
+            sleep(5);
+            _exit(0);
+        }
+        _exit(3);
+    }
+}
+
 static int within(double value, double from, double to) { return value >= from && value < to; }
 
 static void go_wrong(const Model *model) {
@@ -57,17 +75,21 @@ API const char *fmi2GetVersion(void) { return "2.0"; }
 API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *callbacks,
                           int visible, int logging) {
     (void)name, (void)type, (void)guid, (void)resources, (void)visible, (void)logging;
+    fault("fmi2Instantiate");
     Model *model = calloc(1, sizeof *model);
     if (!model) return NULL;
     model->callbacks = callbacks;
     model->k1 = 0.6;
     model->k2 = 0.5;
-    printf("{\"Done\": 3}\nhello from the FMU\n");
+    printf("{\"Done\": 3}\n\033[31mhello from the FMU\n");
     fflush(stdout);
     return model;
 }
 
-API void fmi2FreeInstance(void *model) { free(model); }
+API void fmi2FreeInstance(void *model) {
+    fault("fmi2FreeInstance");
+    free(model);
+}
 API Status fmi2SetDebugLogging(void *m, int on, size_t n, const char *const *names) {
     (void)m, (void)on, (void)n, (void)names;
     return OK;
@@ -80,7 +102,10 @@ API Status fmi2SetupExperiment(void *m, int has, double tolerance, double start,
 API Status fmi2EnterInitializationMode(void *m) { return m ? OK : ERROR; }
 API Status fmi2ExitInitializationMode(void *m) { return m ? OK : ERROR; }
 API Status fmi2Terminate(void *m) { return m ? OK : ERROR; }
-API Status fmi2Reset(void *m) { return m ? OK : ERROR; }
+API Status fmi2Reset(void *m) {
+    fault("fmi2Reset");
+    return m ? OK : ERROR;
+}
 
 API Status fmi2GetReal(void *m, const unsigned *references, size_t n, double *values) {
     const Model *model = m;
@@ -108,6 +133,7 @@ API Status fmi2DoStep(void *m, double time, double step, int no_state_prior) {
         nanosleep(&pause, NULL);
     }
     if (time + step >= 0.5) {
+        fault("fmi2DoStep");
         go_wrong(model);
         if (within(model->k1, 0.7, 0.75)) {
             model->callbacks->logger(model->callbacks->environment, "faulty", ERROR, "logStatusError", "no solution for %g",

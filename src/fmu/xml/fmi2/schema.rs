@@ -5,7 +5,7 @@
 use crate::fmu::xml::schema::{
     Content::{Closed, OneOfThem},
     INTEGER,
-    Kind::{Boolean, Indices, OneOf, Real, Several, Text},
+    Kind::{Boolean, Indices, Name, OneOf, Real, Several, Text},
     Occurs::{self, Any, AtLeastOnce, AtMostOnce, Once},
     Rule, UNSIGNED, may, needs,
 };
@@ -43,7 +43,7 @@ pub const RULES: &[Rule] = &[
     Rule {
         elements: &["ModelExchange"],
         attributes: &[&[
-            needs("modelIdentifier", Text),
+            needs("modelIdentifier", Name),
             may("needsExecutionTool", Boolean),
             may("completedIntegratorStepNotNeeded", Boolean),
             may("canBeInstantiatedOnlyOncePerProcess", Boolean),
@@ -58,7 +58,7 @@ pub const RULES: &[Rule] = &[
     Rule {
         elements: &["CoSimulation"],
         attributes: &[&[
-            needs("modelIdentifier", Text),
+            needs("modelIdentifier", Name),
             may("needsExecutionTool", Boolean),
             may("canHandleVariableCommunicationStepSize", Boolean),
             may("canInterpolateInputs", Boolean),

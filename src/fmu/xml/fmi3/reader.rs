@@ -3,9 +3,9 @@
 use super::schema::{RULES, VARIABLES};
 use crate::fmu::{
     model_description::{
-        Alias, Causality, CoSimulation, Dimension, FmiVersion, Initial, Integer, Interface, ModelDescription,
-        ModelExchange, ModelStructure, Named, Real, ScalarVariable, TypeDefinition, Unknown, Variability, VariableType,
-        Width,
+        Alias, Causality, CoSimulation, Dimension, FmiVersion, Initial, Integer, Interface, MAX_ELEMENTS,
+        ModelDescription, ModelExchange, ModelStructure, Named, Real, ScalarVariable, TypeDefinition, Unknown,
+        Variability, VariableType, Width,
     },
     xml::{
         Document, Problem,
@@ -164,6 +164,7 @@ impl Reader {
 
     /// An array has as many start values as elements, or one for all of them.
     fn array_sizes(&mut self, root: &Element, description: &ModelDescription) {
+        let mut all = 0u64;
         for (element, variable) in variables(root).zip(&description.variables) {
             let count = match element.attribute("start") {
                 Some(list) => list.split_whitespace().count() as u64,
@@ -177,6 +178,15 @@ impl Reader {
                     continue;
                 }
             };
+            all = all.saturating_add(expected);
+            if all > MAX_ELEMENTS {
+                let message = format!(
+                    "variable \"{}\" has {expected} elements, expected at most {MAX_ELEMENTS} of all variables",
+                    variable.name
+                );
+                self.problems.push(Problem::unusable(element.line, message));
+                return;
+            }
             if count > 1 && count != expected {
                 let message = format!("variable \"{}\" has {count} start values, expected {expected}", variable.name);
                 self.problems.push(Problem::unusable(element.line, message));

@@ -6,7 +6,7 @@ use crate::fmu::xml::schema::{
     Attribute,
     Content::{Closed, NotEmpty, OpenAttributes},
     INTEGER,
-    Kind::{self, Boolean, Booleans, Hex, Indices, OneOf, Real, Reals, Several, Text, Whole, Wholes},
+    Kind::{self, Boolean, Booleans, Hex, Indices, Name, OneOf, Real, Reals, Several, Text, Whole, Wholes},
     Occurs::{self, Any, AtLeastOnce, AtMostOnce, Once},
     Rule, UNSIGNED, UNSIGNED_64, may, needs,
 };
@@ -33,7 +33,7 @@ pub const VARIABLES: &[&str] = &[
 const NAMED: &[Attribute] = &[needs("name", Text), may("description", Text)];
 
 const INTERFACE: &[Attribute] = &[
-    needs("modelIdentifier", Text),
+    needs("modelIdentifier", Name),
     may("needsExecutionTool", Boolean),
     may("canBeInstantiatedOnlyOncePerProcess", Boolean),
     may("canGetAndSetFMUState", Boolean),

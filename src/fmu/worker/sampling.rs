@@ -1,36 +1,15 @@
-//! The process that runs an FMU for another one: what crashes or hangs here costs one run.
-//!
-//! Standard input has a line of JSON with the [`Setup`], then one with the values of each run. Standard output has a line of
-//! JSON for each of them, a [`Reply`]; after [`Reply::Done`] follow the run's outputs, row by row, as little-endian doubles.
-//! At the end of standard input the process ends, whatever the FMU is doing.
+//! Runs of an FMU with changing parameters, for a sampling.
 
+use super::Replies;
 use crate::{
-    Error, Result,
-    fmu::host::{
-        Fmu, Inputs, InterfaceKind, SimulationOptions,
-        process::{Pipes, exit_now},
-        simulate,
-    },
+    Result,
+    fmu::host::{Fmu, Inputs, InterfaceKind, SimulationOptions, simulate},
 };
 use serde::{Deserialize, Serialize};
 use std::{
-    fs::File,
-    io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
-    sync::mpsc,
+    sync::mpsc::Receiver,
 };
-
-/// The argument that makes `metafmu` such a process.
-pub const ARGUMENT: &str = "fmu-worker";
-
-/// What to run.
-#[derive(Debug, Serialize, Deserialize)]
-pub struct Setup<'a> {
-    /// Where the FMU is unpacked.
-    pub folder: PathBuf,
-    /// The rest, which is the same for every sampling.
-    pub task: std::borrow::Cow<'a, Task>,
-}
 
 /// What a run of an FMU is.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -64,56 +43,27 @@ pub struct Task {
 pub enum Reply {
     /// The FMU is loaded.
     Ready,
-    /// The run is done; so many numbers follow.
-    Done(usize),
+    /// The run is done: its outputs, row by row.
+    Done,
     /// The FMU cannot be loaded, or the run failed.
     Failed(String),
 }
 
-/// Runs an FMU for the process that started this one; returns if there is none that asks for anything.
-///
-/// # Errors
-/// [`Error::Io`] if the streams cannot be used.
-pub fn serve() -> Result<()> {
-    let stream = |source| Error::io(Path::new("standard input and output"), "use")(source);
-    let Pipes { requests, mut replies } = Pipes::take().map_err(stream)?;
-    let mut lines = BufReader::new(requests).lines();
-    let Some(first) = lines.next() else { return Ok(()) };
-    let setup: Setup = serde_json::from_str(&first.map_err(stream)?).map_err(|error| stream(error.into()))?;
-    let Setup { folder, task } = setup;
-
-    let (send, receive) = mpsc::channel();
-    let unpacked = folder.clone();
-    std::thread::spawn(move || {
-        for line in lines.map_while(std::io::Result::ok) {
-            // the receiver lives as long as the process
-            let _ = send.send(line);
-        }
-        // nobody else does it if the other process was killed
-        let _ = std::fs::remove_dir_all(unpacked);
-        exit_now();
-    });
-    let fmu = match Fmu::open_unpacked(&task.path, &folder, task.interface) {
+/// Loads the FMU, then runs it with the values of each request.
+pub(super) fn serve(task: &Task, folder: &Path, requests: Receiver<String>, mut replies: Replies) -> Result<()> {
+    let fmu = match Fmu::open_unpacked(&task.path, folder, task.interface) {
         Ok(fmu) => fmu,
-        Err(error) => return reply(&mut replies, &Reply::Failed(error.to_string()), &[]).map_err(stream),
+        Err(error) => return replies.send(&Reply::Failed(error.to_string()), &[]),
     };
-    reply(&mut replies, &Reply::Ready, &[]).map_err(stream)?;
-    for line in receive {
-        let values: Vec<f64> = serde_json::from_str(&line).map_err(|error| stream(error.into()))?;
-        match run(&fmu, &task, values) {
-            Ok(outputs) => reply(&mut replies, &Reply::Done(outputs.len()), &outputs),
-            Err(message) => reply(&mut replies, &Reply::Failed(message), &[]),
+    replies.send(&Reply::Ready, &[])?;
+    for line in requests {
+        let values: Vec<f64> = serde_json::from_str(&line).map_err(|error| super::stream(error.into()))?;
+        match run(&fmu, task, values) {
+            Ok(outputs) => replies.send(&Reply::Done, &outputs)?,
+            Err(message) => replies.send(&Reply::Failed(message), &[])?,
         }
-        .map_err(stream)?;
     }
     Ok(())
-}
-
-fn reply(replies: &mut File, reply: &Reply, outputs: &[f64]) -> std::io::Result<()> {
-    let mut bytes = serde_json::to_vec(reply)?;
-    bytes.push(b'\n');
-    bytes.extend(outputs.iter().flat_map(|value| value.to_le_bytes()));
-    replies.write_all(&bytes)
 }
 
 /// One run in an instance of its own: what an FMU forgets to reset cannot get from one run into the next.
