@@ -209,7 +209,7 @@ pub enum Error {
         expected: String,
     },
     /// The binary of an FMU cannot be loaded.
-    #[error("{}: `{binary}` cannot be loaded: {source}{}", path.display(), cause(source))]
+    #[error("{}: `{binary}` cannot be loaded: {source}{}{}", path.display(), cause(source), after_colon(hint.as_slice()))]
     Library {
         /// The FMU.
         path: PathBuf,
@@ -217,6 +217,8 @@ pub enum Error {
         binary: String,
         /// The system's reason.
         source: libloading::Error,
+        /// What to do about it, if that is known.
+        hint: Option<String>,
     },
     /// The binary of an FMU lacks a function.
     #[error("{}: the binary does not export `{function}`", path.display())]

@@ -11,7 +11,7 @@ import json
 import subprocess
 from pathlib import Path
 
-from make_fmus import HERE, build_c, build_python, python_environment
+from make_fmus import HERE, activated, build_c, build_python, python_environment
 
 
 def make(folder):
@@ -52,7 +52,7 @@ def main():
         if arguments.runs:
             study.write_text(study.read_text().replace("runs = 1000", f"runs = {arguments.runs}"))
         out = folder / study.stem
-        run(metafmu, "build", study.name, "--out", out, cwd=folder, env=environment)
+        run(metafmu, "build", study.name, "--out", out, cwd=folder, env=activated())
         metrics = json.loads((out / "metrics.json").read_text())
         training = json.loads((out / "training.json").read_text())
         samples = json.loads((out / "samples.json").read_text())

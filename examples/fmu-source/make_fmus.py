@@ -36,8 +36,13 @@ def build_python(source, folder):
     return folder / f"{source.stem.capitalize()}.fmu"
 
 
+def activated():
+    """The environment with this Python first on the PATH, which is what metafmu needs to run an FMU of PythonFMU."""
+    return {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+
 def python_environment():
-    """What a host that is not Python needs to run an FMU of PythonFMU: this interpreter's library and its packages."""
+    """What another host that is not Python needs to run an FMU of PythonFMU: this interpreter's library and its packages."""
     library = Path(sysconfig.get_config_var("LIBDIR")) / (sysconfig.get_config_var("INSTSONAME") or "")
     if not library.is_file():
         sys.exit(f"PythonFMU needs the shared library of {sys.base_prefix}: install libpython3-dev, or another Python")

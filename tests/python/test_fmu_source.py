@@ -509,7 +509,7 @@ def test_an_fmi_3_fmu_with_an_array_keeps_it_and_its_input_becomes_a_parameter(t
 def test_a_pendulum_of_mujoco_becomes_a_surrogate(tmp_path):
     """PythonFMU around MuJoCo: nobody here wrote the simulator, nor what makes an FMU of it."""
     fmu = make_fmus.build_python(ROOT / "examples" / "fmu-source" / "pendulum.py", tmp_path)
-    surrogate, metrics = surrogate_of(fmu, tmp_path, make_fmus.python_environment(), runs=60, **{"epochs = 150": "epochs = 60"})
+    surrogate, metrics = surrogate_of(fmu, tmp_path, make_fmus.activated(), runs=60, **{"epochs = 150": "epochs = 60"})
     assert all(output["r2"] > 0.99 for output in metrics["outputs"].values()), metrics
     expect_same(variables(surrogate), variables(fmu), ["upper.length", "damping"])
     assert float(variables(surrogate)["upper.angle0"].start) == 1.2
@@ -524,6 +524,33 @@ def test_a_pendulum_of_mujoco_becomes_a_surrogate(tmp_path):
         found = [float(row[name]) for name in OUTPUTS]
         assert np.allclose(found, [pendulum.output(i) for i in range(4)], rtol=0, atol=1e-12), index
         pendulum.do_step(0.01 * index, 0.01)
+
+
+def test_an_fmu_that_needs_python_finds_it_or_says_what_to_do(tmp_path):
+    """Its binary refers to symbols of Python and to no library that has them."""
+    fmu = make_fmus.build_python(ROOT / "examples" / "fmu-source" / "pendulum.py", tmp_path)
+    simulate = lambda env: subprocess.run([METAFMU, "simulate", fmu], cwd=tmp_path, env=env, capture_output=True, text=True)
+    result = simulate(make_fmus.activated())
+    assert result.returncode == 0, result.stderr
+    # what worked before still does
+    assert simulate(make_fmus.python_environment()).stdout == result.stdout
+    # an interpreter without a shared library, none, and one that fails
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    python = bare / "python3"
+    for script, says in [
+        (None, "but `python3` cannot be started: No such file or directory"),
+        ("echo oh dear >&2; exit 7", "but `python3` ended with exit status: 7: oh dear"),
+        (
+            """echo '{"program": "/my/python3", "version": "3.99", "libraries": ["/my/libpython3.99.so"], "home": "/my", "paths": []}'""",
+            "but `python3`, which is /my/python3, has no shared library: install libpython3.99, or put a Python that has one first on the PATH",
+        ),
+    ]:
+        if script:
+            python.write_text(f"#!/bin/sh\n{script}\n")
+            python.chmod(0o755)
+        result = simulate({**os.environ, "PATH": str(bare)})
+        assert result.returncode == 2 and f"undefined symbol: _Py_NoneStruct: it needs Python, {says}" in result.stderr, result.stderr
 
 
 def test_variables_that_cannot_be_used_are_refused_with_the_reason(folder):

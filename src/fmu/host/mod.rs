@@ -15,6 +15,7 @@ mod instance;
 mod integrator;
 mod journal;
 pub mod process;
+mod python;
 mod recorder;
 mod simulate;
 mod state;
@@ -154,7 +155,8 @@ impl Fmu {
         Unpacked::open(path, wanted)?.load()
     }
 
-    /// Loads an FMU that another process has unpacked into a [temporary folder](Unpacked::folder); `path` is for messages.
+    /// Loads an FMU that another process has unpacked into a [temporary folder](Unpacked::folder), in a process that is there
+    /// for it alone; `path` is for messages.
     ///
     /// # Errors
     /// As [`Fmu::open`].
@@ -164,10 +166,17 @@ impl Fmu {
         let text = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
         let document = xml::read(&text).map_err(|problem| description_error(path, &problem))?;
         let (description, interface) = usable(path, document, Some(interface))?;
-        Self::of_folder(path, &folder, description, interface)
+        Self::of_folder(path, &folder, description, interface, true)
     }
 
-    fn of_folder(path: &Path, folder: &Path, description: ModelDescription, interface: InterfaceKind) -> Result<Self> {
+    /// Loads the FMU in a folder, perhaps in a process that is there for it alone.
+    fn of_folder(
+        path: &Path,
+        folder: &Path,
+        description: ModelDescription,
+        interface: InterfaceKind,
+        alone: bool,
+    ) -> Result<Self> {
         let resources = folder.join("resources");
         let binary = binary(&description, interface);
         let file = folder.join(&binary);
@@ -175,7 +184,10 @@ impl Fmu {
         if let Some(problem) = elf::cut_short(&bytes) {
             return Err(Error::ArchiveEntry { path: path.to_owned(), entry: binary, problem });
         }
-        let library = load_library(&file).map_err(|source| Error::Library { path: path.to_owned(), binary, source })?;
+        let library = load_library(&file, alone).map_err(|(source, hint)| {
+            let path = path.to_owned();
+            Error::Library { path, binary, source, hint }
+        })?;
         let (functions, resources) = match description.fmi_version {
             FmiVersion::V2 => (Functions::V2(fmi2::Functions::find(&library, path, interface)?), file_uri(&resources)),
             FmiVersion::V3 => {
@@ -283,10 +295,17 @@ fn choose(
     })
 }
 
-/// Loads a binary.
-fn load_library(binary: &Path) -> std::result::Result<Library, libloading::Error> {
+/// Loads a binary, or says why not and what to do about it.
+fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (libloading::Error, Option<String>)> {
     // SAFETY: initializers of the library run; that is what loading an FMU means
-    unsafe { Library::new(binary) }
+    let load = || unsafe { Library::new(binary) };
+    match load() {
+        Err(error) if python::is_missing(&error) => match python::provide(alone) {
+            Ok(()) => load().map_err(|error| (error, None)),
+            Err(hint) => Err((error, Some(hint))),
+        },
+        library => library.map_err(|error| (error, None)),
+    }
 }
 
 /// The platforms that an FMU has binaries for.

@@ -72,7 +72,7 @@ impl Unpacked {
     /// # Errors
     /// As [`Fmu::open`].
     pub fn load(self) -> Result<Fmu> {
-        let fmu = Fmu::of_folder(&self.path, &self.folder.files(), self.description, self.interface)?;
+        let fmu = Fmu::of_folder(&self.path, &self.folder.files(), self.description, self.interface, false)?;
         Ok(Fmu { _folder: Some(self.folder), ..fmu })
     }
 }
