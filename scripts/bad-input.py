@@ -220,12 +220,23 @@ SECTIONS = {
         "a share of failed runs that is none": of_fmu("[time]", "max_failed = 10\n[time]"),
         "a time limit without an FMU": study("[time]", "time_limit = 10\n[time]"),
     },
+    "Outputs": {
+        "in a folder that is not there": {},
+        "in a file": {"runs": "no folder"},
+        "a folder": {"runs/run.csv/file": ""},
+    },
+}
+# of the sections whose cases are no studies
+ARGUMENTS = {
+    "FMUs": ["simulate", "model.fmu"],
+    "Outputs": ["simulate", "model.fmu", "--output", "runs/run.csv"],
 }
 
 
 def message(folder, files, arguments):
     """What the command says about the files, without `error: `."""
     for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         if isinstance(text, dict):
             with zipfile.ZipFile(folder / name, "w") as archive:
                 for entry, content in text.items():
@@ -252,7 +263,7 @@ def document():
     for section, cases in SECTIONS.items():
         parts.append(f"\n## {section}\n\n| what | message |\n|---|---|\n")
         for what, files in cases.items():
-            arguments = ["simulate", "model.fmu"] if section == "FMUs" else ["sample", "study.toml", "--out", "out"]
+            arguments = ARGUMENTS.get(section, ["sample", "study.toml", "--out", "out"])
             with tempfile.TemporaryDirectory() as folder:
                 lines = message(Path(folder), files, arguments)
             text = "<br>".join(line.replace("|", "\\|") for line in lines)

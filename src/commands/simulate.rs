@@ -22,6 +22,7 @@ use std::{
 const PIECE: usize = 1 << 20;
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
+    [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
     let options = SimulationOptions {
         start: args.start_time,
         stop: args.stop_time,
@@ -47,13 +48,17 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     match (&args.output, &args.plot) {
         (Some(_), _) => {
             let mut failure = None;
-            let written = files::write_with(path, |file| {
+            let written = files::write_output(path, |file| {
                 simulate(Some(file)).map(drop).map_err(|error| {
                     failure = Some(error);
                     io::Error::other("the simulation failed")
                 })
             });
-            failure.map_or(written, Err)?;
+            match failure.map_or(written, Err) {
+                // a reader that has seen enough
+                Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => {}
+                ended => ended?,
+            }
         }
         (None, None) => {
             let mut stdout = Stdout::default();
@@ -179,7 +184,7 @@ fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
     let curves = if changing.is_empty() { &constant } else { &changing };
     let svg = time_series_svg(title, &table.times, curves)
         .map_err(|message| Error::Plot { path: path.to_owned(), message })?;
-    files::write_whole(path, svg.as_bytes())?;
+    files::write_output(path, |file| file.write_all(svg.as_bytes()))?;
     if !changing.is_empty() && !constant.is_empty() {
         let values: Vec<String> =
             constant.iter().map(|curve| format!("{} = {:?}", curve.name, curve.values[0])).collect();

@@ -11,7 +11,6 @@ use sha2::{Digest, Sha256};
 use std::{
     collections::BTreeMap,
     fmt,
-    io::Write,
     path::{Path, PathBuf},
     str::FromStr,
 };

@@ -543,7 +543,7 @@ impl Problems {
 fn digest(content: &impl Serialize) -> String {
     // a study is plain data with string keys: serialization cannot fail, and if it did, no digest could match
     let text = serde_json::to_string(content).unwrap_or_default();
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    files::digits(Sha256::new_with_prefix(text))
 }
 
 #[cfg(test)]

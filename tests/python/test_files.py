@@ -1,0 +1,141 @@
+"""What happens to files: those that stand where an output goes, and those that were not finished."""
+
+import os
+import shutil
+import socket
+import stat
+import subprocess
+import threading
+
+import pytest
+from conftest import METAFMU, changed, metafmu
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A study and its folder of results."""
+    text = changed(
+        "single-pendulum.toml",
+        ('name = "single-pendulum"', 'name = "study"'),
+        ("runs = 1331", "runs = 40"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("\nruns = 1000", "\nruns = 40"),
+        ("step = 0.01", "step = 0.05"),
+        ("hidden = [128, 128]", "hidden = [64, 64]"),
+        ("batch = 1024", "batch = 128"),
+        ("epochs = 150", "epochs = 5"),
+    )
+    study = tmp_path_factory.mktemp("files") / "study.toml"
+    study.write_text(text)
+    metafmu("build", study, "--out", study.parent / "out")
+    return study, study.parent / "out"
+
+
+@pytest.fixture
+def copied(built, tmp_path):
+    """The same to be changed."""
+    return built[0], shutil.copytree(built[1], tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def table(built):
+    """What `simulate` writes."""
+    return metafmu("simulate", built[1] / "study.fmu").stdout
+
+
+def simulate(built, output, **options):
+    command = [METAFMU, "simulate", built[1] / "study.fmu", "--output", output]
+    return subprocess.run(command, capture_output=True, text=True, **options)
+
+
+def test_what_is_no_file_is_written_to_and_stays(built, table, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    found = []
+    reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
+    reader.start()
+    assert simulate(built, pipe).returncode == 0
+    reader.join()
+    assert found == [table] and stat.S_ISFIFO(pipe.stat().st_mode)
+
+    # a terminal
+    terminal, slave = os.openpty()
+    name = os.ttyname(slave)
+    assert simulate(built, name, env={**os.environ, "TERM": "dumb"}).returncode == 0
+    assert os.read(terminal, 100).startswith(b"time,theta") and stat.S_ISCHR(os.stat(name).st_mode)
+
+    device = tmp_path / "device"
+    device.symlink_to("/dev/null")
+    assert simulate(built, device).returncode == 0 and device.is_symlink()
+    device.unlink()
+    device.symlink_to("/dev/full")
+    refused = simulate(built, device)
+    assert refused.returncode == 2
+    assert f"{device}: cannot write: No space left on device" in refused.stderr
+
+
+def test_a_socket_is_written_to_and_stays(built, table, tmp_path):
+    path = tmp_path / "socket"
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+        server.listen()
+        assert simulate(built, path).returncode == 0
+        with server.accept()[0].makefile() as file:
+            assert file.read() == table
+
+
+def test_dev_stdout_is_the_standard_output(built, table, tmp_path):
+    for name in ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"):
+        assert simulate(built, name).stdout == table
+        log = tmp_path / "log"
+        log.write_text("before\n")
+        with open(log, "a") as file:
+            command = [METAFMU, "simulate", built[1] / "study.fmu", "--output", name]
+            assert subprocess.run(command, stdout=file).returncode == 0
+        assert log.read_text() == "before\n" + table, "what is there is kept"
+    command = f"{METAFMU} simulate {built[1] / 'study.fmu'} --output >(cat) | cat"
+    assert subprocess.run(["bash", "-c", command], capture_output=True, text=True).stdout == table
+
+
+def test_links_lead_to_the_file_and_its_mode_stays(built, table, tmp_path):
+    file, link, name = tmp_path / "file", tmp_path / "link", tmp_path / "name"
+    file.write_text("old")
+    file.chmod(0o640)
+    link.symlink_to("file")
+    name.hardlink_to(file)
+    for path in (link, name, file):
+        file.write_text("old")
+        assert simulate(built, path).returncode == 0
+        assert link.is_symlink() and file.read_text() == name.read_text() == table
+        assert stat.S_IMODE(file.stat().st_mode) == 0o640
+    name.unlink()
+    assert simulate(built, file).returncode == 0
+    assert file.read_text() == table and stat.S_IMODE(file.stat().st_mode) == 0o640
+    (tmp_path / "dangling").symlink_to("new")
+    plot = metafmu("simulate", built[1] / "study.fmu", "--plot", tmp_path / "dangling")
+    assert plot.returncode == 0 and "<svg" in (tmp_path / "new").read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["dangling", "file", "link", "new"]
+
+
+def test_the_owner_of_a_file_stays(built, tmp_path):
+    if os.geteuid() != 0:
+        pytest.skip("only root writes to the files of others")
+    file = tmp_path / "file"
+    file.write_text("old")
+    os.chown(file, 1234, 2345)
+    assert simulate(built, file).returncode == 0
+    assert (file.stat().st_uid, file.stat().st_gid) == (1234, 2345) and file.stat().st_size > 3
+
+
+def test_a_folder_is_refused_before_the_simulation(built, tmp_path):
+    for path, says in [(tmp_path, "is a directory"), (tmp_path / "no" / "run.csv", f"no folder {tmp_path / 'no'}")]:
+        for option in ("--output", "--plot"):
+            refused = metafmu("simulate", built[1] / "absent.fmu", option, path, check=False)
+            assert refused.returncode == 2 and f"{path}: cannot write" in refused.stderr and says in refused.stderr
+
+
+def test_what_a_killed_process_has_not_finished_is_removed(copied):
+    study, folder = copied
+    (folder / ".metafmu-a1B2c3").write_text("half a checkpo")
+    metafmu("evaluate", study, "--out", folder)
+    assert not [path for path in folder.iterdir() if path.name.startswith(".metafmu-")]
