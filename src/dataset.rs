@@ -9,9 +9,10 @@ use crate::{
     variable::Variable,
 };
 use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 use std::{
     fs::File,
-    io::{BufRead, BufReader, Read, Write},
+    io::{BufRead, BufReader, Read},
     path::Path,
     sync::Arc,
 };
@@ -57,34 +58,61 @@ impl Dataset {
         ["run".to_owned(), "time".to_owned()].into_iter().chain(names).collect()
     }
 
-    /// Writes the table, whole or not at all.
+    /// Writes the table, whole or not at all, and returns the SHA-256 of its bytes.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn write_csv(&self, path: &Path) -> Result<()> {
+    pub fn write_csv(&self, path: &Path) -> Result<String> {
+        let mut hash = Sha256::new();
         files::write_with(path, |file| {
+            let mut write = |text: &[u8]| {
+                hash.update(text);
+                file.write_all(text)
+            };
             let header: Vec<String> = self.columns().iter().map(|name| header_field(name)).collect();
-            writeln!(file, "{}", header.join(","))?;
+            write(format!("{}\n", header.join(",")).as_bytes())?;
             for (block, runs) in self.runs.chunks(RUNS).enumerate() {
                 let lines = |(index, run)| csv_lines(block * RUNS + index, run);
                 let written: Vec<Vec<u8>> = runs.par_iter().enumerate().map(lines).collect();
-                written.iter().try_for_each(|lines| file.write_all(lines))?;
+                written.iter().try_for_each(|lines| write(lines))?;
             }
             Ok(())
-        })
+        })?;
+        Ok(files::digits(hash))
     }
 
-    /// Reads a table that [`Dataset::write_csv`] wrote for these variables.
+    /// Reads a table that [`Dataset::write_csv`] wrote for these variables and gave this digest.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Table`] with the line of the first mistake.
-    pub fn read_csv(path: &Path, parameters: &[Variable], outputs: &[Variable]) -> Result<Self> {
+    /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line of the first
+    /// mistake.
+    pub fn read_csv(path: &Path, digest: &str, parameters: &[Variable], outputs: &[Variable]) -> Result<Self> {
+        let read = Self::parse_csv(path, parameters, outputs);
+        let found = match &read {
+            Ok((_, found)) => found.clone(),
+            Err(Error::Table { .. }) => files::digest(path)?,
+            Err(_) => return read.map(|(dataset, _)| dataset),
+        };
+        if found != digest {
+            let mistake = read.err().map_or(String::new(), |mistake| format!(" ({mistake})"));
+            let message = format!(
+                "was changed or damaged after the sampling{mistake}: its SHA-256 is {found}, expected {digest}; run `metafmu \
+                 sample` again; a table of your own is the `source.table` of a study"
+            );
+            return Err(Error::Stale { path: path.to_owned(), message });
+        }
+        read.map(|(dataset, _)| dataset)
+    }
+
+    /// The table and the SHA-256 of its bytes.
+    fn parse_csv(path: &Path, parameters: &[Variable], outputs: &[Variable]) -> Result<(Self, String)> {
         let mut dataset = Self { parameters: parameters.to_vec(), outputs: outputs.to_vec(), runs: Vec::new() };
         let mistake =
             |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
         let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
         let mut header = Vec::new();
         file.read_until(b'\n', &mut header).map_err(Error::io(path, "read"))?;
+        let mut hash = Sha256::new_with_prefix(&header);
         let columns = dataset.columns();
         let found = csv::Reader::from_reader(header.as_slice()).byte_headers().cloned();
         let found = found.map_err(|error| mistake(1, error.to_string()))?;
@@ -95,8 +123,8 @@ impl Dataset {
         let mut rows = RunReader::new(parameters.len());
         let (mut line, mut block) = (2, Vec::new());
         while next_block(&mut file, &mut block).map_err(Error::io(path, "read"))? {
-            let pieces: Vec<Piece> =
-                split_lines(&block).into_par_iter().map(|text| Piece::parse(text, &columns)).collect();
+            let parse = || split_lines(&block).into_par_iter().map(|text| Piece::parse(text, &columns)).collect();
+            let (pieces, ()): (Vec<Piece>, ()) = rayon::join(parse, || hash.update(&block));
             for piece in pieces {
                 for (row, offset) in piece.values.chunks(columns.len()).zip(&piece.row_lines) {
                     dataset.runs.extend(rows.push(row).map_err(|message| mistake(line + offset, message))?);
@@ -111,7 +139,7 @@ impl Dataset {
         if dataset.runs.is_empty() {
             return Err(mistake(2, "the table has no rows".into()));
         }
-        Ok(dataset)
+        Ok((dataset, files::digits(hash)))
     }
 }
 
@@ -289,8 +317,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("train.csv");
         let dataset = example();
-        dataset.write_csv(&path).unwrap();
-        assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        let digest = dataset.write_csv(&path).unwrap();
+        assert_eq!(digest, files::digest(&path).unwrap());
+        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
         assert_eq!(dataset.row_count(), 6);
     }
 
@@ -301,8 +330,9 @@ mod tests {
         let mut dataset = example();
         dataset.parameters[0].name = "body.r[1,2]".into();
         dataset.outputs[1].name = "der(\"x\"; y)".into();
-        dataset.write_csv(&path).unwrap();
-        assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        let digest = dataset.write_csv(&path).unwrap();
+        assert_eq!(digest, files::digest(&path).unwrap());
+        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
     }
 
     #[test]
@@ -312,13 +342,16 @@ mod tests {
         let mut dataset = example();
         let run = dataset.runs[0].clone();
         dataset.runs = (0..4000).map(|i| Run { parameters: vec![f64::from(i), 0.5], ..run.clone() }).collect();
-        dataset.write_csv(&path).unwrap();
-        assert_eq!(Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        let digest = dataset.write_csv(&path).unwrap();
+        assert_eq!(digest, files::digest(&path).unwrap());
+        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
         let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(String::from).collect();
         for wrong in [11_998, 7_003, 5, 1] {
             lines[wrong] = lines[wrong].replacen("0.5", "half", 1);
             std::fs::write(&path, lines.join("\n")).unwrap();
-            let message = Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
+            let digest = files::digest(&path).unwrap();
+            let message =
+                Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
             assert!(message.contains(&format!("t.csv:{}: column `b`: `half`", wrong + 1)), "{message}");
         }
     }
@@ -339,8 +372,29 @@ mod tests {
             ("run,time,a,b,u,v\n0,0,1,1,1,1\n\n0,1,1,1,1,1\r\n0,2,1,1,1,inf", "t.csv:5: column `v`: `inf`"),
         ] {
             std::fs::write(&path, text).unwrap();
-            let message = Dataset::read_csv(&path, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
+            let digest = files::digest(&path).unwrap();
+            let message =
+                Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
             assert!(message.contains(says), "{message} should contain {says}");
+        }
+    }
+
+    #[test]
+    fn a_table_that_was_changed_is_refused_whether_it_can_be_read_or_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        let dataset = example();
+        let digest = dataset.write_csv(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let changed = bytes.iter().enumerate().flat_map(|(place, &byte)| {
+            let with = |other: u8| [&bytes[..place], &[other], &bytes[place + 1..]].concat();
+            [with(byte ^ 1), with(b'x'), bytes[..place].to_vec()]
+        });
+        for changed in changed.filter(|changed| *changed != bytes) {
+            std::fs::write(&path, &changed).unwrap();
+            let refused = Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs);
+            let message = refused.unwrap_err().to_string();
+            assert!(message.contains("t.csv: was changed or damaged after the sampling"), "{message}");
         }
     }
 }

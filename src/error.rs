@@ -71,7 +71,7 @@ pub enum Error {
         /// What was found and what was expected.
         message: String,
     },
-    /// The result of an earlier stage is missing or belongs to another study.
+    /// The result of an earlier stage is missing, belongs to another study, or was changed since.
     #[error("{}: {message}", path.display())]
     Stale {
         /// The file.

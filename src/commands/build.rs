@@ -25,7 +25,7 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let plan = Plan::new(&job, &args.export)?;
     job.describe_mechanism();
     job.prepare_folder()?;
-    let kept = if args.resume { sample::kept(&job) } else { None };
+    let kept = if args.resume { sample::kept(&job)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;
     let (surrogate, training) = train::stage(&job, &samples.sets.train, &samples.sets.calibration, args.resume)?;
     let metrics = evaluate::stage(&job, &surrogate, &samples.sets.test, &samples.record, &training)?;

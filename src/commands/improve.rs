@@ -11,7 +11,7 @@ use metafmu::{
     study::TargetOptions, surrogate,
 };
 use metafmu_runtime::Surrogate;
-use std::{io::Write, path::Path};
+use std::path::Path;
 
 /// How good the surrogate was after a round.
 struct Round {
@@ -93,16 +93,17 @@ pub fn stage(
 /// The runs of these points: those a killed training has simulated already, or new ones. There will be `total` with those
 /// before.
 fn simulate(round: &Job, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
-    let path = round.table("added");
+    let (path, digest) = (round.table("added"), round.folder().join("added.sha256"));
     let (parameters, outputs) = (round.source.parameters(), round.source.outputs());
-    if let Ok(kept) = Dataset::read_csv(&path, parameters, outputs)
+    if let Ok(digest) = std::fs::read_to_string(&digest)
+        && let Ok(kept) = Dataset::read_csv(&path, &digest, parameters, outputs)
         && !kept.runs.is_empty()
         && failures(points.to_vec(), &kept).len() + kept.runs.len() == points.len()
     {
         return Ok(kept);
     }
     let runs = sample::simulate(round, points, total)?;
-    runs.write_csv(&path)?;
+    files::write_whole(&digest, runs.write_csv(&path)?.as_bytes())?;
     Ok(runs)
 }
 

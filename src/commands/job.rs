@@ -41,6 +41,9 @@ pub struct SamplesRecord {
     /// Runs that error bounds are measured on.
     #[serde(default)]
     pub calibration_runs: usize,
+    /// SHA-256 of each table, by its set.
+    #[serde(default)]
+    pub tables: IndexMap<String, String>,
     pub sample_seconds: f64,
     /// Runs of the plan that failed and are not in the tables.
     #[serde(default)]
@@ -252,12 +255,16 @@ impl Job {
 
     /// Reads a table of runs of this study; a set without runs has none.
     pub fn load_table(&self, set: &str) -> Result<Dataset> {
-        self.load_samples_record()?;
+        let record = self.load_samples_record()?;
         let (parameters, outputs) = (self.source.parameters(), self.source.outputs());
         if set == "calibration" && self.study.bounds.is_none() {
             return Ok(Dataset { parameters: parameters.into(), outputs: outputs.into(), runs: Vec::new() });
         }
-        Dataset::read_csv(&self.table(set), parameters, outputs)
+        let digest = record.tables.get(set).ok_or_else(|| {
+            let message = format!("has no digest of {set}.csv: run `metafmu sample` again");
+            Error::Stale { path: self.samples_record(), message }
+        })?;
+        Dataset::read_csv(&self.table(set), digest, parameters, outputs)
     }
 
     /// Reads the trained surrogate and checks that it is this study's.

@@ -7,6 +7,7 @@ use super::{
     progress::Progress,
 };
 use crate::cli::SampleArgs;
+use indexmap::IndexMap;
 use metafmu::{
     Error, Result,
     dataset::Dataset,
@@ -75,10 +76,14 @@ fn plan_table(job: &Job, part: Option<Shard>) -> Result<String> {
     Ok(text)
 }
 
-/// The runs that an earlier command has sampled from this study, if it came so far.
-pub fn kept(job: &Job) -> Option<Samples> {
-    let record = job.load_samples_record().ok()?;
-    Some(Samples { sets: job.load_tables().ok()?, record })
+/// The runs that an earlier command has sampled from this study, if it came so far. Tables that were changed since are an
+/// error: to sample again would replace them.
+pub fn kept(job: &Job) -> Result<Option<Samples>> {
+    let Ok(record) = job.load_samples_record() else { return Ok(None) };
+    if record.tables.keys().any(|set| !job.table(set).exists()) {
+        return Ok(None);
+    }
+    Ok(Some(Samples { sets: job.load_tables()?, record }))
 }
 
 /// The runs that failed.
@@ -232,13 +237,14 @@ fn write(
     sample_seconds: f64,
     progress: &Progress,
 ) -> Result<Samples> {
-    let record = SamplesRecord {
+    let mut record = SamplesRecord {
         sampling_digest: job.study.sampling_digest(),
         train_runs: sets.train.runs.len(),
         train_rows: sets.train.row_count(),
         test_runs: sets.test.runs.len(),
         test_rows: sets.test.row_count(),
         calibration_runs: sets.calibration.runs.len(),
+        tables: IndexMap::new(),
         sample_seconds,
         failed_runs: failed.len(),
         failed,
@@ -251,7 +257,11 @@ fn write(
     files::remove(&job.samples_record())?;
     for (set, dataset) in sets.named() {
         let table = job.table(set);
-        if dataset.runs.is_empty() { files::remove(&table)? } else { dataset.write_csv(&table)? }
+        if dataset.runs.is_empty() {
+            files::remove(&table)?;
+        } else {
+            record.tables.insert(set.into(), dataset.write_csv(&table)?);
+        }
     }
     files::write_json(&job.samples_record(), &record)?;
     Ok(Samples { sets, record })

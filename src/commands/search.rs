@@ -22,6 +22,7 @@ use metafmu::{
     training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
 };
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::{
     fmt::Write,
     ops::ControlFlow,
@@ -51,6 +52,17 @@ struct Record {
     seconds: f64,
     /// Why it failed.
     message: String,
+    /// SHA-256 of the rest, so that a score that was changed decides nothing.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    digest: String,
+}
+
+impl Record {
+    fn content_digest(&self) -> String {
+        let content = serde_json::to_vec(&Self { digest: String::new(), ..self.clone() });
+        // plain data: serialization cannot fail, and if it did, no digest could match
+        content.map_or_else(|_| String::new(), |content| files::digits(Sha256::new_with_prefix(content)))
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -203,6 +215,7 @@ fn waiting(trial: usize, of: &Trial) -> Record {
         score: None,
         seconds: 0.0,
         message: String::new(),
+        digest: String::new(),
     }
 }
 
@@ -212,15 +225,17 @@ fn attempt(job: &Job, number: usize, trial: &Trial, shared: Option<&Dataset>, sh
     let waiting = waiting(number, trial);
     let kept = std::fs::read(&trial.record).ok().and_then(|bytes| serde_json::from_slice::<Record>(&bytes).ok());
     let kept = kept.filter(|record| record.study_digest == waiting.study_digest && record.values == waiting.values);
+    let kept = kept.filter(|record| record.digest == record.content_digest());
     let goal = trial.study.as_ref().map_or(0, |study| goal(study, share));
     if let Some(record) = &kept
         && (matches!(record.status, Status::Finished | Status::Failed) || record.epochs >= goal)
     {
         return Ok(record.clone());
     }
-    let record = match catch_unwind(AssertUnwindSafe(|| train(job, trial, &waiting, shared, goal))) {
+    let mut record = match catch_unwind(AssertUnwindSafe(|| train(job, trial, &waiting, shared, goal))) {
         Ok(Ok(record)) => record,
-        Ok(Err(Error::Interrupted)) => return Err(Error::Interrupted),
+        // no fault of the trial
+        Ok(Err(error)) if matches!(error, Error::Interrupted) || files::is_full(&error) => return Err(error),
         Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), ..waiting },
         Err(panic) => {
             let text = panic.downcast_ref::<String>().cloned();
@@ -229,6 +244,7 @@ fn attempt(job: &Job, number: usize, trial: &Trial, shared: Option<&Dataset>, sh
             Record { status: Status::Failed, message, ..waiting }
         }
     };
+    record.digest = record.content_digest();
     files::write_json(&trial.record, &record)?;
     if matches!(record.status, Status::Finished | Status::Failed) {
         files::remove(&trial.checkpoint)?;

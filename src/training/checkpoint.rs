@@ -6,15 +6,18 @@
 //! | `best` | F32 | parameters of the best network so far |
 //! | `history` | F64 `[epochs, 6]` | the fields of [`EpochRecord`] |
 //!
-//! The container's metadata has one entry, `metafmu_training`: the JSON text of [`Header`].
+//! The container's metadata has one entry, `metafmu_training`: the JSON text of [`Header`]. Among that is the SHA-256 of all
+//! bytes of the file, those of the digest itself taken as zeros: whatever a disk or somebody changes is noticed.
 
 use super::{EpochRecord, TrainingError};
-use crate::study::TrainingOptions;
+use crate::{files, study::TrainingOptions};
 use metafmu_runtime::Activation;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::ops::Range;
 
-pub(super) const FORMAT: u32 = 1;
+pub(super) const FORMAT: u32 = 2;
 
 const HEADER_KEY: &str = "metafmu_training";
 
@@ -33,6 +36,17 @@ pub(super) struct Header {
     /// Of the optimizer.
     pub(super) steps: u64,
     pub(super) best_epoch: usize,
+    /// Hexadecimal digits of the SHA-256; [`NO_DIGEST`] until there is one.
+    pub(super) digest: String,
+}
+
+/// In place of a digest.
+pub(super) const NO_DIGEST: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// What is there in all formats.
+#[derive(Deserialize)]
+struct Format {
+    format: u32,
 }
 
 /// # Errors
@@ -59,7 +73,22 @@ pub(super) fn write(
         .map(|(name, dtype, shape, bytes)| Ok((*name, TensorView::new(*dtype, shape.clone(), bytes)?)))
         .collect::<Result<_, safetensors::SafeTensorError>>()
         .map_err(damaged)?;
-    safetensors::serialize(views, Some([(HEADER_KEY.to_owned(), text)].into_iter().collect())).map_err(damaged)
+    let metadata = [(HEADER_KEY.to_owned(), text)].into_iter().collect();
+    let mut bytes = safetensors::serialize(views, Some(metadata)).map_err(damaged)?;
+    let (digest, place) = content_digest(&bytes, NO_DIGEST)?;
+    bytes[place].copy_from_slice(digest.as_bytes());
+    Ok(bytes)
+}
+
+/// The digest of a container that says `noted`, and where that stands.
+fn content_digest(bytes: &[u8], noted: &str) -> Result<(String, Range<usize>), TrainingError> {
+    let place = bytes.windows(NO_DIGEST.len()).position(|text| text == noted.as_bytes());
+    let begin = place.ok_or_else(|| damaged("it has no digest"))?;
+    let place = begin..begin + NO_DIGEST.len();
+    let mut hash = Sha256::new_with_prefix(&bytes[..place.start]);
+    hash.update(NO_DIGEST);
+    hash.update(&bytes[place.end..]);
+    Ok((files::digits(hash), place))
 }
 
 /// Fills the state and the best parameters; returns the header, to be compared, and the history.
@@ -73,7 +102,15 @@ pub(super) fn read(
 ) -> Result<(Header, Vec<EpochRecord>), TrainingError> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER_KEY));
-    let header = serde_json::from_str(text.ok_or_else(|| damaged("it has no header"))?).map_err(damaged)?;
+    let text = text.ok_or_else(|| damaged("it has no header"))?;
+    let Format { format } = serde_json::from_str(text).map_err(damaged)?;
+    if format != FORMAT {
+        return Err(damaged(format!("it has format {format}, expected {FORMAT}: another version of metafmu wrote it")));
+    }
+    let header: Header = serde_json::from_str(text).map_err(damaged)?;
+    if content_digest(bytes, &header.digest)?.0 != header.digest {
+        return Err(damaged("its content is not what was written: it was changed or damaged"));
+    }
     let container = SafeTensors::deserialize(bytes).map_err(damaged)?;
     if container.len() != state.len() + 2 {
         return Err(damaged(format!("{} tensors, expected {}", container.len(), state.len() + 2)));

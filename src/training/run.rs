@@ -2,7 +2,7 @@
 
 use super::{
     EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
-    checkpoint::{self, Header},
+    checkpoint::{self, Header, NO_DIGEST},
     schedule::relative_rate,
     trainer::{Trainer, sums},
 };
@@ -192,6 +192,7 @@ impl<'a> Run<'a> {
             digests: self.digests.clone(),
             steps: self.trainer.steps(),
             best_epoch: self.best_epoch,
+            digest: NO_DIGEST.into(),
         }
     }
 
@@ -205,8 +206,8 @@ impl<'a> Run<'a> {
         let (best, mut state) = (self.best.parameters_mut(), self.trainer.state());
         let (found, history) = checkpoint::read(bytes, &mut state, best)?;
         // of what the header says, these alone may differ
-        let (steps, best_epoch) = (found.steps, found.best_epoch);
-        if found != (Header { steps, best_epoch, ..expected }) || best_epoch > history.len() {
+        let (steps, best_epoch, digest) = (found.steps, found.best_epoch, found.digest.clone());
+        if found != (Header { steps, best_epoch, digest, ..expected }) || best_epoch > history.len() {
             return Err(TrainingError::Checkpoint { problem: "it is that of another training".into() });
         }
         self.trainer.restored(steps);

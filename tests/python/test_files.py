@@ -1,14 +1,18 @@
-"""What happens to files: those that stand where an output goes, and those that were not finished."""
+"""What happens to files: those that stand where an output goes, and those that were changed."""
 
 import os
+import random
 import shutil
 import socket
 import stat
 import subprocess
 import threading
+import time
 
 import pytest
 from conftest import METAFMU, changed, metafmu
+
+TABLES = ("train", "test", "calibration")
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +136,66 @@ def test_a_folder_is_refused_before_the_simulation(built, tmp_path):
         for option in ("--output", "--plot"):
             refused = metafmu("simulate", built[1] / "absent.fmu", option, path, check=False)
             assert refused.returncode == 2 and f"{path}: cannot write" in refused.stderr and says in refused.stderr
+
+
+def corrupt(path, number):
+    """Changes a digit behind the header."""
+    content = bytearray(path.read_bytes())
+    digits = [place for place in range(content.index(b"\n"), len(content)) if 48 <= content[place] <= 57]
+    place = digits[number % len(digits)]
+    content[place] ^= 1
+    path.write_bytes(content)
+
+
+def test_a_table_that_was_changed_is_used_by_no_verb(copied):
+    study, folder = copied
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    numbers = random.Random(1)
+    for verb, tables in [
+        ("train", ("train", "calibration")),
+        ("build", TABLES),
+        ("evaluate", ("test",)),
+        ("report", ("test",)),
+        ("export", ("test",)),
+        ("compare", ("train", "test")),
+    ]:
+        for table in tables:
+            path = folder / f"{table}.csv"
+            corrupt(path, numbers.randrange(10**6))
+            wrong = path.read_bytes()
+            resume = ["--resume"] if verb == "build" else []
+            refused = metafmu(verb, study, "--out", folder, *resume, check=False)
+            assert refused.returncode == 2, (verb, table, refused.stderr)
+            assert f"{path}: was changed or damaged after the sampling" in refused.stderr
+            assert "run `metafmu sample` again" in refused.stderr and "source.table" in refused.stderr
+            assert path.read_bytes() == wrong
+            path.write_bytes(before[path])
+            assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    # it is as it was
+    metafmu("evaluate", study, "--out", folder)
+
+
+def test_no_corruption_of_a_checkpoint_resumes_to_another_network(copied, tmp_path):
+    _, folder = copied
+    study = tmp_path / "study.toml"
+    study.write_text(copied[0].read_text().replace("epochs = 5", "epochs = 5000"))
+    process = subprocess.Popen([METAFMU, "train", study, "--out", folder], stderr=subprocess.DEVNULL)
+    checkpoint = folder / "checkpoint.safetensors"
+    while not checkpoint.exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    good = checkpoint.read_bytes()
+    places = random.Random(2)
+    for _ in range(24):
+        place = places.randrange(len(good))
+        wrong = bytearray(good)
+        wrong[place] ^= 1 << places.randrange(8)
+        checkpoint.write_bytes(wrong)
+        refused = metafmu("train", study, "--out", folder, "--resume", check=False)
+        assert refused.returncode == 2 and "without --resume" in refused.stderr, (place, refused.stderr)
+        assert checkpoint.read_bytes() == wrong
 
 
 def test_what_a_killed_process_has_not_finished_is_removed(copied):

@@ -1,7 +1,9 @@
 """A search over a study's keys: its table, its best study, and that it ends the same after it was killed."""
 
 import csv
+import json
 import random
+import shutil
 import signal
 import subprocess
 import time
@@ -135,3 +137,19 @@ def test_what_cannot_be_searched_is_said_with_its_line(study):
     path.write_text(text[: text.index("[search]")])
     result = metafmu("search", path, check=False)
     assert result.returncode == 2 and "search: missing" in result.stderr
+
+
+def test_a_score_that_was_changed_decides_nothing(study, undisturbed, tmp_path):
+    folder = shutil.copytree(undisturbed[0], tmp_path / "out")
+    for path in (folder / "search").glob("trial-*.json"):
+        record = json.loads(path.read_text())
+        if record["status"] == "finished" and record["score"] > min_score(folder):
+            record["score"] = 1e-12
+            path.write_text(json.dumps(record, indent=2))
+            break
+    metafmu("search", study, "--out", folder, "--resume")
+    assert results(folder) == results(undisturbed[0])
+
+
+def min_score(folder):
+    return min(float(row["one_minus_r2"]) for row in results(folder)[0] if row["status"] == "finished")

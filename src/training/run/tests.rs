@@ -290,6 +290,28 @@ fn checkpoints_of_other_trainings_and_damaged_ones_are_refused() {
 }
 
 #[test]
+fn no_byte_of_a_checkpoint_can_change() {
+    let (training, validation) = (smooth(0, 30), smooth(5_000, 10));
+    let mut keeper = Keeper::default();
+    train(network(&[2]), &training, &validation, &options(1, 30), 1, &mut keeper).unwrap();
+    let resume = |checkpoint: &[u8]| {
+        let options = options(1, 30);
+        resume(checkpoint, network(&[2]), &training, &validation, &options, 1, &mut ())
+            .map_err(|error| error.to_string())
+    };
+    let mut checkpoint = keeper.0.remove(0);
+    assert!(resume(&checkpoint).is_ok());
+    for place in 0..checkpoint.len() {
+        for bit in [0, 6] {
+            checkpoint[place] ^= 1 << bit;
+            let refused = resume(&checkpoint).map(|_| place).unwrap_err();
+            assert!(refused.contains("the checkpoint cannot be used"), "{refused}");
+            checkpoint[place] ^= 1 << bit;
+        }
+    }
+}
+
+#[test]
 fn the_same_bytes_on_any_number_of_threads_with_everything_switched_on() {
     let (training, validation) = (smooth(0, 1_001), smooth(5_000, 200));
     let options = TrainingOptions {
