@@ -3,7 +3,7 @@
 use super::{
     job::Job,
     prepare::held_out,
-    sample, say,
+    rescue, sample, say,
     train::{self, TrainingRecord},
 };
 use metafmu::{
@@ -76,14 +76,16 @@ pub fn stage(
     let trained = train::with_bounds(trained, Some(calibration), &job.study)?;
     let record = total(&rounds, dataset.runs.len() - planned.runs.len(), target);
     let added = Dataset { runs: dataset.runs.split_off(planned.runs.len()), ..dataset };
-    if added.runs.is_empty() {
-        files::remove(&job.table("added"))?;
-    } else {
-        added.write_csv(&job.table("added"))?;
-    }
-    surrogate::save(&trained, &job.model())?;
-    join_histories(job, rounds.len())?;
-    files::write_json(&job.training_record(), &record)?;
+    rescue::write(job, |to| {
+        if added.runs.is_empty() {
+            files::remove(&to.table("added"))?;
+        } else {
+            added.write_csv(&to.table("added"))?;
+        }
+        surrogate::save(&trained, &to.model())?;
+        files::write_whole(&to.history(), join_histories(job, rounds.len())?.as_bytes())?;
+        files::write_json(&to.training_record(), &record)
+    })?;
     if !train::was_interrupted(&record) {
         files::remove_folder(&job.rounds())?;
     }
@@ -159,7 +161,7 @@ fn total(rounds: &[Round], added_runs: usize, target: &TargetOptions) -> Trainin
 }
 
 /// `history.csv`: the rounds' own one after the other, epochs and seconds counted on.
-fn join_histories(job: &Job, rounds: usize) -> Result<()> {
+fn join_histories(job: &Job, rounds: usize) -> Result<String> {
     let mut lines: Vec<String> = Vec::new();
     let (mut epochs, mut seconds) = (0, 0.0);
     for round in 0..rounds {
@@ -179,7 +181,7 @@ fn join_histories(job: &Job, rounds: usize) -> Result<()> {
             lines.push(format!("{epochs},{rest},{seconds:.3}"));
         }
     }
-    files::write_whole(&job.history(), (lines.join("\n") + "\n").as_bytes())
+    Ok(lines.join("\n") + "\n")
 }
 
 fn broken(path: &Path) -> Error {

@@ -154,7 +154,11 @@ impl Job {
 
     /// The same job, with the folder of a round for its results.
     pub fn round(&self, number: usize) -> Self {
-        let folder = self.rounds().join(number.to_string());
+        self.with_folder(self.rounds().join(number.to_string()))
+    }
+
+    /// The same job, with another folder for its results.
+    pub fn with_folder(&self, folder: PathBuf) -> Self {
         Self { study: self.study.clone(), source: self.source.clone(), folder, json: self.json }
     }
 

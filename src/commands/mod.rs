@@ -12,6 +12,7 @@ pub mod new;
 mod prepare;
 mod progress;
 pub mod report;
+mod rescue;
 pub mod sample;
 pub mod search;
 mod side_by_side;

@@ -6,7 +6,7 @@ use super::{
     prepare::{Prepared, prepare},
     print, print_json,
     progress::Progress,
-    say,
+    rescue, say,
 };
 use crate::cli::TrainArgs;
 use metafmu::{
@@ -20,7 +20,6 @@ use metafmu::{
 use metafmu_runtime::{Model, ScaledNetwork, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::{
-    io::Write,
     ops::ControlFlow,
     sync::atomic::Ordering,
     time::{Duration, Instant},
@@ -104,9 +103,11 @@ pub fn once(
     let Trained { model, history, record } = trained;
     let surrogate = surrogate::assemble(&job.study, dataset, record.train_rows, model)?;
     let surrogate = with_bounds(surrogate, calibration, &job.study)?;
-    surrogate::save(&surrogate, &job.model())?;
-    write_history(job, &history)?;
-    files::write_json(&job.training_record(), &record)?;
+    rescue::write(job, |job| {
+        surrogate::save(&surrogate, &job.model())?;
+        write_history(job, &history)?;
+        files::write_json(&job.training_record(), &record)
+    })?;
     if !was_interrupted(&record) {
         files::remove(&job.checkpoint())?;
         files::remove(&job.unfinished_networks())?;

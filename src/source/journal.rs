@@ -99,7 +99,12 @@ impl Journal {
                 none.insert(new)
             }
         };
-        file.write_all(&record).map_err(Error::io(&self.path, "write"))
+        let write = |file: &mut File| {
+            let length = file.metadata()?.len();
+            // what is behind a part of a record could not be read: a full disk may have room again for the next one
+            file.write_all(&record).inspect_err(|_| drop(file.set_len(length)))
+        };
+        write(file).map_err(Error::io(&self.path, "write"))
     }
 
     /// Removes the file: the tables are written.

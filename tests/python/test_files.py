@@ -1,8 +1,10 @@
-"""What happens to files: those that stand where an output goes, and those that were changed."""
+"""What happens to files: those that stand where an output goes, those that were changed, and those there is no room for."""
 
 import os
 import random
+import resource
 import shutil
+import signal
 import socket
 import stat
 import subprocess
@@ -132,7 +134,7 @@ def test_the_owner_of_a_file_stays(built, tmp_path):
 
 
 def test_a_folder_is_refused_before_the_simulation(built, tmp_path):
-    for path, says in [(tmp_path, "is a directory"), (tmp_path / "no" / "run.csv", f"no folder {tmp_path / 'no'}")]:
+    for path, says in [(tmp_path, "is a directory"), (tmp_path / "no" / "run.svg", f"no folder {tmp_path / 'no'}")]:
         for option in ("--output", "--plot"):
             refused = metafmu("simulate", built[1] / "absent.fmu", option, path, check=False)
             assert refused.returncode == 2 and f"{path}: cannot write" in refused.stderr and says in refused.stderr
@@ -203,3 +205,65 @@ def test_what_a_killed_process_has_not_finished_is_removed(copied):
     (folder / ".metafmu-a1B2c3").write_text("half a checkpo")
     metafmu("evaluate", study, "--out", folder)
     assert not [path for path in folder.iterdir() if path.name.startswith(".metafmu-")]
+
+
+def without_room():
+    """For a new process: files of 2 kB at most, whose excess is an error as that of a full disk."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
+
+
+def train_without_room(study, folder):
+    """A training that has ended and waits for room."""
+    command = [METAFMU, "train", study, "--out", folder]
+    options = {"stderr": subprocess.PIPE, "text": True, "preexec_fn": without_room, "restore_signals": False}
+    process = subprocess.Popen(command, **options)
+    said = ""
+    while "waiting for room" not in said:
+        line = process.stderr.readline()
+        assert line, said
+        said += line
+    assert f"{folder / 'study.safetensors'}: cannot write: File too large" in said and "the file needs" in said
+    return process
+
+
+def test_a_trained_network_waits_for_room(copied):
+    study, folder = copied
+    expected = (folder / "study.safetensors").read_bytes()
+    (folder / "study.safetensors").unlink()
+    process = train_without_room(study, folder)
+    assert not (folder / "study.safetensors").exists()
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert process.wait(60) == 0
+    assert (folder / "study.safetensors").read_bytes() == expected
+    metafmu("evaluate", study, "--out", folder)
+
+
+def test_ctrl_c_ends_the_wait_for_room(copied):
+    process = train_without_room(*copied)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 2
+    assert "the trained network is lost" in process.stderr.read()
+
+
+def test_a_trained_network_is_saved_elsewhere_if_its_folder_is_gone(copied, tmp_path):
+    _, folder = copied
+    study = tmp_path / "study.toml"
+    study.write_text(copied[0].read_text().replace("epochs = 5", "epochs = 200"))
+    (tmp_path / "temporary").mkdir()
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    command = [METAFMU, "train", study, "--out", folder]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    while not (folder / "checkpoint.safetensors").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    moved = folder.rename(tmp_path / "moved")
+    folder.write_text("no folder")
+    said = process.communicate()[1]
+    assert process.returncode == 2
+    [saved] = (tmp_path / "temporary").iterdir()
+    assert f"the results are in {saved}: move them to {folder}" in said
+    assert sorted(path.name for path in saved.iterdir()) == ["history.csv", "study.safetensors", "training.json"]
+    for path in saved.iterdir():
+        path.rename(moved / path.name)
+    metafmu("evaluate", study, "--out", moved)
