@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, ROOT, changed, metafmu
+from conftest import CASES, ROOT, changed, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
@@ -79,7 +79,7 @@ def tunable(tmp_path_factory):
     )
     (folder / "study.toml").write_text(study)
     metafmu("build", folder / "study.toml", "--out", folder, "--fmi", "both", check=False)
-    return {version: folder / f"single-pendulum-{version}.fmu" for version in ("fmi2", "fmi3")}
+    return {f"fmi{version}": fmu_of(folder, "single-pendulum", version) for version in (2, 3)}
 
 
 @pytest.mark.parametrize("version,interface", KINDS)
