@@ -174,6 +174,7 @@ SECTIONS = {
             "study.toml": RECORDED,
             "runs.csv": RUNS.replace(",", ";").replace("a;0.5;0.1", "a;0,5;0.1"),
         },
+        "a name that is nearly the column's": runs("theta", "Theta"),
         "a quote that is not closed": runs("a,0.5", '"a,0.5'),
         "Parquet: a missing value": parquet(cell(2, "theta", None)),
         "Parquet: infinity": parquet(cell(2, "theta", float("inf"))),

@@ -34,6 +34,7 @@ pub enum Command {
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-surrogate --table runs.csv
+  metafmu new my-surrogate --table runs.csv --time Zeit --run Case
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
 FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.
@@ -155,6 +156,12 @@ pub struct NewArgs {
     /// Table of recorded runs: CSV or Parquet with a row for each time of each run
     #[arg(long, value_name = "FILE", group = "source")]
     pub table: Option<PathBuf>,
+    /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
+    #[arg(long, value_name = "COLUMN", requires = "table")]
+    pub time: Option<String>,
+    /// Column of the table that tells the runs apart [default: `run`, else one that numbers them, else where the time begins anew]
+    #[arg(long, value_name = "COLUMN", requires = "table")]
+    pub run: Option<String>,
 }
 
 #[derive(Debug, Args)]

@@ -291,6 +291,7 @@ mod tests {
             "\u{feff}time (s);theta (rad)\r\n0,0;1,5\r\n0,5;-2,5E-3",
             "\"time [s]\"\t\"theta [rad]\"\n 0.0 \t 1.5\n0.5\t-0.0025\n",
             "time [s];theta [rad];\n0;1.5;\n0.5;-2.5e-3;\n",
+            "time [s],theta [rad]\r0,1.5\r0.5,-2.5e-3\r",
         ] {
             assert_eq!(read(text).unwrap(), (vec!["time|s".into(), "theta|rad".into()], rows.clone()), "{text}");
         }

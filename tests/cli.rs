@@ -254,6 +254,50 @@ fn new_writes_the_example_and_overwrites_nothing() {
 }
 
 #[test]
+fn a_study_of_a_table_keeps_the_names_of_its_columns_and_takes_no_number_of_a_run_for_a_parameter() {
+    let bench = Bench::new();
+    let row = |run: usize, t: f64| format!("{run},{t},{},kalt,{},{}", 0.1 * run as f64, t * run as f64, -t);
+    let rows: Vec<String> = (1..=4).flat_map(|run| [0.0, 0.5, 1.0].map(|t| row(run, t))).collect();
+    let new = |header: &str, rows: &[String], arguments: &[&str]| {
+        fs::write(bench.path("runs.csv"), format!("{header}\n{}\n", rows.join("\n"))).unwrap();
+        let _ = fs::remove_file(bench.path("x.toml"));
+        let output = bench.run(&[&["new", "x", "--table", "runs.csv"], arguments].concat());
+        let study = fs::read_to_string(bench.path("x.toml")).unwrap_or_default();
+        (output.status.code(), study, stderr(&output))
+    };
+    let header = "Lauf,Zeit [s],Dämpfung [N.s/m],Zustand,Körper.x [m],in_domain";
+    let (code, study, says) = new(header, &rows, &[]);
+    assert_eq!(code, Some(0), "{says}");
+    assert!(says.contains("column `Lauf`: numbers the runs: taken as their label and not as a parameter"), "{says}");
+    for line in [
+        "columns = { time = \"Zeit\", run = \"Lauf\", in_domain_ = \"in_domain\" }",
+        "\"Dämpfung\" = { min = 0.1, max = 0.4, unit = \"N.s/m\" }",
+        "# Lauf numbers the runs",
+        "# Zustand is text and left out",
+        "\"Körper.x\" = { unit = \"m\" }",
+    ] {
+        assert!(study.contains(line), "{line} is not in {study}");
+    }
+    let output = bench.run(&["sample", "x.toml", "--dry-run"]);
+    assert!(stdout(&output).starts_with("set,run,Dämpfung\ntrain,0,"), "{}{}", stdout(&output), stderr(&output));
+
+    // by name; and what numbers the runs is a parameter where there is no other
+    let (code, study, says) = new(&header.replace("Zeit", "Uhr"), &rows, &["--time", "Uhr [s]", "--run", "lauf"]);
+    assert_eq!((code, study.as_str()), (Some(2), ""), "{says}");
+    assert!(says.contains("runs.csv:1: no column `lauf`") && says.contains("did you mean `Lauf`?"), "{says}");
+    let (code, study, says) = new(&header.replace("Zeit", "Uhr"), &rows, &["--time", "Uhr [s]", "--run", "Lauf"]);
+    assert!(code == Some(0) && study.contains("columns = { time = \"Uhr\", run = \"Lauf\""), "{says}{study}");
+    let (code, _, says) = new(&header.replace("Zeit", "Uhr"), &rows, &[]);
+    assert!(code == Some(2) && says.contains("none of the columns is the time (Lauf, Uhr, "), "{says}");
+    let (code, _, says) = new(&header.replace("[s]", "[ms]"), &rows, &[]);
+    assert!(code == Some(2) && says.contains("runs.csv:1: column `Zeit`: unit `ms`, expected `s`"), "{says}");
+    let sweep: Vec<String> = (1..=4).flat_map(|k| [0.0, 1.0].map(|t| format!("{k},{t},{}", t * k as f64))).collect();
+    let (code, study, says) = new("k,t,x", &sweep, &[]);
+    assert!(code == Some(0) && study.contains("k = { min = 1.0, max = 4.0 }"), "{says}{study}");
+    bench.fails(&["new", "y", "--system", "single-pendulum", "--time", "t"], &["--table"]);
+}
+
+#[test]
 fn a_bad_study_is_refused_with_file_line_and_key() {
     let bench = Bench::built();
     let good = small_study();

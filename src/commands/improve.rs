@@ -8,7 +8,7 @@ use super::{
 };
 use metafmu::{
     Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, sampling::Plan,
-    study::TargetOptions, surrogate,
+    study::TargetOptions, surrogate, table::header_field,
 };
 use metafmu_runtime::Surrogate;
 use std::path::Path;
@@ -134,7 +134,8 @@ fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_ru
 
 /// `rounds.csv`
 fn write_table(job: &Job, rounds: &[Round]) -> Result<()> {
-    let outputs: Vec<String> = job.source.outputs().iter().map(|output| format!("r2_{}", output.name)).collect();
+    let outputs: Vec<String> =
+        job.source.outputs().iter().map(|output| header_field(&format!("r2_{}", output.name))).collect();
     files::write_with(&job.table("rounds"), |file| {
         writeln!(file, "round,runs,epochs,seconds,{}", outputs.join(","))?;
         for (index, Round { runs, r2, record }) in rounds.iter().enumerate() {

@@ -51,7 +51,7 @@ use crate::{
     table::Table,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Encoder, Encoding};
+use metafmu_runtime::{Encoder, Encoding, extra};
 pub use options::{
     BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
     SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions, Variability,
@@ -322,20 +322,19 @@ impl Study {
         if self.outputs.is_empty() {
             problems.add("outputs", "no output, expected at least one".into());
         }
-        let of_fmu = self.source.fmu.is_some();
         for name in self.parameters.keys() {
-            problems.expect_variable_name(&format!("parameters.{name}"), name, of_fmu);
+            problems.expect_variable_name(&format!("parameters.{name}"), name);
         }
         for name in self.outputs.keys() {
             let key = format!("outputs.{name}");
-            problems.expect_variable_name(&key, name, of_fmu);
+            problems.expect_variable_name(&key, name);
             if self.parameters.contains_key(name) {
                 problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
             }
         }
         for (name, outputs) in &self.arrays {
             let key = format!("arrays.{name}");
-            problems.expect_variable_name(&key, name, of_fmu);
+            problems.expect_variable_name(&key, name);
             if self.parameters.contains_key(name) || self.outputs.contains_key(name) {
                 problems
                     .add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
@@ -522,20 +521,16 @@ impl Problems {
         }
     }
 
-    /// Names are kept to what every host and every language takes: some hosts refuse dots and brackets. Those of an FMU
-    /// are what they are, which is any text on one line.
-    fn expect_variable_name(&mut self, key: &str, name: &str, of_fmu: bool) {
-        let first = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-        if of_fmu {
-            if name.is_empty() || name.contains(char::is_control) {
-                self.add(key, format!("`{}` is no name of a variable", name.escape_debug()));
-            }
-        } else if !first || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
-            let expected = "expected a letter or `_`, then letters, digits and `_`";
-            self.add(key, format!("`{name}` is no FMI variable name that every host takes: {expected}"));
+    /// FMI takes any text on one line, and so do the tables but for spaces at its ends.
+    fn expect_variable_name(&mut self, key: &str, name: &str) {
+        if name.is_empty() || name.contains(char::is_control) || name.trim() != name {
+            let expected = "expected a text on one line without spaces at its ends";
+            self.add(key, format!("`{}` is no name of a variable, {expected}", name.escape_debug()));
         }
         if name == "time" {
             self.add(key, "`time` is the name of the independent variable".into());
+        } else if extra::ALL.iter().any(|extra| extra.name == name) {
+            self.add(key, format!("`{name}` is the name of a variable that every FMU of metafmu has"));
         }
     }
 }
@@ -605,7 +600,9 @@ mod tests {
             ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
             ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
             ("min = 0.1,", "min = nan,", "L = ", "parameters.L", "not finite"),
-            ("\nc = ", "\n\"c[1]\" = ", "c = ", "parameters.c[1]", "no FMI variable name"),
+            ("\nc = ", "\n\" c\" = ", "c = ", "parameters. c", "` c` is no name of a variable"),
+            ("\nc = ", "\n\"c\\n\" = ", "c = ", "parameters.c", "is no name of a variable"),
+            ("\nc = ", "\nin_domain = ", "c = ", "parameters.in_domain", "that every FMU of metafmu has"),
             ("\nc = ", "\ntime = ", "c = ", "parameters.time", "independent variable"),
             ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
             ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),

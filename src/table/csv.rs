@@ -2,8 +2,8 @@
 //!
 //! Columns are separated by commas, semicolons or tabs, whichever the header has; with semicolons and tabs numbers may have
 //! decimal commas. Names may be quoted and carry a unit, `angle [rad]` or `angle (rad)`; or the second row holds the units.
-//! Empty lines and lines that begin with `#` are skipped, a separator at the end of every line is not a column. UTF-8, with
-//! or without a byte order mark, or Latin-1.
+//! Empty lines and lines that begin with `#` are skipped, a separator at the end of every line is not a column. Lines end with
+//! LF, CR LF, or CR as once on the Macintosh. UTF-8, with or without a byte order mark, or Latin-1.
 
 use super::{Column, Place, bracketed, check_names, wrong};
 use crate::{Error, Result};
@@ -22,6 +22,8 @@ pub(super) struct Csv {
     input: BufReader<File>,
     parser: Reader,
     separator: u8,
+    /// The last character of a line.
+    line_end: u8,
     /// Columns of the header.
     width: usize,
     record: Record,
@@ -56,12 +58,14 @@ impl Record {
 
 impl Csv {
     /// Reads the header.
-    pub(super) fn new(path: &Path, input: BufReader<File>) -> Result<(Self, Vec<Column>)> {
+    pub(super) fn new(path: &Path, mut input: BufReader<File>) -> Result<(Self, Vec<Column>)> {
+        let line_end = line_end(input.fill_buf().map_err(Error::io(path, "read"))?);
         let mut csv = Self {
             path: path.to_owned(),
             input,
             parser: Reader::new(),
             separator: b',',
+            line_end,
             width: 0,
             record: Record::default(),
             is_waiting: false,
@@ -139,7 +143,8 @@ impl Csv {
     fn next_line(&mut self) -> Result<bool> {
         loop {
             self.record.raw.clear();
-            let count = self.input.read_until(b'\n', &mut self.record.raw).map_err(Error::io(&self.path, "read"))?;
+            let count = self.input.read_until(self.line_end, &mut self.record.raw);
+            let count = count.map_err(Error::io(&self.path, "read"))?;
             if count == 0 {
                 return Ok(false);
             }
@@ -190,6 +195,15 @@ impl Csv {
             self.is_waiting = false;
         }
         Ok(())
+    }
+}
+
+/// What the first line ends with.
+fn line_end(text: &[u8]) -> u8 {
+    let end = text.iter().position(|byte| b"\r\n".contains(byte));
+    match end.map(|end| &text[end..]) {
+        Some([b'\r', next, ..]) if *next != b'\n' => b'\r',
+        _ => b'\n',
     }
 }
 

@@ -1,8 +1,29 @@
 //! A study of a table of recorded runs, from its columns and what is in them.
 
 use super::{key, quoted, rest};
+use crate::{cli::NewArgs, commands::say};
 use metafmu::{Result, table::Table};
+use metafmu_runtime::extra;
 use std::{collections::HashSet, fmt::Write, path::Path};
+
+/// Names of columns that are the time, in small letters.
+const TIMES: [&str; 12] = [
+    "time",
+    "zeit",
+    "time_s",
+    "zeit_s",
+    "sim_time",
+    "simtime",
+    "simulation time",
+    "temps",
+    "tiempo",
+    "tempo",
+    "t_s",
+    "t",
+];
+
+/// Fewer runs than this may have the numbers 0, 1 or 1, 2 for another reason than to be counted.
+const COUNTED: usize = 3;
 
 /// What is known of a column.
 struct Column {
@@ -17,6 +38,10 @@ struct Column {
     first: f64,
     /// Whether it has one value in every run.
     is_constant_in_runs: bool,
+    /// Whether its values in the runs are 0, 1, 2, ... or 1, 2, 3, ...
+    counts_runs: bool,
+    /// Whether it begins with something else than a number.
+    is_text: bool,
 }
 
 /// Runs as they pass by.
@@ -30,24 +55,29 @@ struct Runs {
     step: f64,
 }
 
-pub fn study(name: &str, file: &Path) -> Result<String> {
+/// What the columns are for.
+struct Roles<'a> {
+    time: &'a str,
+    label: Option<&'a str>,
+    varied: Vec<&'a Column>,
+    outputs: Vec<&'a Column>,
+    /// Those that are neither, and why.
+    others: Vec<(&'a Column, String)>,
+}
+
+pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
     let mut table = Table::open(file)?;
-    let titles: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
-    let find = |names: &[&str]| titles.iter().position(|title| names.contains(&title.to_lowercase().as_str()));
-    let Some(time) = find(&["time", "t"]) else {
-        return Err(
-            table.mistake_in_header(&format!("no column `time` or `t`, expected it among {}", titles.join(", ")))
-        );
+    let time = time_column(&table, args.time.as_deref())?;
+    let label = match &args.run {
+        Some(run) => Some(given(&table, run)?),
+        None => table.columns().iter().position(|column| column.name.to_lowercase() == "run"),
     };
-    let label = find(&["run"]);
+    let titles: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
     let positions: Vec<usize> = (0..titles.len()).filter(|&index| index != time && Some(index) != label).collect();
     let mut columns = named(&table, &positions);
     let runs = read(&mut table, time, label, &positions, &mut columns)?;
-    let (parameters, outputs): (Vec<&Column>, Vec<&Column>) =
-        columns.iter().partition(|column| column.is_constant_in_runs);
-    let (varied, fixed): (Vec<&Column>, Vec<&Column>) =
-        parameters.into_iter().partition(|column| column.min < column.max);
-    let problem = match (varied.is_empty(), outputs.is_empty()) {
+    let roles = roles(&titles[time], label.map(|label| titles[label].as_str()), &runs, &columns);
+    let problem = match (roles.varied.is_empty(), roles.outputs.is_empty()) {
         (true, _) => "no column has one value in each run and others in other runs: there is no parameter",
         (_, true) => "no column changes in a run: there is no output",
         _ => "",
@@ -55,19 +85,41 @@ pub fn study(name: &str, file: &Path) -> Result<String> {
     if !problem.is_empty() {
         return Err(table.mistake_in_header(problem));
     }
-    Ok(text(name, file, (&titles[time], label.map(|label| &titles[label])), &runs, &varied, &fixed, &outputs))
+    for (Column { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
+        say(format_args!("column `{title}`: {why}"));
+    }
+    Ok(text(name, file, &runs, &roles))
 }
 
-/// The columns under names that every host takes.
+/// Position of a column by its name, with its unit or without.
+fn given(table: &Table, name: &str) -> Result<usize> {
+    let bare = name.split(['[', '(']).next().unwrap_or_default().trim();
+    table.column(name).or_else(|error| table.column(bare).map_err(|_| error))
+}
+
+fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
+    // `T` is a temperature more often than the time
+    let is = |known: &str, title: &str| if known == "t" { title == "t" } else { title.to_lowercase() == known };
+    let known = |known: &&str| table.columns().iter().position(|column| is(known, &column.name));
+    let position = match name {
+        Some(name) => given(table, name)?,
+        None => TIMES.iter().find_map(known).ok_or_else(|| {
+            let titles: Vec<&str> = table.columns().iter().take(20).map(|column| column.name.as_str()).collect();
+            let expected = "expected it to be called `time`, `t` or `Zeit`; say which it is with --time COLUMN";
+            table.mistake_in_header(&format!("none of the columns is the time ({}), {expected}", titles.join(", ")))
+        })?,
+    };
+    table.check_unit(position, Some("s"))?;
+    Ok(position)
+}
+
+/// The columns under their own names where nothing else has them.
 fn named(table: &Table, positions: &[usize]) -> Vec<Column> {
-    let mut taken: HashSet<String> = ["run", "time", "file"].map(str::to_owned).into();
+    let reserved = extra::ALL.iter().map(|extra| extra.name).chain(["run", "time", "file"]);
+    let mut taken: HashSet<String> = reserved.map(str::to_owned).collect();
     let column = |&position: &usize| {
         let column = &table.columns()[position];
-        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
-        let mut name: String = column.name.chars().map(plain).collect();
-        if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
-            name.insert(0, '_');
-        }
+        let mut name = column.name.replace(char::is_control, " ").trim().to_owned();
         while !taken.insert(name.clone()) {
             name.push('_');
         }
@@ -79,6 +131,8 @@ fn named(table: &Table, positions: &[usize]) -> Vec<Column> {
             max: f64::NEG_INFINITY,
             first: f64::NAN,
             is_constant_in_runs: true,
+            counts_runs: true,
+            is_text: false,
         }
     };
     positions.iter().map(column).collect()
@@ -107,13 +161,7 @@ fn read(
             runs.step = now - runs.last_time;
         }
         for (column, &position) in columns.iter_mut().zip(positions) {
-            let value = table.number(position)?;
-            (column.min, column.max) = (column.min.min(value), column.max.max(value));
-            if begins {
-                column.first = value;
-            } else if value != column.first {
-                column.is_constant_in_runs = false;
-            }
+            column.see(table, position, begins, runs.count)?;
         }
         (runs.count, runs.label, runs.last_time) = (runs.count + usize::from(begins), name, now);
     }
@@ -125,19 +173,60 @@ fn read(
     Ok(runs)
 }
 
-fn text(
-    name: &str,
-    file: &Path,
-    (time, label): (&str, Option<&String>),
-    runs: &Runs,
-    varied: &[&Column],
-    fixed: &[&Column],
-    outputs: &[&Column],
-) -> String {
+impl Column {
+    /// Takes a row; there were `count` runs before it.
+    fn see(&mut self, table: &mut Table, position: usize, begins: bool, count: usize) -> Result<()> {
+        if begins && count == 0 {
+            let text = table.text(position)?;
+            self.is_text = !text.is_empty() && text.replacen(',', ".", 1).parse::<f64>().is_err();
+        }
+        if self.is_text {
+            return Ok(());
+        }
+        let value = table.number(position)?;
+        (self.min, self.max) = (self.min.min(value), self.max.max(value));
+        if begins {
+            self.counts_runs &= value == count as f64 + self.min && (self.min == 0.0 || self.min == 1.0);
+            self.first = value;
+        } else if value != self.first {
+            self.is_constant_in_runs = false;
+        }
+        Ok(())
+    }
+}
+
+/// Columns with one value in each run are parameters, but for those that number the runs, unless there are no others.
+fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'a [Column]) -> Roles<'a> {
+    let (texts, numbers): (Vec<&Column>, Vec<&Column>) = columns.iter().partition(|column| column.is_text);
+    let (parameters, outputs): (Vec<&Column>, Vec<&Column>) =
+        numbers.into_iter().partition(|column| column.is_constant_in_runs);
+    let (mut varied, fixed): (Vec<&Column>, Vec<&Column>) =
+        parameters.into_iter().partition(|column| column.min < column.max);
+    let mut others: Vec<(&Column, String)> = Vec::new();
+    let counts = |column: &&Column| column.counts_runs && runs.count >= COUNTED;
+    if !varied.iter().all(counts) {
+        for column in varied.extract_if(.., |column| counts(column)) {
+            let why = match label {
+                Some(_) => "numbers the runs and is no parameter",
+                None => "numbers the runs: taken as their label and not as a parameter",
+            };
+            label = label.or(Some(column.title.as_str()));
+            others.push((column, why.into()));
+        }
+    }
+    others.extend(fixed.into_iter().map(|column| (column, format!("is always {}", column.min))));
+    others.extend(
+        texts.into_iter().map(|column| (column, "is text and left out; --run if it tells the runs apart".into())),
+    );
+    Roles { time, label, varied, outputs, others }
+}
+
+fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
+    let Roles { time, label, varied, outputs, others } = roles;
     let file = file.display().to_string();
     let renamed = varied.iter().chain(outputs).filter(|column| column.name != column.title);
     let renamed = renamed.map(|column| (column.name.as_str(), column.title.as_str()));
-    let own = [("time", Some(time)), ("run", label.map(String::as_str))];
+    let own = [("time", Some(*time)), ("run", *label)];
     let own = own.into_iter().filter_map(|(name, title)| Some((name, title.filter(|title| *title != name)?)));
     let names: Vec<String> =
         own.chain(renamed).map(|(name, title)| format!("{} = {}", key(name), quoted(title))).collect();
@@ -167,16 +256,16 @@ step = {step:?}                 # s; what the FMU suggests: the rows are where t
         runs.stop,
     );
     let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!("unit = {}", quoted(unit)) };
-    for Column { name, min, max, unit: of, .. } in varied.iter().copied() {
+    for Column { name, min, max, unit: of, .. } in varied {
         let unit = if of.is_empty() { String::new() } else { format!(", {}", unit(of)) };
         // writing to a string does not fail
         let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?}{unit} }}", key(name));
     }
-    for Column { title, min, .. } in fixed {
-        let _ = writeln!(text, "# {title} is always {min}");
+    for (Column { title, .. }, why) in others {
+        let _ = writeln!(text, "# {} {why}", title.replace(char::is_control, " "));
     }
     text += "\n[outputs]\n";
-    for Column { name, unit: of, .. } in outputs.iter().copied() {
+    for Column { name, unit: of, .. } in outputs {
         let unit = unit(of);
         let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
     }
