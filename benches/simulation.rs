@@ -3,8 +3,7 @@
 //! `cargo bench --bench simulation` prints the tables of docs/multibody.md.
 
 use metafmu::{
-    integrate::TOLERANCE,
-    integrate::{Integration, advance},
+    integrate::{Budget, Integration, TOLERANCE, advance},
     multibody::{
         Mechanism,
         build::build,
@@ -58,7 +57,7 @@ fn accuracy() {
                 |(name, default): (&String, f64)| if ["c", "damping"].contains(&name.as_str()) { 0.0 } else { default };
             let values: Vec<f64> = mechanism.parameters().iter().map(|(name, p)| value((name, p.default))).collect();
             let (model, _) = build(mechanism.description(), &values).unwrap();
-            let samples = simulate(&model, &grid(10.0)).unwrap();
+            let samples = simulate(&model, &grid(10.0), &Budget::default()).unwrap();
             let largest = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).fold(0.0, f64::max);
             let residual = largest(&|s| model.constraints.violation(s.t, &s.q, &s.v));
             let energy = |s: &Sample| model.kinetic_energy(&s.v) + model.potential_energy(&s.q);
@@ -78,8 +77,8 @@ fn twin(mechanism: &Mechanism, name: &str, values: &[f64]) -> f64 {
     let system = SYSTEMS.iter().find(|system| system.name == name).unwrap();
     let value = |name: &str| mechanism.parameters().get_index_of(name).map(|index| values[index]);
     let quantities: Vec<f64> = system.quantities.iter().map(|q| value(q.name).unwrap_or(q.default)).collect();
-    let exact = (system.simulate)(&quantities, &grid(5.0), TOLERANCE).unwrap();
-    let found = mechanism.simulate(values, &grid(5.0), TOLERANCE).unwrap();
+    let exact = (system.simulate)(&quantities, &grid(5.0), TOLERANCE, &Budget::default()).unwrap();
+    let found = mechanism.simulate(values, &grid(5.0), TOLERANCE, &Budget::default()).unwrap();
     let rows = exact.chunks(system.outputs.len()).zip(found.chunks(mechanism.outputs().len()));
     let column = |name: &str| mechanism.outputs().iter().position(|output| output.name == name).unwrap();
     let columns: Vec<usize> = system.outputs.iter().map(|output| column(output.name)).collect();
@@ -91,7 +90,7 @@ fn twin(mechanism: &Mechanism, name: &str, values: &[f64]) -> f64 {
 fn order() {
     let times: Vec<f64> = (0..=200).map(|i| 0.1 * f64::from(i)).collect();
     let start = Vector2::new(2.0, 0.0);
-    let solve = |tolerance: f64| advance(Pendulum, start, &times, tolerance);
+    let solve = |tolerance: f64| advance(Pendulum, start, &times, tolerance, &Budget::default());
     let exact = solve(1e-13).states;
     let largest = |states: &[Vector2<f64>]| states.iter().zip(&exact).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max);
 
@@ -147,7 +146,7 @@ fn cost() {
     for system in SYSTEMS {
         let quantities: Vec<f64> = system.quantities.iter().map(|quantity| quantity.default).collect();
         report(&format!("{}, closed form", system.name), &|| {
-            (system.simulate)(&quantities, &grid(5.0), TOLERANCE).unwrap();
+            (system.simulate)(&quantities, &grid(5.0), TOLERANCE, &Budget::default()).unwrap();
         });
     }
     for name in MECHANISMS {
@@ -155,7 +154,7 @@ fn cost() {
             let mechanism = mechanism(name, formulation);
             let values: Vec<f64> = mechanism.parameters().values().map(|parameter| parameter.default).collect();
             report(&format!("{name}, {formulation}"), &|| {
-                mechanism.simulate(&values, &grid(5.0), TOLERANCE).unwrap();
+                mechanism.simulate(&values, &grid(5.0), TOLERANCE, &Budget::default()).unwrap();
             });
         }
     }

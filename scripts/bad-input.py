@@ -219,7 +219,8 @@ SECTIONS = {
         "a step that does not divide that between rows": of_fmu("[time]", "step = 0.3\n[time]"),
         "a tolerance that is none": of_fmu("[time]", "tolerance = 1\n[time]"),
         "a share of failed runs that is none": of_fmu("[time]", "max_failed = 10\n[time]"),
-        "a time limit without an FMU": study("[time]", "time_limit = 10\n[time]"),
+        "retries without an FMU": study("[time]", "retries = 2\n[time]"),
+        "a time limit of recorded runs": {"study.toml": RECORDED.replace("[time]", "time_limit = 10\n[time]"), "runs.csv": RUNS},
     },
     "Outputs": {
         "in a folder that is not there": {},

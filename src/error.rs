@@ -33,7 +33,7 @@ pub enum Error {
         /// What happened.
         message: String,
     },
-    /// More runs of an FMU failed than may.
+    /// More runs failed than may.
     #[error(
         "{failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one with \
          {parameters}: {reason}"

@@ -3,6 +3,9 @@
 //! The right-hand side must not depend on the time argument: `ode_solvers` 0.6 evaluates the last stage of a step at the
 //! step's beginning (node `c_12` is 0 and not 1). Where time matters it is a state with the derivative 1.
 
+mod budget;
+
+pub use budget::Budget;
 use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};
 use ode_solvers::{
     Dop853, System,
@@ -34,17 +37,47 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> SVector<f64, N>> System<f64, SVe
     }
 }
 
+/// A problem that ends with its budget: then the derivative is not a number, and the method gives up.
+struct Budgeted<'a, P> {
+    problem: P,
+    budget: &'a Budget<'a>,
+}
+
+impl<D: Dim, P: System<f64, OVector<f64, D>>> System<f64, OVector<f64, D>> for Budgeted<'_, P>
+where
+    DefaultAllocator: Allocator<D>,
+{
+    fn system(&self, t: f64, y: &OVector<f64, D>, derivative: &mut OVector<f64, D>) {
+        if self.budget.spend() {
+            self.problem.system(t, y, derivative);
+        } else {
+            derivative.fill(f64::NAN);
+        }
+    }
+
+    fn solout(&mut self, t: f64, row: &OVector<f64, D>, derivative: &OVector<f64, D>) -> bool {
+        self.budget.arrive(t);
+        self.problem.solout(t, row, derivative) || self.budget.is_over()
+    }
+}
+
+/// Most steps of an integration: more than a [`Budget`] has evaluations for.
+const MAX_STEPS: u32 = 2_000_000;
+
 /// States at evenly spaced `times`, from `initial` at the first of them; `tolerance` is relative and absolute.
 ///
 /// # Errors
-/// A sentence if the method fails: too many steps, a step size that vanishes, stiffness, a state that is not finite.
+/// A sentence if the method fails: the end of the budget, a step size that vanishes, stiffness, a state that is not finite.
 pub(crate) fn integrate<const N: usize>(
     derivative: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     initial: SVector<f64, N>,
     times: &[f64],
     tolerance: f64,
+    budget: &Budget,
 ) -> Result<Vec<SVector<f64, N>>, String> {
-    let Integration { states, failure, .. } = advance(RightHandSide(derivative), initial, times, tolerance);
+    budget.begin(times);
+    let Integration { states, failure, .. } = advance(RightHandSide(derivative), initial, times, tolerance, budget);
+    budget.check(|| None)?;
     match failure {
         Some(error) => Err(format!("integration failed: {error}")),
         None if states.len() < times.len() => Err(format!("the state is not finite at t = {} s", times[states.len()])),
@@ -61,6 +94,7 @@ pub fn advance<D: Dim>(
     initial: OVector<f64, D>,
     times: &[f64],
     tolerance: f64,
+    budget: &Budget,
 ) -> Integration<OVector<f64, D>>
 where
     DefaultAllocator: Allocator<D>,
@@ -71,8 +105,25 @@ where
     let spacing = (stop - start) / (times.len() - 1) as f64;
     // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
     let end = stop + 0.01 * spacing;
-    let mut solver = Dop853::new(problem, start, end, spacing, initial, tolerance, tolerance);
-    solver.set_output(OutputType::Dense);
+    // all but the number of steps is what `Dop853::new` takes
+    let mut solver = Dop853::from_param(
+        Budgeted { problem, budget },
+        start,
+        end,
+        spacing,
+        initial,
+        tolerance,
+        tolerance,
+        0.9,
+        0.0,
+        0.333,
+        6.0,
+        end - start,
+        0.0,
+        MAX_STEPS,
+        1000,
+        OutputType::Dense,
+    );
     let (evaluations, failure) = match solver.integrate() {
         Ok(statistics) => (statistics.num_eval, None),
         Err(error) => {
@@ -109,7 +160,9 @@ mod tests {
     fn every_row_is_as_accurate_as_the_steps_the_last_one_too() {
         for count in [2, 3, 7, 50, 1000] {
             let times: Vec<f64> = (0..=count).map(|i| 10.0 * f64::from(i) / f64::from(count)).collect();
-            let states = integrate(|y| Vector2::new(y[1], -y[0]), Vector2::new(0.0, 1.0), &times, TOLERANCE).unwrap();
+            let states =
+                integrate(|y| Vector2::new(y[1], -y[0]), Vector2::new(0.0, 1.0), &times, TOLERANCE, &Budget::default())
+                    .unwrap();
             for (state, t) in states.iter().zip(&times) {
                 assert!((state[0] - t.sin()).abs() < 1e-11, "{count} rows, t = {t}: {}", state[0] - t.sin());
             }
@@ -119,7 +172,9 @@ mod tests {
     #[test]
     fn a_state_that_leaves_the_numbers_is_located() {
         let times = [0.0, 0.5, 1.0, 1.5];
-        let message = integrate(|y| y.component_mul(y), SVector::<f64, 1>::new(1.0), &times, TOLERANCE).unwrap_err();
+        let message =
+            integrate(|y| y.component_mul(y), SVector::<f64, 1>::new(1.0), &times, TOLERANCE, &Budget::default())
+                .unwrap_err();
         assert!(message.contains("integration failed") || message.contains("not finite at t = 1"), "{message}");
         assert!(!message.contains("underflow") && !message.contains(" x "), "{message}");
     }

@@ -57,6 +57,8 @@ seed = 1                    # everything random follows from it
 [source]
 mechanism = {}    # relative to this file
 # Parameters of the mechanism that are not varied here: their defaults there, or constants = {{ NAME = VALUE }}
+# max_failed = 0.1          # share of the runs that may fail
+# time_limit = 60           # s; a run that takes longer fails
 
 [time]                      # rows of a run: 0, step, 2 step, ..., stop
 stop = 2.0                  # s

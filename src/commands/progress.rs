@@ -1,9 +1,10 @@
 //! Progress on stderr: a bar on a terminal, a few lines elsewhere.
 
 use super::say;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use metafmu::training::Outcome;
 use std::{
+    fmt::Write,
     io::IsTerminal,
     time::{Duration, Instant},
 };
@@ -18,7 +19,7 @@ pub struct Progress {
 impl Progress {
     /// Counts simulated runs.
     pub fn runs(count: usize) -> Self {
-        Self::new(count as u64, "sampling {bar:30} {pos}/{len} runs, {per_sec}, {eta} left")
+        Self::new(count as u64, "sampling {bar:30} {pos}/{len} runs, {per_sec}, {left} left")
     }
 
     /// Counts optimizer steps; the message is the loss.
@@ -28,12 +29,12 @@ impl Progress {
 
     /// Counts the networks of a series; the message is the loss.
     pub fn networks(count: usize) -> Self {
-        Self::new(count as u64, "training {bar:30} {pos}/{len} networks, {msg}, {eta} left")
+        Self::new(count as u64, "training {bar:30} {pos}/{len} networks, {msg}, {left} left")
     }
 
     /// Counts the trials of a rung of a search.
     pub fn trials(count: usize, rung: usize, rungs: usize) -> Self {
-        Self::new(count as u64, &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{eta}} left"))
+        Self::new(count as u64, &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{left}} left"))
     }
 
     /// Counts baselines; the message is the one at hand.
@@ -43,8 +44,18 @@ impl Progress {
 
     fn new(length: u64, template: &str) -> Self {
         let bar = ProgressBar::new(length);
-        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { bar, on_terminal: std::io::stderr().is_terminal(), shown: None }
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.with_key("left", |state: &ProgressState, text: &mut dyn Write| {
+            // nothing is known before the first is done
+            let _ =
+                if state.pos() == 0 { text.write_char('?') } else { write!(text, "{:#}", HumanDuration(state.eta())) };
+        }));
+        let on_terminal = std::io::stderr().is_terminal();
+        if on_terminal {
+            // speed and time left go on while nothing is done
+            bar.enable_steady_tick(Duration::from_millis(500));
+        }
+        Self { bar, on_terminal, shown: None }
     }
 
     pub fn advance(&self, by: u64) {

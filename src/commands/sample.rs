@@ -267,8 +267,8 @@ fn write(
     Ok(Samples { sets, record })
 }
 
-/// Simulates further runs, those of the given points, after which there are `total`. Of an FMU's as many may fail as of a plan
-/// of all of them.
+/// Simulates further runs, those of the given points, after which there are `total`. As many may fail as of a plan of all of
+/// them.
 pub fn simulate(job: &Job, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let Source::Simulation(simulation) = &job.source else {
         let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());

@@ -154,7 +154,13 @@ impl Builder<'_> {
                     self.noted(&format!("springs.{name}"), Err(message.into()))
                 }
             };
-            springs.extend(coordinate.map(|coordinate| Spring { coordinate, stiffness, damping, rest }));
+            springs.extend(coordinate.map(|coordinate| Spring {
+                coordinate,
+                stiffness,
+                damping,
+                rest,
+                owner: format!("springs.{name}"),
+            }));
         }
         springs
     }

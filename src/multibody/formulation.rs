@@ -9,7 +9,7 @@
 //! `(T^T M T) qdd_i = T^T F_a - T^T M r` (Wehage, Haug 1982: generalized coordinate partitioning). The dependent
 //! coordinates are chosen by Gaussian elimination with full pivoting, and again when `C_d` degrades.
 
-use super::{description::FormulationKind, model::Model};
+use super::{coordinate::Coordinate, description::FormulationKind, model::Model};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::Cell;
 
@@ -176,6 +176,16 @@ fn whole(
     matrix.view_mut((n, 0), (m, n)).tr_copy_from(transposed);
     let solution = matrix.lu().solve(&stack(forces, side)).filter(|x| x.iter().all(|value| value.is_finite()))?;
     Some(Acceleration { qdd: solution.rows(0, n).into_owned(), multipliers: solution.rows(n, m).into_owned() })
+}
+
+/// Acceleration of a coordinate by a unit force or torque along it, at rest and with nothing else acting. `None` in a singular
+/// position.
+pub fn mobility(model: &Model, q: &DVector<f64>, coordinate: &Coordinate) -> Option<f64> {
+    let mut force = DVector::zeros(q.len());
+    coordinate.add_gradient(q, 1.0, force.as_mut_slice());
+    let transposed = model.constraints.jacobian_transposed(q);
+    let Acceleration { qdd, .. } = whole(&model.mass, &transposed, &force, &DVector::zeros(transposed.ncols()))?;
+    Some(qdd.dot(&force))
 }
 
 /// Why the equations of motion have no solution.

@@ -15,6 +15,7 @@ use super::{
     model::Model,
     simulate::Sample,
 };
+use crate::integrate::Budget;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 
 /// Largest first correction of a step, in radians and lever arms; steps aim at half of it.
@@ -53,21 +54,26 @@ struct Way<'a> {
     loops: Vec<Loop>,
     /// What counts as 1 in each coordinate: a radian or the longest lever arm.
     scale: DVector<f64>,
+    /// Corrections are what counts.
+    budget: &'a Budget<'a>,
 }
 
 /// Samples at evenly spaced times of a model without degrees of freedom, from its position at the first of them.
 ///
 /// # Errors
-/// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when.
-pub fn follow(model: &Model, times: &[f64], q: DVector<f64>) -> Result<Vec<Sample>, String> {
+/// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when, or that the run's
+/// budget is spent.
+pub fn follow(model: &Model, times: &[f64], q: DVector<f64>, budget: &Budget) -> Result<Vec<Sample>, String> {
     let &[start, ..] = times else { return Ok(Vec::new()) };
     let stop = times[times.len() - 1];
-    let way = Way::new(model, &q);
+    let way = Way::new(model, &q, budget);
     let mut from = way.position(start, q.clone()).ok_or_else(|| way.obstacle(start, start, &q))?;
     let mut samples = vec![way.sample(&from)?];
     let mut step = way.first_step(&from).min(1e-6 * (stop - start));
     let mut longest = step;
     while samples.len() < times.len() {
+        budget.arrive(from.t);
+        budget.check(|| Some("the drivers are too fast for so long a run".into()))?;
         let to = if step < stop - from.t { from.t + step } else { stop };
         match way.step(&from, to, &times[samples.len()..]) {
             Some((next, rows, correction)) => {
@@ -89,13 +95,13 @@ pub fn follow(model: &Model, times: &[f64], q: DVector<f64>) -> Result<Vec<Sampl
 }
 
 impl<'a> Way<'a> {
-    fn new(model: &'a Model, q: &DVector<f64>) -> Self {
+    fn new(model: &'a Model, q: &DVector<f64>, budget: &'a Budget) -> Self {
         let transposed = model.constraints.jacobian_transposed(q);
         let mut loops = loops(&model.constraints, q);
         loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));
         let length = model.constraints.lever_arm(&transposed);
         let scale = DVector::from_fn(q.len(), |coordinate, _| if coordinate % 3 == 2 { 1.0 } else { length });
-        Self { model, loops, scale }
+        Self { model, loops, scale, budget }
     }
 
     /// A first step that moves no coordinate by much.
@@ -117,6 +123,7 @@ impl<'a> Way<'a> {
         let rounding = 16.0 * f64::EPSILON * self.size(&q);
         let (mut first, mut allowed) = (None, CORRECTION);
         loop {
+            self.budget.spend();
             let factors = square(&constraints.jacobian_transposed(&q));
             let correction = factors.solve(&constraints.residual(t, &q))?;
             let size = self.size(&correction);

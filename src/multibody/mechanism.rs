@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     Result,
+    integrate::Budget,
     origin::{self, Origin, Problem},
     variable::Variable,
 };
@@ -118,19 +119,25 @@ impl Mechanism {
         &self.outputs
     }
 
-    /// Simulates one run: a value for each parameter, evenly spaced times and the integration's tolerance in; rows of all
-    /// outputs out, one after the other.
+    /// Simulates one run: a value for each parameter, evenly spaced times, the integration's tolerance and what the run may
+    /// cost in; rows of all outputs out, one after the other.
     ///
     /// # Errors
     /// A sentence that says what failed, when, and at which joint.
-    pub fn simulate(&self, values: &[f64], times: &[f64], tolerance: f64) -> std::result::Result<Vec<f64>, String> {
+    pub fn simulate(
+        &self,
+        values: &[f64],
+        times: &[f64],
+        tolerance: f64,
+        budget: &Budget,
+    ) -> std::result::Result<Vec<f64>, String> {
         let sentence = |problems: Problems| {
             problems.into_iter().map(|(key, message)| format!("{key}: {message}")).collect::<Vec<_>>().join("; ")
         };
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
         model.tolerance = tolerance;
         let mut rows = Vec::with_capacity(times.len() * measures.len());
-        for sample in simulate(&model, times)? {
+        for sample in simulate(&model, times, budget)? {
             for (measure, output) in measures.iter().zip(&self.outputs) {
                 let value = measure.value(&model, &sample);
                 if !value.is_finite() {

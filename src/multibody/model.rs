@@ -18,6 +18,8 @@ pub struct Spring {
     pub damping: f64,
     /// Where there is no force.
     pub rest: f64,
+    /// Its key in the description, for messages: `springs.A`.
+    pub owner: String,
 }
 
 impl Spring {

@@ -1,15 +1,19 @@
 //! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, its [`kinematics`].
 
 use super::{
+    constraint::independence,
     description::FormulationKind,
-    formulation::{Acceleration, Formulation},
+    formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    model::Model,
+    model::{Model, Spring},
 };
-use crate::integrate::{self, Integration};
+use crate::integrate::{self, Budget, Integration};
 use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
+
+/// Part of what a constraint stood out of the others at the start of a run below which its position is nearly singular.
+const NEARLY_SINGULAR: f64 = 0.1;
 
 /// Everything about a model at one time.
 #[derive(Clone, Debug)]
@@ -29,22 +33,23 @@ pub struct Sample {
 /// Samples at evenly spaced times, from a consistent state at the first of them.
 ///
 /// # Errors
-/// A sentence that says what failed, when, and at which joint.
-pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
+/// A sentence that says what failed, when, and at which joint, or that the run's budget is spent.
+pub fn simulate(model: &Model, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
+    budget.begin(times);
     let (q, v) = model.initial_state(start)?;
     if model.degrees_of_freedom() == 0 {
-        return kinematics::follow(model, times, q);
+        return kinematics::follow(model, times, q, budget);
     }
     let formulation = Formulation::new(model, start, &q)?;
     let mut samples = vec![sample(model, &formulation, start, q, v)?];
     while samples.len() < times.len() {
         let from = &samples[samples.len() - 1];
-        let next = match stretch(model, from, &times[samples.len() - 1..]) {
+        let next = match stretch(model, from, &times[samples.len() - 1..], budget) {
             Ok(next) => next,
             // other independent coordinates on the way may do
-            Err(_) if model.formulation == FormulationKind::Embedding => {
-                vec![bridge(model, from, times[samples.len()], 5)?]
+            Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
+                vec![bridge(model, from, times[samples.len()], 5, budget)?]
             }
             Err(message) => return Err(message),
         };
@@ -54,21 +59,21 @@ pub fn simulate(model: &Model, times: &[f64]) -> Result<Vec<Sample>, String> {
 }
 
 /// The sample at the next time, on the way there with as many fresh choices as it takes.
-fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32) -> Result<Sample, String> {
-    match stretch(model, from, &[from.t, t]) {
+fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
+    match stretch(model, from, &[from.t, t], budget) {
         Ok(mut samples) => Ok(samples.swap_remove(0)),
-        Err(message) if halvings == 0 => Err(message),
+        Err(message) if halvings == 0 || budget.is_over() => Err(message),
         Err(_) => {
-            let middle = bridge(model, from, 0.5 * (from.t + t), halvings - 1)?;
-            bridge(model, &middle, t, halvings - 1)
+            let middle = bridge(model, from, 0.5 * (from.t + t), halvings - 1, budget)?;
+            bridge(model, &middle, t, halvings - 1, budget)
         }
     }
 }
 
 /// The samples after one, as far as a formulation's choices last; at least one.
-fn stretch(model: &Model, from: &Sample, times: &[f64]) -> Result<Vec<Sample>, String> {
+fn stretch(model: &Model, from: &Sample, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
     let formulation = Formulation::new(model, from.t, &from.q)?;
-    let stretch = Stretch { model, formulation, guess: RefCell::new(from.q.clone()) };
+    let stretch = Stretch { model, formulation, guess: RefCell::new(from.q.clone()), budget };
     let states = stretch.integrate(from, times)?;
     let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
     for (state, &t) in states.iter().zip(times).skip(1) {
@@ -99,6 +104,7 @@ struct Stretch<'a> {
     formulation: Formulation,
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
+    budget: &'a Budget<'a>,
 }
 
 impl Stretch<'_> {
@@ -106,7 +112,9 @@ impl Stretch<'_> {
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
         let state = self.formulation.state(&from.q, &from.v).push(from.t);
         let problem = Problem { stretch: self, start: from.t };
-        let Integration { states, failure, .. } = integrate::advance(problem, state, times, self.model.tolerance);
+        let Integration { states, failure, .. } =
+            integrate::advance(problem, state, times, self.model.tolerance, self.budget);
+        self.budget.check(|| self.cause())?;
         // after a failure the next stretch may do better, if there is a row from which it goes on
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
     }
@@ -116,8 +124,39 @@ impl Stretch<'_> {
         let q = self.guess.borrow();
         let reason = self.formulation.accelerate(self.model, t, &q, &DVector::zeros(q.len())).err();
         let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
+        let reason =
+            if reason.is_empty() { self.singular().map_or(reason, |cause| format!("; {cause}")) } else { reason };
         let error = error.unwrap_or_else(|| "the state is not finite".into());
         format!("integration failed after t = {t} s: {error}{reason}")
+    }
+
+    /// What keeps the integration from getting on, if that can be told.
+    fn cause(&self) -> Option<String> {
+        // its motion decides the length of the steps
+        let stiff = self.stiffest_spring().filter(|(_, rate)| rate * self.budget.last_step() > 0.01);
+        stiff.map_or_else(|| self.singular(), |(spring, rate)| {
+            let message = "the equations are too stiff for an explicit method (Dormand and Prince, order 8); the stiffest part is";
+            Some(format!("{message} `{spring}`, {rate:.1e} rad/s"))
+        })
+    }
+
+    /// Names the constraint that has come close to depending on others.
+    fn singular(&self) -> Option<String> {
+        let constraints = &self.model.constraints;
+        let (start, _) = self.model.initial_state(self.budget.start()).ok()?;
+        let here = constraints.jacobian_transposed(&self.guess.borrow());
+        let parts = [&constraints.jacobian_transposed(&start), &here].map(independence);
+        let is_close = parts[0].iter().zip(&parts[1]).any(|(before, now)| *now < NEARLY_SINGULAR * before);
+        is_close.then(|| constraints.name_singular(self.budget.reached(), &here))
+    }
+
+    /// The spring that alone makes the fastest motion or decay, and its angular frequency or rate.
+    fn stiffest_spring(&self) -> Option<(&str, f64)> {
+        let rates = self.model.springs.iter().filter_map(|Spring { coordinate, stiffness, damping, owner, .. }| {
+            let mobility = mobility(self.model, &self.guess.borrow(), coordinate)?;
+            Some((owner.as_str(), (stiffness * mobility).sqrt().max(damping * mobility)))
+        });
+        rates.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {

@@ -6,7 +6,10 @@ use super::{
     model::Model,
     simulate::{Sample, simulate},
 };
-use crate::{integrate::TOLERANCE, source::systems::SYSTEMS};
+use crate::{
+    integrate::{Budget, TOLERANCE},
+    source::systems::SYSTEMS,
+};
 use std::path::Path;
 
 const SINGLE_PENDULUM: &str = include_str!("../../examples/mechanisms/single-pendulum.toml");
@@ -47,7 +50,7 @@ fn values(mechanism: &Mechanism, set: &[(&str, f64)]) -> Vec<f64> {
 
 fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (Model, Vec<Sample>) {
     let (model, _) = build(mechanism.description(), &values(mechanism, set)).unwrap();
-    let samples = simulate(&model, times).unwrap();
+    let samples = simulate(&model, times, &Budget::default()).unwrap();
     (model, samples)
 }
 
@@ -59,12 +62,12 @@ fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], st
     for mechanism in both_formulations(text) {
         for point in points {
             let set: Vec<(&str, f64)> = parameters.iter().copied().zip(point.iter().copied()).collect();
-            let twin = mechanism.simulate(&values(&mechanism, &set), &times, TOLERANCE).unwrap();
+            let twin = mechanism.simulate(&values(&mechanism, &set), &times, TOLERANCE, &Budget::default()).unwrap();
             let quantity = |quantity: &crate::source::systems::Quantity| {
                 set.iter().find(|(name, _)| *name == quantity.name).map_or(quantity.default, |(_, value)| *value)
             };
             let quantities: Vec<f64> = system.quantities.iter().map(quantity).collect();
-            let exact = (system.simulate)(&quantities, &times, TOLERANCE).unwrap();
+            let exact = (system.simulate)(&quantities, &times, TOLERANCE, &Budget::default()).unwrap();
             let rows = exact.chunks(system.outputs.len()).zip(twin.chunks(mechanism.outputs().len()));
             for (exact, twin) in rows {
                 for (output, exact) in system.outputs.iter().zip(exact) {
@@ -172,7 +175,8 @@ const FREE_CRANK: &str = r#"
 
 #[test]
 fn a_bead_on_a_rotating_arm_keeps_energy_and_angular_momentum() {
-    let runs = both_formulations(BEAD).map(|mechanism| mechanism.simulate(&[], &grid(2.0, 200), TOLERANCE).unwrap());
+    let runs = both_formulations(BEAD)
+        .map(|mechanism| mechanism.simulate(&[], &grid(2.0, 200), TOLERANCE, &Budget::default()).unwrap());
     for (one, other) in runs[0].iter().zip(&runs[1]) {
         assert!((one - other).abs() < 1e-11);
     }
@@ -201,7 +205,8 @@ fn a_slider_crank_without_load_keeps_its_energy_at_any_speed() {
     }
     for (omega, stop) in [(100.0, 1.0), (1000.0, 0.1)] {
         let runs = both_formulations(FREE_CRANK);
-        let runs = runs.map(|mechanism| mechanism.simulate(&[omega], &grid(stop, 50), TOLERANCE).unwrap());
+        let runs =
+            runs.map(|mechanism| mechanism.simulate(&[omega], &grid(stop, 50), TOLERANCE, &Budget::default()).unwrap());
         for (one, other) in runs[0].iter().zip(&runs[1]) {
             assert!((one - other).abs() < 1e-8 * omega, "{one} {other}");
         }
@@ -218,7 +223,7 @@ fn the_pivot_carries_weight_and_centripetal_force() {
     let (m, l, g) = (0.3, 0.15, 9.81);
     for mechanism in both_formulations(SINGLE_PENDULUM) {
         let all = values(&mechanism, &[("c", 0.0), ("thetad0", 3.0)]);
-        let rows = mechanism.simulate(&all, &grid(2.0, 200), TOLERANCE).unwrap();
+        let rows = mechanism.simulate(&all, &grid(2.0, 200), TOLERANCE, &Budget::default()).unwrap();
         for row in rows.chunks(mechanism.outputs().len()) {
             let (theta, thetad, fx, fy) = (row[0], row[1], row[5], row[6]);
             let rod = m * l * thetad * thetad + m * g * theta.cos();
@@ -230,7 +235,9 @@ fn the_pivot_carries_weight_and_centripetal_force() {
 #[test]
 fn the_motor_of_the_slider_crank_does_the_work_on_the_slider() {
     let mechanism = parse(SLIDER_CRANK);
-    let rows = mechanism.simulate(&values(&mechanism, &[("tau", 1.3)]), &grid(5.0, 100), TOLERANCE).unwrap();
+    let rows = mechanism
+        .simulate(&values(&mechanism, &[("tau", 1.3)]), &grid(5.0, 100), TOLERANCE, &Budget::default())
+        .unwrap();
     for (row, t) in rows.chunks(mechanism.outputs().len()).zip(grid(5.0, 100)) {
         let (thetad, xbd, xbdd, torque) = ((1.0 - (1.3 * t).cos()) / 1.3, row[5], row[6], row[7]);
         assert!((torque * thetad - xbd * xbdd).abs() < 1e-11, "t = {t}");
@@ -254,7 +261,7 @@ fn prismatic_and_fixed_joints_hold_their_angle() {
         outputs.moment = { measure = "weld.moment" }
     "#;
     for mechanism in both_formulations(text) {
-        let rows = mechanism.simulate(&[], &grid(1.0, 10), TOLERANCE).unwrap();
+        let rows = mechanism.simulate(&[], &grid(1.0, 10), TOLERANCE, &Budget::default()).unwrap();
         let first = rows[0];
         for (row, t) in rows.chunks(6).zip(grid(1.0, 10)) {
             let &[s, acceleration, angle, fx, fy, moment] = row else { panic!() };
@@ -401,8 +408,10 @@ length = { measure = "gauge.length" }
 #[test]
 fn damping_that_is_negative_at_some_parameters_only_is_named_in_the_run() {
     let mechanism = parse(&SINGLE_PENDULUM.replacen("\"c*L\"", "\"c - 0.01\"", 1));
-    assert!(mechanism.simulate(&values(&mechanism, &[]), &grid(1.0, 10), TOLERANCE).is_ok());
-    let error = mechanism.simulate(&values(&mechanism, &[("c", 0.0)]), &grid(1.0, 10), TOLERANCE).unwrap_err();
+    assert!(mechanism.simulate(&values(&mechanism, &[]), &grid(1.0, 10), TOLERANCE, &Budget::default()).is_ok());
+    let error = mechanism
+        .simulate(&values(&mechanism, &[("c", 0.0)]), &grid(1.0, 10), TOLERANCE, &Budget::default())
+        .unwrap_err();
     assert_eq!(error, "springs.damper.damping: `c - 0.01` is -0.01, expected zero or more");
 }
 
@@ -520,7 +529,7 @@ fn pistons_of_an_engine_are_the_closed_form_whatever_the_speed_and_the_rows() {
         let mechanism = parse(&engine(rod, pins));
         for rpm in [2500.0, 3500.0, 8000.0] {
             for times in [&grid(0.5, 50)[..], &grid(0.05, 500), &three_rows_in_many_turns] {
-                let rows = mechanism.simulate(&[rpm], times, TOLERANCE).unwrap();
+                let rows = mechanism.simulate(&[rpm], times, TOLERANCE, &Budget::default()).unwrap();
                 for (row, t) in rows.chunks(2 * pins.len()).zip(times) {
                     let omega = rpm * turn / 60.0;
                     for (piston, pin) in row.chunks(2).zip(pins) {
@@ -546,7 +555,7 @@ fn rockers_of_driven_four_bar_linkages_are_the_closed_form_whatever_the_rows() {
         for (omega, times) in
             [(1.0, grid(10.0, 1000)), (1.0, grid(20.0, 20)), (130.0, grid(1.0, 100)), (70.0, grid(5.0, 50))]
         {
-            let rows = mechanism.simulate(&[omega], &times, TOLERANCE).unwrap();
+            let rows = mechanism.simulate(&[omega], &times, TOLERANCE, &Budget::default()).unwrap();
             for (row, t) in rows.chunks(count).zip(&times) {
                 let (sine, cosine) = (omega * t).sin_cos();
                 let (x, y) = (base - crank * cosine, -crank * sine);
@@ -567,7 +576,8 @@ fn loops_in_a_singular_position_are_named_with_the_time_also_two_at_once() {
     // rods as long as the crank: at 90 degrees, after 5 ms, the pistons stand on the crank's bearing
     for pins in [&[0.0][..], &[0.0, std::f64::consts::PI]] {
         for times in [grid(0.1, 10), grid(0.1, 1000), grid(10.0, 1)] {
-            let error = parse(&engine(0.04, pins)).simulate(&[3000.0], &times, TOLERANCE).unwrap_err();
+            let error =
+                parse(&engine(0.04, pins)).simulate(&[3000.0], &times, TOLERANCE, &Budget::default()).unwrap_err();
             let says = "singular position of `joints.big0`, `joints.small0` at t = 0.005000 s";
             assert!(error.contains(says), "{error}");
         }
@@ -596,13 +606,14 @@ fn motions_that_cannot_be_followed_are_named() {
     ] {
         let text = driven_four_bars(1).replace("omega*time", motion);
         let mechanism = Mechanism::parse(&text, Path::new("m.toml")).map_err(|error| error.to_string());
-        let run = mechanism.and_then(|mechanism| mechanism.simulate(&[1.0], &grid(2.0, 20), TOLERANCE));
+        let run =
+            mechanism.and_then(|mechanism| mechanism.simulate(&[1.0], &grid(2.0, 20), TOLERANCE, &Budget::default()));
         let error = run.unwrap_err();
         assert!(error.contains(says), "{motion}: {error}");
     }
     // a kink is none
     let text = driven_four_bars(1).replace("omega*time", "abs(time - 1.003)");
-    parse(&text).simulate(&[1.0], &grid(2.0, 20), TOLERANCE).unwrap();
+    parse(&text).simulate(&[1.0], &grid(2.0, 20), TOLERANCE, &Budget::default()).unwrap();
 }
 
 #[test]
@@ -612,7 +623,12 @@ fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
     // slider stand on the crank's bearing
     for ratio in [0.6, 1.0_f64] {
         for rows in [5, 100] {
-            let run = mechanism.simulate(&values(&mechanism, &[("L_over_r", ratio)]), &grid(5.0, rows), TOLERANCE);
+            let run = mechanism.simulate(
+                &values(&mechanism, &[("L_over_r", ratio)]),
+                &grid(5.0, rows),
+                TOLERANCE,
+                &Budget::default(),
+            );
             let error = run.unwrap_err();
             let (before, after) = error.split_once(" at t = ").unwrap();
             assert!(before.ends_with("singular position of `joints.B`, `joints.C`"), "{error}");
@@ -624,8 +640,46 @@ fn a_crank_that_drives_the_linkage_into_its_dead_position_is_named() {
 }
 
 #[test]
+fn an_integration_that_comes_to_a_singular_position_names_it() {
+    // the crank is driven, a pendulum on the slider is free
+    let bob = r#"
+        bodies.bob = { mass = 1, inertia = 0.1, position = [7, -1], points = { top = [0, 1] } }
+        joints.hinge = { type = "revolute", between = ["slider", "bob.top"] }
+    "#;
+    for mechanism in both_formulations(&format!("gravity = [0, -9.81]\n{bob}\n{SLIDER_CRANK}")) {
+        // a rod shorter than the crank, and one as long as it
+        for (ratio, time) in [(0.8, "at t = 1.73"), (1.0, "at t = 2.225")] {
+            let all = values(&mechanism, &[("L_over_r", ratio)]);
+            let error = mechanism.simulate(&all, &grid(5.0, 500), TOLERANCE, &Budget::default()).unwrap_err();
+            assert!(error.contains("singular position") && error.contains(time), "{error}");
+            assert!(error.ends_with("` depends on the other constraints there"), "{error}");
+        }
+    }
+}
+
+#[test]
+fn stiff_equations_are_given_up_and_the_stiffest_spring_is_named() {
+    let text = r#"
+        parameters.k = { default = 100 }
+        bodies.block = { mass = 2, inertia = 1 }
+        joints.guide = { type = "prismatic", between = ["ground", "block"], axis = [1, 0] }
+        springs.soft = { coordinate = "guide.position", stiffness = 1 }
+        springs.contact = { coordinate = "guide.position", stiffness = "k", rest = 0.1 }
+        outputs.x = { measure = "block.x" }
+    "#;
+    let mechanism = parse(text);
+    let run = |k: f64| mechanism.simulate(&[k], &grid(2.0, 200), TOLERANCE, &Budget::default());
+    assert!(run(1e6).is_ok());
+    let error = run(2e14).unwrap_err();
+    assert!(error.starts_with("given up at t = 0.0") && error.contains(" evaluations, the last step was "), "{error}");
+    assert!(error.ends_with("the stiffest part is `springs.contact`, 1.0e7 rad/s"), "{error}");
+}
+
+#[test]
 fn a_motion_without_inertia_is_refused() {
     let mechanism = parse(SINGLE_PENDULUM);
-    let error = mechanism.simulate(&values(&mechanism, &[("m", 0.0)]), &grid(1.0, 10), TOLERANCE).unwrap_err();
+    let error = mechanism
+        .simulate(&values(&mechanism, &[("m", 0.0)]), &grid(1.0, 10), TOLERANCE, &Budget::default())
+        .unwrap_err();
     assert!(error.contains("without mass or inertia"), "{error}");
 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    integrate::TOLERANCE,
+    integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
     names::expected_one_of,
     study::Study,
@@ -22,10 +22,13 @@ use std::{
     path::Path,
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicUsize, Ordering},
     },
-    time::Instant,
+    time::{Duration, Instant},
 };
+
+/// `source.max_failed` unless given.
+const MAX_FAILED: f64 = 0.1;
 
 /// What is simulated, with the study's parameters and outputs resolved.
 #[derive(Clone, Debug)]
@@ -34,6 +37,8 @@ pub struct Simulation {
     parameters: Vec<Variable>,
     outputs: Vec<Variable>,
     times: Arc<[f64]>,
+    /// Share of the runs that may fail.
+    max_failed: f64,
 }
 
 /// Who simulates.
@@ -56,12 +61,13 @@ impl Simulation {
     /// FMU that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
         let times = study.time.grid().into();
+        let max_failed = study.source.max_failed.unwrap_or(MAX_FAILED);
         if let Some(file) = &study.source.fmu {
             let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times });
+            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times, max_failed });
         }
         let (equations, parameters, outputs) = Equations::new(study)?;
-        Ok(Self { model: Model::Equations(equations), parameters, outputs, times })
+        Ok(Self { model: Model::Equations(equations), parameters, outputs, times, max_failed })
     }
 
     /// The parameters, in the study's order.
@@ -97,12 +103,13 @@ impl Simulation {
     pub fn run(&self, parameters: &[f64]) -> Result<Run> {
         match &self.model {
             Model::Equations(equations) => {
-                let outputs = equations.run(parameters, &self.times);
+                let outputs = equations.run(parameters, &self.times, &[]);
                 let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
                 Ok(self.run_of(parameters, outputs))
             }
             Model::Fmu(model) => {
-                let mut outcomes = model.run_all(&[parameters.to_vec()], 1, None, &AtomicBool::new(false), || ())?;
+                let (never, ignored) = (AtomicBool::new(false), |_: &[f64], _: &str| Ok(()));
+                let mut outcomes = model.run_all(&[parameters.to_vec()], None, &never, &ignored, || ())?;
                 let outputs = outcomes.pop().unwrap_or_else(|| Err("no run".into()));
                 Ok(self.run_of(parameters, outputs.map_err(|message| self.failure("the FMU", parameters, message))?))
             }
@@ -133,12 +140,12 @@ impl Simulation {
     }
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
-    /// from there. `done` is called after each run; when `stop` turns true, the rest is left out. Only runs of an FMU may
-    /// fail without an end to everything, and only a share of the `total` that the points are all or part of.
+    /// from there. `done` is called after each run; when `stop` turns true, what is under way is given up. A share of the `total`
+    /// that the points are all or part of may fail.
     ///
     /// # Errors
-    /// [`Error::Run`] of the first point in order that fails, [`Error::Interrupted`], [`Error::Io`] of the journal; of an FMU
-    /// as [`FmuModel::run_all`].
+    /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Interrupted`], [`Error::Io`] of the journal; of
+    /// an FMU as [`FmuModel::run_all`].
     pub fn run_all(
         &self,
         points: &[Vec<f64>],
@@ -147,31 +154,85 @@ impl Simulation {
         stop: &AtomicBool,
         done: impl Fn() + Sync,
     ) -> Result<Vec<Outcome>> {
-        if let Model::Fmu(model) = &self.model {
-            let outcomes = model.run_all(points, total, Some(journal), stop, done)?;
-            let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
-            return Ok(outcomes.into_iter().zip(points).map(made).collect());
-        }
-        let run = |point: &Vec<f64>| {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
+        let outcomes = match &self.model {
+            Model::Equations(equations) => self.solve_all(equations, points, total, journal, stop, done)?,
+            Model::Fmu(model) => {
+                let failed = AtomicUsize::new(0);
+                let failure = |point: &[f64], reason: &str| {
+                    self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, reason)
+                };
+                model.run_all(points, Some(journal), stop, &failure, done)?
             }
-            let run = match journal.get(point) {
-                Some(outputs) => self.run_of(point, outputs.to_vec()),
-                None => {
-                    let begin = Instant::now();
-                    let run = self.run(point)?;
-                    if begin.elapsed() > WORTH_KEEPING {
-                        journal.keep(point, &run.outputs)?;
-                    }
-                    run
-                }
-            };
-            done();
-            Ok(Ok(run))
         };
-        let outcomes: Vec<Result<Outcome>> = points.par_iter().map(run).collect();
-        outcomes.into_iter().collect()
+        let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
+        Ok(outcomes.into_iter().zip(points).map(made).collect())
+    }
+
+    /// Runs begin in the order of the points, and those that have begun end, so that the same failures are too many for any
+    /// number of threads.
+    fn solve_all(
+        &self,
+        equations: &Equations,
+        points: &[Vec<f64>],
+        total: usize,
+        journal: &Journal,
+        stop: &AtomicBool,
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<fmu::Outcome>> {
+        let solve = |point: &Vec<f64>| {
+            if let Some(outputs) = journal.get(point) {
+                return Ok(Ok(outputs.to_vec()));
+            }
+            let begin = Instant::now();
+            let outcome = equations.run(point, &self.times, &[stop]);
+            match &outcome {
+                Err(_) if stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
+                Ok(outputs) if begin.elapsed() > WORTH_KEEPING => journal.keep(point, outputs)?,
+                _ => {}
+            }
+            Ok(outcome)
+        };
+        let (next, failed, halt) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
+        let allowed = self.allowed(total);
+        let run = |_: &Vec<f64>| {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            if halt.load(Ordering::Relaxed) {
+                return (index, None);
+            }
+            let outcome = if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { solve(&points[index]) };
+            let goes_on = match &outcome {
+                Ok(Ok(_)) => true,
+                Ok(Err(_)) => failed.fetch_add(1, Ordering::Relaxed) < allowed,
+                Err(_) => false,
+            };
+            if !goes_on {
+                halt.store(true, Ordering::Relaxed);
+            }
+            done();
+            (index, Some(outcome))
+        };
+        let mut outcomes: Vec<_> = points.par_iter().map(run).collect();
+        outcomes.sort_unstable_by_key(|(index, _)| *index);
+        let outcomes = outcomes.into_iter().filter_map(|(_, outcome)| outcome).collect::<Result<Vec<_>>>()?;
+        let mut failures =
+            points.iter().zip(&outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
+        failures.nth(allowed).map_or(Ok(()), |(point, reason)| self.allow(allowed + 1, total, point, reason))?;
+        Ok(outcomes)
+    }
+
+    /// How many runs of so many may fail.
+    fn allowed(&self, total: usize) -> usize {
+        (self.max_failed * total as f64).floor() as usize
+    }
+
+    /// Refuses more failed runs than there may be; the last one had parameters and a reason.
+    fn allow(&self, failed: usize, total: usize, point: &[f64], reason: &str) -> Result<()> {
+        let (share, reason) = (self.max_failed, reason.to_owned());
+        let allowed = self.allowed(total);
+        if failed <= allowed {
+            return Ok(());
+        }
+        Err(Error::FailedRuns { failed, total, allowed, share, parameters: self.values(point), reason })
     }
 
     /// Refuses more failed runs than a plan may have.
@@ -179,10 +240,9 @@ impl Simulation {
     /// # Errors
     /// [`Error::FailedRuns`].
     pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[Outcome]) -> Result<()> {
-        let Model::Fmu(model) = &self.model else { return Ok(()) };
         let failed = points.iter().zip(outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
         let last = failed.clone().next_back();
-        last.map_or(Ok(()), |(point, reason)| model.check_failures(failed.count(), points.len(), point, reason))
+        last.map_or(Ok(()), |(point, reason)| self.allow(failed.count(), points.len(), point, reason))
     }
 
     /// Runs with the names of their columns; those that failed are left out.
@@ -200,6 +260,8 @@ struct Equations {
     of: Of,
     /// Of the integration.
     tolerance: f64,
+    /// Of a run.
+    time_limit: Option<Duration>,
     /// Value of each quantity; those of parameters are overwritten for each run.
     quantities: Vec<f64>,
     /// Position of each parameter among the quantities.
@@ -262,10 +324,10 @@ impl Of {
         }
     }
 
-    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64) -> std::result::Result<Vec<f64>, String> {
+    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> fmu::Outcome {
         match self {
-            Self::System(system) => (system.simulate)(quantities, times, tolerance),
-            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance),
+            Self::System(system) => (system.simulate)(quantities, times, tolerance, budget),
+            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance, budget),
         }
     }
 
@@ -295,7 +357,8 @@ impl Equations {
         let quantities = of.quantities().iter().map(|(_, default)| *default).collect();
         let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
         let tolerance = study.source.tolerance.unwrap_or(TOLERANCE);
-        let mut equations = Self { name, of, tolerance, quantities, parameter_positions, output_positions };
+        let time_limit = study.source.time_limit();
+        let mut equations = Self { name, of, tolerance, time_limit, quantities, parameter_positions, output_positions };
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
@@ -303,13 +366,14 @@ impl Equations {
         Ok((equations, parameters, outputs))
     }
 
-    /// Outputs of a run, row by row, in the study's order.
-    fn run(&self, parameters: &[f64], times: &[f64]) -> std::result::Result<Vec<f64>, String> {
+    /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
+    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> fmu::Outcome {
         let mut quantities = self.quantities.clone();
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;
         }
-        let rows = self.of.simulate(&quantities, times, self.tolerance)?;
+        let budget = Budget::new(stops, self.time_limit);
+        let rows = self.of.simulate(&quantities, times, self.tolerance, &budget)?;
         let rows = rows.chunks(self.of.output_count());
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }
@@ -424,6 +488,76 @@ mod tests {
             let difference = usual.iter().zip(&loose).map(|(usual, loose)| (usual - loose).abs()).fold(0.0, f64::max);
             assert!((1e-9..1e-2).contains(&difference), "{difference:e}");
         }
+    }
+
+    /// A slider crank whose rod is too short at some of the points.
+    fn short_rods(options: &str) -> (Study, Vec<Vec<f64>>) {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/mechanisms/slider-crank-study.toml");
+        let text = std::fs::read_to_string(&path).unwrap().replacen("[source]", &format!("[source]\n{options}"), 1);
+        let study = Study::parse(&text, &path).unwrap();
+        let ratio = study.parameters.get_index_of("L_over_r").unwrap();
+        let middle: Vec<f64> = study.parameters.values().map(|p| 0.5 * (p.min + p.max)).collect();
+        let point = |run: usize| {
+            let mut point = middle.clone();
+            point[ratio] = if run % 10 == 3 { 0.6 } else { 3.0 };
+            point
+        };
+        (study, (0..20).map(point).collect())
+    }
+
+    #[test]
+    fn runs_of_a_mechanism_may_fail_as_long_as_they_are_few() {
+        let folder = tempfile::tempdir().unwrap();
+        let run_all = |options: &str, total: usize| {
+            let (study, points) = short_rods(options);
+            let simulation = Simulation::new(&study).unwrap();
+            let journal = simulation.journal(&folder.path().join("runs"), &study).unwrap();
+            let outcomes = simulation.run_all(&points, total, &journal, &AtomicBool::new(false), || ())?;
+            simulation.check_failures(&points, &outcomes)?;
+            Ok::<_, Error>((outcomes.iter().map(std::result::Result::is_ok).collect(), simulation.dataset(outcomes)))
+        };
+        let (outcomes, dataset): (Vec<bool>, _) = run_all("", 20).unwrap();
+        assert_eq!(outcomes, (0..20).map(|run| run % 10 != 3).collect::<Vec<_>>());
+        assert_eq!(dataset.runs.len(), 18);
+        for (options, total) in [("max_failed = 0.09", 20), ("", 10)] {
+            let message = run_all(options, total).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("2 of {total} runs failed, at most 1 may (source.max_failed = ")),
+                "{message}"
+            );
+            assert!(message.contains("L_over_r = 0.6: ") && message.contains("`joints."), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_run_that_takes_long_ends_at_the_time_limit_and_when_it_is_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let spring = "coordinate = \"pivot.angle\"\nstiffness = 1e8\n";
+        let text = include_str!("../../examples/mechanisms/single-pendulum.toml");
+        let text = text.replacen("coordinate = \"pivot.angle\"\n", spring, 1);
+        std::fs::write(folder.path().join("m.toml"), text).unwrap();
+        let simulation = |options: &str| {
+            let source = format!("mechanism = \"m.toml\"\n{options}");
+            let text = SYSTEMS[0].study.replacen("system = \"single-pendulum\"", &source, 1);
+            let study = Study::parse(&text, &folder.path().join("s.toml")).unwrap();
+            (Simulation::new(&study).unwrap(), study)
+        };
+        let points = [vec![0.1, 0.05, 2.0]];
+        let begin = Instant::now();
+        let message = simulation("time_limit = 0.2").0.run(&points[0]).unwrap_err().to_string();
+        assert!(message.contains("took longer than 200ms (source.time_limit) and came to t = 0.0"), "{message}");
+
+        let (simulation, study) = simulation("");
+        let journal = simulation.journal(&folder.path().join("runs"), &study).unwrap();
+        let stop = AtomicBool::new(false);
+        let outcome = std::thread::scope(|scope| {
+            let outcome = scope.spawn(|| simulation.run_all(&points, 1, &journal, &stop, || ()));
+            std::thread::sleep(Duration::from_millis(200));
+            stop.store(true, Ordering::Relaxed);
+            outcome.join().unwrap()
+        });
+        assert!(matches!(outcome, Err(Error::Interrupted)), "{outcome:?}");
+        assert!(begin.elapsed() < Duration::from_secs(10), "{:?}", begin.elapsed());
     }
 
     #[test]

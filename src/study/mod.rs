@@ -271,17 +271,19 @@ impl Study {
 
     fn fmu_problems(&self, problems: &mut Problems) {
         let SourceOptions { fmu, step, tolerance, time_limit, retries, max_failed, .. } = self.source.clone();
-        let keys = [
-            ("step", step.is_some()),
-            ("time_limit", time_limit.is_some()),
-            ("retries", retries.is_some()),
-            ("max_failed", max_failed.is_some()),
-        ];
-        for (key, _) in keys.into_iter().filter(|(_, given)| *given && fmu.is_none()) {
-            problems.add(&format!("source.{key}"), "belongs to `fmu`".into());
+        let is_recorded = self.source.is_recorded();
+        if step.is_some() && fmu.is_none() {
+            problems.add("source.step", "belongs to `fmu`".into());
         }
-        if tolerance.is_some() && self.source.is_recorded() {
-            problems.add("source.tolerance", "belongs to `system`, `mechanism` and `fmu`".into());
+        if retries.is_some() && fmu.is_none() {
+            let reason = if is_recorded { "" } else { ": a simulation that failed would fail again" };
+            problems.add("source.retries", format!("belongs to `fmu`{reason}"));
+        }
+        let given = [tolerance.is_some(), time_limit.is_some(), max_failed.is_some()];
+        for (key, _) in
+            ["tolerance", "time_limit", "max_failed"].iter().zip(given).filter(|(_, given)| *given && is_recorded)
+        {
+            problems.add(&format!("source.{key}"), "belongs to `system`, `mechanism` and `fmu`".into());
         }
         if let Some(tolerance) = tolerance.filter(|tolerance| !(1e-13..=0.1).contains(tolerance)) {
             problems.add("source.tolerance", format!("{tolerance}, expected a number from 1e-13 to 0.1"));

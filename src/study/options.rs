@@ -3,7 +3,7 @@
 use indexmap::IndexMap;
 use metafmu_runtime::{Activation, Encoding, Precision};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 /// `[source]`: what is sampled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,13 +25,13 @@ pub struct SourceOptions {
     /// experiment, else 1e-8.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
-    /// Seconds after which a run of the FMU, or its loading, is given up. Like the next two it does not count for digests.
+    /// Seconds after which a run, or the loading of the FMU, is given up. Like the next two it does not count for digests.
     #[serde(skip_serializing)]
     pub time_limit: Option<f64>,
     /// How often a run of the FMU that failed is tried again, in a fresh process.
     #[serde(skip_serializing)]
     pub retries: Option<usize>,
-    /// Share of the runs of the FMU that may fail; they are left out. If more do, the sampling fails.
+    /// Share of the runs that may fail; they are left out. If more do, the sampling fails.
     #[serde(skip_serializing)]
     pub max_failed: Option<f64>,
     /// A table of recorded runs, relative to the study's folder. Its content counts for digests, not where it lies.
@@ -49,6 +49,11 @@ pub struct SourceOptions {
 }
 
 impl SourceOptions {
+    /// How long a run may take, if that is limited.
+    pub fn time_limit(&self) -> Option<Duration> {
+        self.time_limit.map(|limit| Duration::from_secs_f64(limit.min(1e9)))
+    }
+
     /// Whether runs are read from tables instead of being simulated.
     pub fn is_recorded(&self) -> bool {
         self.table.is_some() || self.index.is_some()

@@ -31,12 +31,10 @@ use std::{
 };
 use variables::{Resolved, resolve};
 
-/// Seconds of a run unless `source.time_limit` says otherwise.
-const TIME_LIMIT: f64 = 60.0;
+/// Time of a run unless `source.time_limit` says otherwise.
+const TIME_LIMIT: Duration = Duration::from_secs(60);
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
-/// `source.max_failed` unless given.
-const MAX_FAILED: f64 = 0.1;
 
 /// A run's outputs, row by row, or why it failed.
 pub type Outcome = std::result::Result<Vec<f64>, String>;
@@ -51,7 +49,6 @@ pub struct FmuModel {
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
-    max_failed: f64,
 }
 
 impl FmuModel {
@@ -78,26 +75,25 @@ impl FmuModel {
             values: (rows + 1) * task.outputs.len(),
             task: Arc::new(task),
             one_run_per_process: capabilities.is_some_and(|interface| interface.only_once_per_process),
-            time_limit: Duration::from_secs_f64(options.time_limit.unwrap_or(TIME_LIMIT).min(1e9)),
+            time_limit: options.time_limit().unwrap_or(TIME_LIMIT),
             retries: options.retries.unwrap_or(RETRIES),
-            max_failed: options.max_failed.unwrap_or(MAX_FAILED),
         };
         Ok((model, parameters, outputs))
     }
 
     /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up. How many runs may fail
-    /// is a share of `total`, of which the points may be a part.
+    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up. `failure` is called with
+    /// the point and the reason of each run that failed; its error ends everything.
     ///
     /// # Errors
-    /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Worker`] if the FMU cannot be loaded,
+    /// Those of `failure`, [`Error::Worker`] if the FMU cannot be loaded,
     /// [`Error::Interrupted`], [`Error::Io`] of the journal or the processes, the errors of an FMU that cannot be unpacked.
     pub fn run_all(
         &self,
         points: &[Vec<f64>],
-        total: usize,
         journal: Option<&Journal>,
         stop: &AtomicBool,
+        failure: &(dyn Fn(&[f64], &str) -> Result<()> + Sync),
         done: impl Fn() + Sync,
     ) -> Result<Vec<Outcome>> {
         let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
@@ -112,8 +108,7 @@ impl FmuModel {
                 points,
                 missing: &missing,
                 next: AtomicUsize::new(0),
-                failed: AtomicUsize::new(0),
-                total,
+                failure,
                 journal,
                 stop,
                 halt: AtomicBool::new(false),
@@ -127,23 +122,6 @@ impl FmuModel {
     }
 }
 
-impl FmuModel {
-    /// Refuses more failed runs than may be; the last one had parameters and a reason.
-    ///
-    /// # Errors
-    /// [`Error::FailedRuns`].
-    pub fn check_failures(&self, failed: usize, total: usize, point: &[f64], reason: &str) -> Result<()> {
-        let (share, reason) = (self.max_failed, reason.to_owned());
-        let allowed = (share * total as f64).floor() as usize;
-        if failed <= allowed {
-            return Ok(());
-        }
-        let names = self.task.variables.iter();
-        let parameters = super::list(names.zip(point).map(|(name, value)| format!("{name} = {value}")));
-        Err(Error::FailedRuns { failed, total, allowed, share, parameters, reason })
-    }
-}
-
 /// Runs on their way.
 struct Campaign<'a> {
     model: &'a FmuModel,
@@ -153,9 +131,7 @@ struct Campaign<'a> {
     /// Positions of the points that are to be run, and which of these is next.
     missing: &'a [usize],
     next: AtomicUsize,
-    failed: AtomicUsize,
-    /// Runs of the whole plan.
-    total: usize,
+    failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
     journal: Option<&'a Journal>,
     stop: &'a AtomicBool,
     /// Another thread met an error.
@@ -228,8 +204,7 @@ impl Campaign<'_> {
                 Answer::Stopped => return Ok(None),
             };
         }
-        let failed = self.failed.fetch_add(1, Ordering::Relaxed) + 1;
-        self.model.check_failures(failed, self.total, point, &reason)?;
+        (self.failure)(point, &reason)?;
         Ok(Some(Err(reason)))
     }
 

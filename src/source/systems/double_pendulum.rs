@@ -6,7 +6,7 @@
 //! - `m2 L2 theta2dd + m2 L1 theta1dd cos(theta1 - theta2) - m2 L1 theta1d² sin(theta1 - theta2) + m2 g sin(theta2) = 0`
 
 use super::{Quantity, System, SystemOutput, SystemPoint};
-use crate::integrate::integrate;
+use crate::integrate::{Budget, integrate};
 use nalgebra::{Matrix2, Vector2, Vector4};
 
 pub(super) static SYSTEM: System = System {
@@ -70,7 +70,7 @@ impl Model {
     }
 }
 
-fn simulate(quantities: &[f64], times: &[f64], tolerance: f64) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, String> {
     let &[l1, l2, theta1d0, theta2d0, theta10, theta20, m1, m2, gravity] = quantities else {
         return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
     };
@@ -81,7 +81,7 @@ fn simulate(quantities: &[f64], times: &[f64], tolerance: f64) -> Result<Vec<f64
         let accelerations = model.accelerations((*y).into()).unwrap_or(Vector2::repeat(f64::NAN));
         Vector4::new(y[2], y[3], accelerations[0], accelerations[1])
     };
-    let states = integrate(derivative, initial, times, tolerance)?;
+    let states = integrate(derivative, initial, times, tolerance, budget)?;
     Ok(states.iter().flat_map(|y| <[f64; 4]>::from(*y)).collect())
 }
 
@@ -97,7 +97,8 @@ mod tests {
     #[test]
     fn energy_is_kept() {
         let (l1, l2, m1, m2, g) = (1.3, 2.2, 2.0, 1.0, 9.81);
-        let values = simulate(&[l1, l2, 0.1, 0.5, 1.6, 1.6, m1, m2, g], &grid(5.0, 500), TOLERANCE).unwrap();
+        let values =
+            simulate(&[l1, l2, 0.1, 0.5, 1.6, 1.6, m1, m2, g], &grid(5.0, 500), TOLERANCE, &Budget::default()).unwrap();
         let energy = |row: &[f64]| {
             let (a, b, ad, bd) = (row[0], row[1], row[2], row[3]);
             let (v1, v2) = ((l1 * ad).powi(2), (l2 * bd).powi(2) + 2.0 * l1 * l2 * ad * bd * (a - b).cos());
@@ -116,8 +117,13 @@ mod tests {
         for sign in [-1.0, 1.0] {
             let ratio = -sign * 2f64.sqrt();
             let omega = ((2.0 + sign * 2f64.sqrt()) * g / l).sqrt();
-            let values =
-                simulate(&[l, l, 0.0, 0.0, amplitude, ratio * amplitude, 1.0, 1.0, g], &times, TOLERANCE).unwrap();
+            let values = simulate(
+                &[l, l, 0.0, 0.0, amplitude, ratio * amplitude, 1.0, 1.0, g],
+                &times,
+                TOLERANCE,
+                &Budget::default(),
+            )
+            .unwrap();
             for (row, t) in values.chunks(4).zip(&times) {
                 let exact = amplitude * (omega * t).cos();
                 assert!((row[0] - exact).abs() < 1e-11, "mode {sign}, t = {t}: {} {exact}", row[0]);

@@ -1,6 +1,8 @@
 //! Built-in systems: those of Choi et al., *Data-driven simulation for general purpose multibody dynamics using deep
 //! neural networks*, Multibody System Dynamics (2021).
 
+use crate::integrate::Budget;
+
 mod double_pendulum;
 mod single_pendulum;
 mod slider_crank;
@@ -20,13 +22,13 @@ pub struct System {
     pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
-    /// Simulates one run: values of `quantities`, evenly spaced times and the integration's tolerance in; rows of all outputs
-    /// out, one after the other.
+    /// Simulates one run: values of `quantities`, evenly spaced times, the integration's tolerance and what the run may cost in;
+    /// rows of all outputs out, one after the other.
     pub simulate: Simulate,
 }
 
-/// Quantities, times and tolerance in, rows of outputs or a sentence that says what failed out.
-pub type Simulate = fn(&[f64], &[f64], f64) -> Result<Vec<f64>, String>;
+/// Quantities, times, tolerance and budget in, rows of outputs or a sentence that says what failed out.
+pub type Simulate = fn(&[f64], &[f64], f64, &Budget) -> Result<Vec<f64>, String>;
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
 #[derive(Debug)]

@@ -4,7 +4,7 @@
 //! `thetadd + (g / L) sin(theta) + c / (m L) thetad = 0`.
 
 use super::{Quantity, System, SystemOutput, SystemPoint};
-use crate::integrate::integrate;
+use crate::integrate::{Budget, integrate};
 use nalgebra::Vector2;
 
 pub(super) static SYSTEM: System = System {
@@ -32,14 +32,19 @@ pub(super) static SYSTEM: System = System {
     simulate,
 };
 
-fn simulate(quantities: &[f64], times: &[f64], tolerance: f64) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, String> {
     let &[length, damping, thetad0, theta0, mass, gravity] = quantities else {
         return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
     };
     let (stiffness, damping) = (gravity / length, damping / (mass * length));
     let acceleration = |theta: f64, thetad: f64| -stiffness * theta.sin() - damping * thetad;
-    let states =
-        integrate(|y| Vector2::new(y[1], acceleration(y[0], y[1])), Vector2::new(theta0, thetad0), times, tolerance)?;
+    let states = integrate(
+        |y| Vector2::new(y[1], acceleration(y[0], y[1])),
+        Vector2::new(theta0, thetad0),
+        times,
+        tolerance,
+        budget,
+    )?;
     Ok(states.iter().flat_map(|y| [y[0], y[1], acceleration(y[0], y[1])]).collect())
 }
 
@@ -49,7 +54,13 @@ mod tests {
     use crate::integrate::TOLERANCE;
 
     fn run(length: f64, damping: f64, thetad0: f64, times: &[f64]) -> Vec<f64> {
-        simulate(&[length, damping, thetad0, std::f64::consts::FRAC_PI_2, 0.3, 9.81], times, TOLERANCE).unwrap()
+        simulate(
+            &[length, damping, thetad0, std::f64::consts::FRAC_PI_2, 0.3, 9.81],
+            times,
+            TOLERANCE,
+            &Budget::default(),
+        )
+        .unwrap()
     }
 
     fn grid(stop: f64, count: u32) -> Vec<f64> {
@@ -92,7 +103,8 @@ mod tests {
     fn small_damped_swings_agree_with_the_closed_form() {
         let (length, damping, mass, amplitude) = (0.15, 0.05, 0.3, 1e-4_f64);
         let times = grid(2.0, 200);
-        let values = simulate(&[length, damping, 0.0, amplitude, mass, 9.81], &times, TOLERANCE).unwrap();
+        let values =
+            simulate(&[length, damping, 0.0, amplitude, mass, 9.81], &times, TOLERANCE, &Budget::default()).unwrap();
         let decay = damping / (2.0 * mass * length);
         let omega = (9.81 / length - decay * decay).sqrt();
         for (row, &t) in values.chunks(3).zip(&times) {

@@ -9,6 +9,7 @@
 //! Velocities and accelerations by differentiating both constraints.
 
 use super::{Quantity, System, SystemOutput, SystemPoint};
+use crate::integrate::Budget;
 
 pub(super) static SYSTEM: System = System {
     name: "slider-crank",
@@ -54,7 +55,7 @@ pub(super) static SYSTEM: System = System {
     simulate,
 };
 
-fn simulate(quantities: &[f64], times: &[f64], _: f64) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], _: f64, _: &Budget) -> Result<Vec<f64>, String> {
     let &[tau, radius, ratio] = quantities else {
         return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
     };
@@ -118,6 +119,10 @@ mod tests {
 
     #[test]
     fn a_rod_too_short_for_the_crank_is_refused() {
-        assert!(simulate(&[1.5, 2.0, 0.9], &[0.0, 1.0], TOLERANCE).unwrap_err().contains("longer than the crank"));
+        assert!(
+            simulate(&[1.5, 2.0, 0.9], &[0.0, 1.0], TOLERANCE, &Budget::default())
+                .unwrap_err()
+                .contains("longer than the crank")
+        );
     }
 }

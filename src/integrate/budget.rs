@@ -1,0 +1,178 @@
+//! What a run may cost before it is given up.
+//!
+//! Counted in evaluations of the right-hand side, so that the same runs are given up on every machine; seconds count only where
+//! a study says so. A run may take [`EVALUATIONS`] in all, spread evenly over its time but for [`AHEAD`], so that one which
+//! would need many more is given up early; and at any place it must get on at a rate that would end it at all.
+
+use std::{
+    cell::Cell,
+    sync::atomic::{AtomicBool, Ordering},
+    time::{Duration, Instant},
+};
+
+/// Evaluations of a run that is simulated to its end.
+const EVALUATIONS: f64 = 2e7;
+/// Evaluations that a part of a run may take beyond its share, for instance an impact.
+const AHEAD: f64 = 5e5;
+/// Evaluations after which a run must have got on.
+const WINDOW: u64 = 1 << 14;
+/// A run that would take so many at the rate of the last window has come to a standstill.
+const STANDSTILL: f64 = 1e10;
+/// Evaluations between two looks at the clock and at the flags.
+const LOOK: u64 = 1 << 8;
+
+/// What a run may cost, and what it has cost.
+#[derive(Debug, Default)]
+pub struct Budget<'a> {
+    stops: &'a [&'a AtomicBool],
+    /// When the run began, and how long it may take.
+    clock: Option<(Instant, Duration)>,
+    start: Cell<f64>,
+    duration: Cell<f64>,
+    reached: Cell<f64>,
+    last_step: Cell<f64>,
+    evaluations: Cell<u64>,
+    /// Progress at the beginning of the window.
+    window: Cell<f64>,
+    end: Cell<Option<End>>,
+}
+
+/// Why a run is given up.
+#[derive(Clone, Copy, Debug)]
+enum End {
+    Stopped,
+    TimeLimit,
+    Evaluations,
+}
+
+impl<'a> Budget<'a> {
+    /// For a run that begins now, ends early when one of the flags turns true, and may take so long.
+    pub fn new(stops: &'a [&'a AtomicBool], time_limit: Option<Duration>) -> Self {
+        Self { stops, clock: time_limit.map(|limit| (Instant::now(), limit)), ..Self::default() }
+    }
+
+    /// The times that a run goes through; without this there is no limit to the evaluations.
+    pub(crate) fn begin(&self, times: &[f64]) {
+        if let [start, .., stop] = times {
+            self.start.set(*start);
+            self.duration.set(stop - start);
+            self.reached.set(*start);
+        }
+    }
+
+    /// Counts an evaluation; false if the run is to be given up.
+    pub(crate) fn spend(&self) -> bool {
+        let spent = self.evaluations.get() + 1;
+        self.evaluations.set(spent);
+        if spent.is_multiple_of(LOOK) {
+            self.look(spent);
+        }
+        !self.is_over()
+    }
+
+    fn look(&self, spent: u64) {
+        let progress = (self.reached.get() - self.start.get()) / self.duration.get();
+        if self.stops.iter().any(|stop| stop.load(Ordering::Relaxed)) {
+            self.end.set(Some(End::Stopped));
+        } else if self.clock.is_some_and(|(begin, limit)| begin.elapsed() > limit) {
+            self.end.set(Some(End::TimeLimit));
+        } else if spent as f64 > AHEAD + EVALUATIONS * progress {
+            self.end.set(Some(End::Evaluations));
+        } else if spent.is_multiple_of(WINDOW) {
+            if progress - self.window.get() < WINDOW as f64 / STANDSTILL {
+                self.end.set(Some(End::Evaluations));
+            }
+            self.window.set(progress);
+        }
+    }
+
+    /// Notes a time that the run has come to.
+    pub(crate) fn arrive(&self, t: f64) {
+        if t > self.reached.get() {
+            self.last_step.set(t - self.reached.get());
+            self.reached.set(t);
+        }
+    }
+
+    /// When the run began, in its own time.
+    pub(crate) fn start(&self) -> f64 {
+        self.start.get()
+    }
+
+    /// How far the run has come.
+    pub(crate) fn reached(&self) -> f64 {
+        self.reached.get()
+    }
+
+    /// How far it came last at once.
+    pub(crate) fn last_step(&self) -> f64 {
+        self.last_step.get()
+    }
+
+    /// Whether the run is to be given up.
+    pub(crate) fn is_over(&self) -> bool {
+        self.end.get().is_some()
+    }
+
+    /// Fails if the run is to be given up; `cause` may say more about equations that cannot be integrated.
+    ///
+    /// # Errors
+    /// A sentence that says what was tried and why the run is given up.
+    pub(crate) fn check(&self, cause: impl FnOnce() -> Option<String>) -> Result<(), String> {
+        let t = self.reached.get();
+        Err(match (self.end.get(), self.clock) {
+            (None, _) => return Ok(()),
+            (Some(End::TimeLimit), Some((_, limit))) => {
+                format!("took longer than {limit:?} (source.time_limit) and came to t = {t} s")
+            }
+            (Some(End::Evaluations), _) => {
+                let (spent, step) = (self.evaluations.get(), self.last_step.get());
+                let cause = cause().unwrap_or_else(|| {
+                    "the equations are stiff or the motion is too fast for an explicit method (Dormand and Prince, order 8)"
+                        .into()
+                });
+                format!("given up at t = {t} s after {spent} evaluations, the last step was {step:.1e} s: {cause}")
+            }
+            _ => format!("stopped at t = {t} s"),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Evaluations until the end of a run that gets on so far with each of them.
+    fn spent(step: f64) -> u64 {
+        let budget = Budget::default();
+        budget.begin(&[0.0, 1.0, 2.0]);
+        (1..)
+            .find(|&count| {
+                budget.arrive(step * count as f64);
+                !budget.spend() || budget.reached() >= 2.0
+            })
+            .unwrap_or(0)
+    }
+
+    #[test]
+    fn a_run_that_cannot_come_to_its_end_is_given_up_early_and_one_that_can_is_not() {
+        assert!((10_000_000..=10_000_001).contains(&spent(2e-7)));
+        assert!((500_000..600_000).contains(&spent(1e-9)));
+        assert_eq!(spent(1e-11), WINDOW);
+    }
+
+    #[test]
+    fn a_flag_and_the_clock_end_a_run() {
+        let flag = AtomicBool::new(false);
+        let flags = [&flag];
+        let budget = Budget::new(&flags, None);
+        assert!((0..1000).all(|_| budget.spend()));
+        flag.store(true, Ordering::Relaxed);
+        assert!(!(0..1000).all(|_| budget.spend()));
+        assert_eq!(budget.check(|| None).unwrap_err(), "stopped at t = 0 s");
+        let budget = Budget::new(&[], Some(Duration::ZERO));
+        assert!(!(0..1000).all(|_| budget.spend()));
+        let message = budget.check(|| None).unwrap_err();
+        assert!(message.starts_with("took longer than 0ns (source.time_limit)"), "{message}");
+    }
+}
