@@ -137,8 +137,11 @@ impl Origin {
 
     /// Gives dotted keys, each with a message, their lines.
     pub(crate) fn locate(&self, problems: Vec<(String, String)>) -> Vec<Problem> {
+        let root = DeTable::parse(&self.text).ok();
+        let breaks: Vec<usize> = self.text.match_indices('\n').map(|(offset, _)| offset).collect();
         let locate = |(key, message): (String, String)| {
-            let line = self.line_at(self.offset_of(&key));
+            let offset = root.as_ref().map_or(0, |root| offset_of(root.get_ref(), &key));
+            let line = breaks.partition_point(|&end| end < offset) + 1;
             Problem { path: self.path.clone(), line, key, message }
         };
         problems.into_iter().map(locate).collect()
@@ -159,24 +162,6 @@ impl Origin {
         root.and_then(|root| innermost(root.get_ref(), "", span)).map_or(String::new(), |(_, key)| key)
     }
 
-    /// Byte offset of the longest part of a dotted key that is in the text.
-    fn offset_of(&self, key: &str) -> usize {
-        let Ok(root) = DeTable::parse(&self.text) else { return 0 };
-        let (mut table, mut rest, mut offset) = (root.get_ref(), key, 0);
-        // variable names may contain dots, so whole names are tried instead of splitting
-        loop {
-            let names = table.iter().filter(|(name, _)| begins_with(rest, name.get_ref()));
-            let Some((name, value)) = names.max_by_key(|(name, _)| name.get_ref().len()) else { break };
-            offset = name.span().start;
-            rest = rest[name.get_ref().len()..].trim_start_matches('.');
-            match Spanned::get_ref(value) {
-                DeValue::Table(inner) if !rest.is_empty() => table = inner,
-                _ => break,
-            }
-        }
-        offset
-    }
-
     fn line_at(&self, offset: usize) -> usize {
         self.text.get(..offset).map_or(1, |before| before.matches('\n').count() + 1)
     }
@@ -191,6 +176,22 @@ fn add_array_lengths(table: &DeTable, prefix: &str, lengths: &mut Vec<(String, u
             _ => {}
         }
     }
+}
+
+/// Byte offset of the longest part of a dotted key that is in the table.
+fn offset_of(root: &DeTable, key: &str) -> usize {
+    let (mut table, mut rest, mut offset) = (root, key, 0);
+    // variable names may contain dots, so the longest name that is there counts
+    let ends = |rest: &str| rest.match_indices('.').map(|(end, _)| end).chain([rest.len()]).rev().collect::<Vec<_>>();
+    while let Some((name, value)) = ends(rest).into_iter().find_map(|end| table.get_key_value(&rest[..end])) {
+        offset = name.span().start;
+        rest = rest[name.get_ref().len()..].trim_start_matches('.');
+        match Spanned::get_ref(value) {
+            DeValue::Table(inner) if !rest.is_empty() => table = inner,
+            _ => break,
+        }
+    }
+    offset
 }
 
 /// The shortest span of a name or value in the table that `span` lies in: its length and its dotted key.
@@ -222,11 +223,6 @@ fn innermost_of_value(value: &Spanned<DeValue>, key: &str, span: &Range<usize>) 
 /// Length of `outer` if `inner` lies in it.
 fn around(outer: &Range<usize>, inner: &Range<usize>) -> Option<usize> {
     (outer.start <= inner.start && inner.end <= outer.end).then_some(outer.len())
-}
-
-/// Whether `key` is `name` or goes on with a dot after it.
-fn begins_with(key: &str, name: &str) -> bool {
-    key.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 #[cfg(test)]

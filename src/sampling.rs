@@ -9,7 +9,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::TOLERANCE;
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
-use std::path::Path;
+use std::{collections::HashSet, path::Path};
 
 /// What a study's runs are for; no run is for two of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,7 +89,10 @@ impl Plan {
             Some(Method::Halton) => halton(&parameters, generator).take(runs).collect(),
             Some(Method::List) => study.points().unwrap_or_default().to_vec(),
         };
-        let unseen = |point: &Vec<f64>| !train.contains(point);
+        // zeros of both signs are one value
+        let bits = |point: &Vec<f64>| point.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
+        let seen: HashSet<Vec<u64>> = train.iter().map(bits).collect();
+        let unseen = |point: &Vec<f64>| !seen.contains(&bits(point));
         let fresh = |stream, runs| uniform(&parameters, random(study.seed, stream)).filter(unseen).take(runs).collect();
         Self {
             test: fresh(Stream::Test, study.sampling.test_runs),

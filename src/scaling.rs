@@ -1,7 +1,40 @@
 //! Standardisation: columns of mean 0 and standard deviation 1, which is what a network learns best from.
 
-use crate::dataset::{Dataset, Run};
+use crate::{
+    dataset::{Dataset, Run},
+    variable::Variable,
+};
 use metafmu_runtime::{Encoder, Scaling};
+
+/// Largest magnitude of a parameter or an output, and the inverse of the smallest spread of one: squares of them, and of what a
+/// network makes of them, are still numbers.
+pub const LARGEST: f64 = 1e100;
+
+/// What is wrong with the outputs of runs: `outputs.NAME` with values of which neither scaling nor errors can be computed. An output
+/// may have one value in all rows.
+pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
+    let width = dataset.outputs.len();
+    let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
+    for row in dataset.runs.iter().flat_map(|run| run.outputs.chunks(width)) {
+        for ((min, max), &value) in ranges.iter_mut().zip(row) {
+            (*min, *max) = (min.min(value), max.max(value));
+        }
+    }
+    let problem = |(output, (min, max)): (&Variable, (f64, f64))| {
+        let spread = max - min;
+        let (size, least) = (min.abs().max(max.abs()), 1.0 / LARGEST);
+        let expected = if size > LARGEST {
+            format!("numbers up to {LARGEST:e}")
+        } else if size > 0.0 && size < least || spread > 0.0 && spread < least {
+            format!("a size and a spread above {least:e}")
+        } else {
+            return None;
+        };
+        let message = format!("from {min:e} to {max:e} in the runs, expected {expected}: choose another unit");
+        Some((format!("outputs.{}", output.name), message))
+    };
+    dataset.outputs.iter().zip(ranges).filter_map(problem).collect()
+}
 
 /// Which rows of the runs count, and whether the time is an input column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,7 +161,6 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::Variable;
     use metafmu_runtime::Encoding;
     use std::sync::Arc;
 
@@ -166,5 +198,25 @@ mod tests {
         assert_eq!((&scaling.input_mean[..], &scaling.input_scale[..]), (&[0.5, 0.0, 0.5][..], &[0.5, 1.0, 0.5][..]));
         let (inputs, _) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::At(0));
         assert_eq!(inputs, [-1.0, 0.0, 1.0, 1.0, 0.0, -1.0]);
+    }
+
+    #[test]
+    fn outputs_that_cannot_be_computed_with_are_named() {
+        let dataset = |values: [f64; 3]| Dataset {
+            parameters: vec![Variable::new("p", "", "")],
+            outputs: vec![Variable::new("y", "", ""), Variable::new("z", "", "")],
+            runs: values.map(|y| Run { parameters: vec![1.0], times: Arc::new([0.0]), outputs: vec![y, 1.0] }).to_vec(),
+        };
+        for good in [[0.0; 3], [3.0; 3], [1e99, -1e99, 0.0], [1e-99, 2e-98, 1e-97]] {
+            assert_eq!(problems(&dataset(good)), [], "{good:?}");
+        }
+        for (wrong, says) in [
+            ([1e155, 1.0, 0.0], "from 0e0 to 1e155 in the runs, expected numbers up to 1e100"),
+            ([1e-200; 3], "from 1e-200 to 1e-200 in the runs, expected a size and a spread above 1e-100"),
+            ([0.0, 1e-200, 2e-200], "expected a size and a spread above 1e-100: choose another unit"),
+        ] {
+            let found = problems(&dataset(wrong));
+            assert!(found.len() == 1 && found[0].0 == "outputs.y" && found[0].1.contains(says), "{found:?}");
+        }
     }
 }

@@ -6,6 +6,7 @@
 use crate::{
     Error, Result,
     sampling::{self, Stream},
+    source::Source,
     study::{SearchMethod, SearchOptions, Space, Study},
 };
 use rand::RngExt;
@@ -103,19 +104,78 @@ fn set(table: &mut toml::Table, key: &str, value: Value) -> Option<()> {
     }
 }
 
-/// The studies of all trials, or for each why it is none.
+/// The studies of all trials, or for each why it is none: values may be fine and not go together.
+///
+/// # Errors
+/// [`Error::Study`] with every value of the space, the ends of its ranges among them, that no study can have.
 pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
-    let options = study.search.as_ref().ok_or_else(|| {
+    let Some(options) = &study.search else {
         let message = "missing: `metafmu search` wants to know what to try".to_owned();
-        let problem = crate::origin::Problem { path: path.to_owned(), line: 1, key: "search".into(), message };
-        Error::Study { problems: vec![problem] }
-    })?;
-    let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
-    let parsed = |values: Vec<Value>| {
-        let study = study_text(text, path, &keys, &values).and_then(|text| Study::parse(&text, path));
-        (values, study)
+        return Err(study.refuse(vec![("search".into(), message)]).expect_err("there is a problem"));
     };
-    Ok(trials(options, study.seed).into_iter().map(parsed).collect())
+    let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
+    let with = |keys: &[&str], values: &[Value]| {
+        let trial = study_text(text, path, keys, values).and_then(|text| Study::parse(&text, path))?;
+        // of the same samples the source is the same
+        if trial.sampling_digest() != study.sampling_digest() {
+            Source::new(&trial)?;
+        }
+        Ok(trial)
+    };
+    let parsed = |values: Vec<Value>| {
+        let trial = with(&keys, &values);
+        (values, trial)
+    };
+    let found: Vec<(Vec<Value>, Result<Study>)> = trials(options, study.seed).into_iter().map(parsed).collect();
+    let mut problems = Vec::new();
+    for (place, (key, space)) in options.space.iter().enumerate() {
+        for choice in choices(space) {
+            // beside the values of trials, of good ones first, or alone
+            let is_good = |(values, trial): &&(Vec<Value>, Result<Study>)| trial.is_ok() && values[place] == choice;
+            let (good, other): (Vec<_>, Vec<_>) = found.iter().partition(|(_, trial)| trial.is_ok());
+            if good.iter().any(is_good) {
+                continue;
+            }
+            let beside = |(values, _): &(Vec<Value>, Result<Study>)| {
+                let mut values = values.clone();
+                values[place] = choice.clone();
+                with(&keys, &values)
+            };
+            let mut tries = good.into_iter().take(TRIES).map(beside);
+            let mut tries = tries
+                .by_ref()
+                .chain([with(&[key], &[choice.clone()])])
+                .chain(other.into_iter().take(TRIES).map(beside));
+            let Some(Err(first)) = tries.next() else { continue };
+            if !tries.any(|study| study.is_ok()) {
+                problems.push((format!("search.space.{key}"), format!("{choice}: {}", reasons(&first))));
+            }
+        }
+    }
+    study.refuse(problems)?;
+    Ok(found)
+}
+
+/// Trials beside whose values a value is tried.
+const TRIES: usize = 10;
+
+/// What is wrong with a study, without the lines of its text, which nobody has written.
+fn reasons(error: &Error) -> String {
+    match error {
+        Error::Study { problems } => {
+            let reasons: Vec<String> = problems.iter().map(|p| format!("{}: {}", p.key, p.message)).collect();
+            reasons.join("; ")
+        }
+        other => other.to_string(),
+    }
+}
+
+/// All values of a list, the ends of a range.
+fn choices(space: &Space) -> Vec<Value> {
+    match space {
+        Space::Values(values) => values.clone(),
+        Space::Range(range) => vec![range.min.clone(), range.max.clone()],
+    }
 }
 
 #[cfg(test)]
@@ -186,15 +246,45 @@ mod tests {
         );
         let path = Path::new("study.toml");
         let study = Study::parse(&text, path).unwrap();
-        let found = studies(&study, path, &text).unwrap();
-        let message = found[0].1.as_ref().unwrap_err().to_string();
-        assert!(message.contains("training.optimiser"), "{message}");
+        let message = studies(&study, path, &text).unwrap_err().to_string();
+        assert!(
+            message.contains("search.space.training.optimiser: \"adam\": training.optimiser: unknown field"),
+            "{message}"
+        );
         let text = text.replace("'training.optimiser' = ['adam']", "'export.author' = ['A']");
         let study = Study::parse(&text, path).unwrap();
         let trial = studies(&study, path, &text).unwrap().swap_remove(0).1.unwrap();
         assert_eq!((trial.network.hidden, trial.training.batch), (vec![5, 6], 7));
         assert_eq!(trial.sampling, study.sampling);
         assert!(trial.search.is_none());
+    }
+
+    #[test]
+    fn every_value_of_a_space_is_checked_and_those_that_do_not_go_together_are_trials_that_fail() {
+        let path = Path::new("study.toml");
+        let of = |space: &str| {
+            let text = format!("{STUDY}\n[search]\nmethod = 'grid'\n[search.space]\n{space}\n");
+            let study = Study::parse(&text, path).unwrap();
+            studies(&study, path, &text).map_err(|error| error.to_string())
+        };
+        let wrong = of("'network.activation' = ['tanh', 'rele']\n\
+                        'training.dropout' = { min = 0.0, max = 2.0, levels = 2 }\n\
+                        'parameters.L.max' = [0.2, 0.01]\n'source.constants.M' = [1.0]")
+        .unwrap_err();
+        let lines: Vec<&str> = wrong.lines().collect();
+        assert_eq!(lines.len(), 4, "{wrong}");
+        for (line, says) in lines.iter().zip([
+            "search.space.network.activation: \"rele\": network.activation: unknown variant `rele`",
+            "search.space.training.dropout: 2.0: training.dropout: 2, expected a share of at least 0 and below 1",
+            "search.space.parameters.L.max: 0.01: parameters.L: range is empty: min 0.1 is not below max 0.01",
+            "search.space.source.constants.M: 1.0: source.constants.M: single-pendulum has no quantity `M`",
+        ]) {
+            assert!(line.starts_with("study.toml:") && line.contains(says), "{says} is not in {line}");
+        }
+        // a weight decay is fine with one of the two optimizers, of which neither is the study's
+        let found = of("'training.optimizer' = ['rmsprop', 'soap']\n'training.weight_decay' = [0.0, 0.01]").unwrap();
+        let fit: Vec<bool> = found.iter().map(|(_, study)| study.is_ok()).collect();
+        assert_eq!(fit, [true, false, true, true]);
     }
 
     #[test]
@@ -208,6 +298,24 @@ mod tests {
             ("trials = 2\n[space]\na = { min = 0, max = 1, scale = 'log' }", "space.a", "above 0"),
             ("trials = 2\n[space]\na = []", "space.a", "no values"),
             ("trials = 2\nreduction = 1\n[space]\na = [1]", "reduction", "at least 2"),
+            ("trials = 2\nrungs = 4000000000\n[space]\na = [1]", "rungs", "1 to 20"),
+            ("trials = 1000000000000\n[space]\na = [1]", "trials", "2 to 10000"),
+            ("trials = 2\n[space]\n'search.trials' = [1]", "space.search.trials", "a trial is no search"),
+            (
+                "method = 'grid'\n[space]\na = { min = 1, max = 2, levels = 200 }\nb = { min = 1, max = 2, levels = 200 }",
+                "space",
+                "40000 trials, expected at most 10000",
+            ),
+            (
+                "trials = 2\nmodel = 'ridge'\n[space]\n'training.epochs' = [1]",
+                "space.training.epochs",
+                "decides nothing",
+            ),
+            (
+                "trials = 2\nmodel = 'ridge'\n[space]\n'baselines.svr.c' = [1]",
+                "space.baselines.svr.c",
+                "decides nothing",
+            ),
         ] {
             let problems = options(text).problems();
             assert!(

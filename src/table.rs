@@ -14,6 +14,7 @@ use csv::Csv;
 use parquet::Parquet;
 use std::{
     borrow::Cow,
+    collections::{HashMap, HashSet},
     fmt,
     fs::File,
     io::{BufRead, BufReader},
@@ -80,6 +81,8 @@ impl fmt::Display for Place {
 pub struct Table {
     path: PathBuf,
     columns: Vec<Column>,
+    /// Position of each column by its name.
+    positions: HashMap<String, usize>,
     rows: Rows,
 }
 
@@ -104,7 +107,8 @@ impl Table {
             let (rows, columns) = Csv::new(path, input)?;
             (Rows::Csv(Box::new(rows)), columns)
         };
-        Ok(Self { path: path.to_owned(), columns, rows })
+        let positions = columns.iter().enumerate().map(|(position, column)| (column.name.clone(), position)).collect();
+        Ok(Self { path: path.to_owned(), columns, positions, rows })
     }
 
     /// The columns, in the order of the header.
@@ -117,8 +121,7 @@ impl Table {
     /// # Errors
     /// [`Error::Table`] with the columns there are.
     pub fn column(&self, name: &str) -> Result<usize> {
-        let found = self.columns.iter().position(|column| column.name == name);
-        found.ok_or_else(|| {
+        self.positions.get(name).copied().ok_or_else(|| {
             let known: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
             let suggestion = did_you_mean(name, known.iter().copied());
             self.mistake_in_header(&format!("no column `{name}`, expected it among {}{suggestion}", listed(&known)))
@@ -244,11 +247,12 @@ fn bracketed(text: &str) -> Option<&str> {
 
 /// What is wrong with the names of the columns: each has one, no two the same.
 fn check_names(columns: &[Column]) -> std::result::Result<(), String> {
+    let mut before = HashSet::with_capacity(columns.len());
     for (index, Column { name, .. }) in columns.iter().enumerate() {
         if name.is_empty() {
             return Err(format!("column {} has no name", index + 1));
         }
-        if columns[..index].iter().any(|before| before.name == *name) {
+        if !before.insert(name.as_str()) {
             return Err(format!("column `{name}` stands twice"));
         }
     }

@@ -12,6 +12,7 @@ use metafmu::{
     multibody::Mechanism,
     report::Evaluated,
     sampling::Sets,
+    scaling,
     source::{Source, shard::Shard},
     study::Study,
     surrogate,
@@ -268,7 +269,9 @@ impl Job {
             let message = format!("has no digest of {set}.csv: run `metafmu sample` again");
             Error::Stale { path: self.samples_record(), message }
         })?;
-        Dataset::read_csv(&self.table(set), digest, parameters, outputs)
+        let dataset = Dataset::read_csv(&self.table(set), digest, parameters, outputs)?;
+        self.study.refuse(scaling::problems(&dataset))?;
+        Ok(dataset)
     }
 
     /// Reads the trained surrogate and checks that it is this study's.

@@ -6,7 +6,7 @@ use metafmu::{
     network::Network,
     sampling::{self, Stream},
     scaling::{self, Selection},
-    study::Study,
+    study::{Study, TrainingOptions},
     training::Rows,
 };
 use metafmu_runtime::{ScaledNetwork, Scaling, Surrogate};
@@ -25,7 +25,7 @@ pub struct Prepared {
 /// training. Scaling and network are those of `start`, if there is one.
 pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<Prepared> {
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
-    let (mut training, validation) = split(planned, study.training.validation, study.seed);
+    let (mut training, validation) = split(planned, &study.training, study.seed);
     training.extend(added);
     of_rows(study, dataset, &training, &validation, Selection::All, start.and_then(Surrogate::network))
 }
@@ -33,14 +33,14 @@ pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Su
 /// The same for the network of each instant: the times of the runs, which are those of every run.
 pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<Prepared>)> {
     let instants = common_times(study, &dataset.runs)?;
-    let (training, validation) = split(&dataset.runs, study.training.validation, study.seed);
+    let (training, validation) = split(&dataset.runs, &study.training, study.seed);
     let prepared = |row| of_rows(study, dataset, &training, &validation, Selection::At(row), None);
     Ok((Arc::clone(&instants), (0..instants.len()).map(prepared).collect::<Result<_>>()?))
 }
 
 /// The runs that are held out for validation.
 pub fn held_out(study: &Study, planned: &Dataset) -> Dataset {
-    let (_, runs) = split(&planned.runs, study.training.validation, study.seed);
+    let (_, runs) = split(&planned.runs, &study.training, study.seed);
     Dataset { runs: runs.into_iter().cloned().collect(), ..planned.clone() }
 }
 
@@ -91,7 +91,7 @@ pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::Rows {
 
 /// The same, and the runs that are held out of the training.
 pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline::Rows, Dataset) {
-    let (training_runs, held_out) = split(&dataset.runs, study.training.validation, study.seed);
+    let (training_runs, held_out) = split(&dataset.runs, &study.training, study.seed);
     let Dataset { parameters, outputs, .. } = dataset;
     let runs = held_out.into_iter().cloned().collect();
     let held_out = Dataset { parameters: parameters.clone(), outputs: outputs.clone(), runs };
@@ -99,9 +99,9 @@ pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.
-fn split(runs: &[Run], share: f64, seed: u64) -> (Vec<&Run>, Vec<&Run>) {
+fn split<'a>(runs: &'a [Run], options: &TrainingOptions, seed: u64) -> (Vec<&'a Run>, Vec<&'a Run>) {
     let order = sampling::permutation(runs.len(), sampling::random(seed, Stream::Validation));
-    let count = ((share * runs.len() as f64).round() as usize).clamp(1, runs.len().saturating_sub(1).max(1));
+    let count = options.held_out(runs.len());
     let mut held_out = vec![false; runs.len()];
     order.iter().take(count).for_each(|&run| held_out[run] = true);
     let choose = |wanted: bool| {
@@ -119,11 +119,12 @@ mod tests {
     fn the_split_is_by_run_complete_and_repeats_for_a_seed_only() {
         let run = |p: f64| Run { parameters: vec![p], times: [0.0].into(), outputs: vec![p] };
         let runs: Vec<Run> = (0..100).map(|i| run(f64::from(i))).collect();
-        let (training, validation) = split(&runs, 0.1, 1);
+        let with = |validation| TrainingOptions { validation, ..TrainingOptions::default() };
+        let (training, validation) = split(&runs, &with(0.1), 1);
         assert_eq!((training.len(), validation.len()), (90, 10));
         assert!(validation.iter().all(|held| training.iter().all(|run| run.parameters != held.parameters)));
-        assert_eq!(split(&runs, 0.1, 1), (training, validation.clone()));
-        assert_ne!(split(&runs, 0.1, 2).1, validation);
-        assert_eq!(split(&runs[..2], 0.001, 1).1.len(), 1);
+        assert_eq!(split(&runs, &with(0.1), 1), (training, validation.clone()));
+        assert_ne!(split(&runs, &with(0.1), 2).1, validation);
+        assert_eq!(split(&runs[..2], &with(0.001), 1).1.len(), 1);
     }
 }

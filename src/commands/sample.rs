@@ -13,6 +13,7 @@ use metafmu::{
     dataset::Dataset,
     files,
     sampling::{Plan, Sets},
+    scaling,
     source::{
         Journal, Simulation, Source,
         shard::{self, Shard},
@@ -253,6 +254,9 @@ fn write(
     progress.finish(&format!(
         "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
     ));
+    for (_, dataset) in sets.named() {
+        job.study.refuse(scaling::problems(dataset))?;
+    }
     // tables without a record are not trusted: it goes first and comes back last
     files::remove(&job.samples_record())?;
     for (set, dataset) in sets.named() {

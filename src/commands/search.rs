@@ -16,6 +16,7 @@ use metafmu::{
     files,
     network::Network,
     sampling::Plan,
+    scaling,
     search::{self, rungs, survivors},
     source::Source,
     study::{Structure, Study},
@@ -52,6 +53,10 @@ struct Record {
     seconds: f64,
     /// Why it failed.
     message: String,
+    /// Whether it ended with an error, which says nothing about its values. A training that diverges or a baseline that cannot be
+    /// fitted is a result.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    broke: bool,
     /// SHA-256 of the rest, so that a score that was changed decides nothing.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     digest: String,
@@ -103,6 +108,7 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
         runs: folder.join(format!("trial-{number:04}-runs.bin")),
     };
     let trials: Vec<Trial> = studies.into_iter().enumerate().map(trial).collect();
+    tell_unfit(&trials);
     if !args.resume {
         for trial in &trials {
             files::remove(&trial.record)?;
@@ -131,7 +137,20 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
         print(&summary(&job, &records))?;
         print(&format!("\n{}\n{}\n", table.display(), best_study.display()))?;
     }
-    Ok(Outcome::Fine)
+    let went_wrong = |(trial, record): (&Trial, &Record)| trial.study.is_err() || record.broke;
+    Ok(if trials.iter().zip(&records).any(went_wrong) { Outcome::ProblemsFound } else { Outcome::Fine })
+}
+
+/// Says before the first trial which ones have values that do not go together.
+fn tell_unfit(trials: &[Trial]) {
+    let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
+    if let Some(first) = unfit.first() {
+        let (count, first) = (unfit.len(), first.to_string().replace('\n', "; "));
+        eprintln!(
+            "{count} of {} trials have values that do not go together and fail, the first: {first}",
+            trials.len()
+        );
+    }
 }
 
 /// Journal of the runs of the study itself.
@@ -193,15 +212,17 @@ fn shares_samples(job: &Job, trial: &Trial) -> bool {
 
 /// Runs that take long are kept in the journal until the search is over: every rung needs them.
 fn samples(study: &Study, source: &Source, journal: &Path) -> Result<Dataset> {
-    match source {
+    let dataset = match source {
         Source::Simulation(simulation) => {
             let kept = simulation.journal(journal, study)?;
             let points = Plan::new(study).train;
             let outcomes = simulation.run_all(&points, points.len(), &kept, interrupt::flag(), || ())?;
-            Ok(simulation.dataset(outcomes))
+            simulation.dataset(outcomes)
         }
-        Source::Recorded(recorded) => Ok(recorded.sample(interrupt::flag())?.train),
-    }
+        Source::Recorded(recorded) => recorded.sample(interrupt::flag())?.train,
+    };
+    study.refuse(scaling::problems(&dataset))?;
+    Ok(dataset)
 }
 
 fn waiting(trial: usize, of: &Trial) -> Record {
@@ -215,6 +236,7 @@ fn waiting(trial: usize, of: &Trial) -> Record {
         score: None,
         seconds: 0.0,
         message: String::new(),
+        broke: false,
         digest: String::new(),
     }
 }
@@ -236,12 +258,12 @@ fn attempt(job: &Job, number: usize, trial: &Trial, shared: Option<&Dataset>, sh
         Ok(Ok(record)) => record,
         // no fault of the trial
         Ok(Err(error)) if matches!(error, Error::Interrupted) || files::is_full(&error) => return Err(error),
-        Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), ..waiting },
+        Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), broke: true, ..waiting },
         Err(panic) => {
             let text = panic.downcast_ref::<String>().cloned();
             let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
             let message = format!("a mistake in this program: {}", text.unwrap_or_default());
-            Record { status: Status::Failed, message, ..waiting }
+            Record { status: Status::Failed, message, broke: true, ..waiting }
         }
     };
     record.digest = record.content_digest();

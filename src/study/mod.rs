@@ -36,7 +36,8 @@
 //! ```
 //!
 //! `[target]` is [`TargetOptions`], `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and
-//! [`TrainingOptions`], `[export]` is [`ExportOptions`], `[baselines]` is [`Baselines`], `[search]` is [`SearchOptions`].
+//! [`TrainingOptions`], `[accept]` is [`AcceptOptions`], `[export]` is [`ExportOptions`], `[baselines]` is [`Baselines`],
+//! `[search]` is [`SearchOptions`].
 
 mod options;
 mod search;
@@ -52,9 +53,11 @@ use crate::{
 };
 use indexmap::IndexMap;
 use metafmu_runtime::{Encoder, Encoding, extra};
+use options::MAX_EPOCHS;
 pub use options::{
-    BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions, ParameterOptions,
-    SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions, Variability,
+    AcceptOptions, BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions,
+    ParameterOptions, SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
+    Variability,
 };
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
@@ -99,6 +102,9 @@ pub struct Study {
     pub target: Option<TargetOptions>,
     /// Error bounds of the outputs, if they are wanted.
     pub bounds: Option<BoundsOptions>,
+    /// When a surrogate is good enough to be used. It decides nothing else and does not count for digests.
+    #[serde(default)]
+    pub accept: AcceptOptions,
     /// What the FMU says about itself.
     #[serde(default)]
     pub export: ExportOptions,
@@ -121,6 +127,31 @@ pub struct Study {
 
 /// Communication steps of a run of an FMU.
 const MAX_STEPS: f64 = 1e8;
+
+/// Characters of a study's name, which is part of the names of files; most systems take 255.
+const MAX_NAME: usize = 100;
+
+/// Runs for one purpose: the points of so many are a few gigabytes.
+pub(crate) const MAX_RUNS: usize = 10_000_000;
+
+/// Rows of all runs together.
+const MAX_ROWS: f64 = 1e9;
+
+/// Bytes of the outputs of all rows.
+const MAX_BYTES: f64 = 64e9;
+
+/// Weights and biases of all networks: training holds several copies of them in single precision.
+const MAX_WEIGHTS: f64 = 1e8;
+
+/// Epochs of all networks where there is one for each instant: each has its history.
+const MAX_HISTORIES: f64 = 1e8;
+
+/// Runs that are added each time: the places of each are chosen among thirty.
+const MAX_ADDED_RUNS: usize = 100_000;
+
+/// Fewest held-out runs a `[target]` is judged on. Errors differ from run to run: that the next run is worse than the worst of
+/// `n` has a chance of `1 / (n + 1)`, which is below a tenth from here on; of three runs it is a quarter.
+const LEAST_JUDGES: usize = 10;
 
 fn default_seed() -> u64 {
     1
@@ -154,6 +185,10 @@ impl Study {
         study.source_files = study.digest_source_files()?;
         if let Some(file) = &study.sampling.file {
             study.points = Some(Arc::new(sampling::read_points(&study.beside(file), &study.parameters)?));
+            let mut problems = Problems::default();
+            study.size_problems(&mut problems);
+            study.target_run_problems(&mut problems);
+            study.refuse(problems.0)?;
         }
         Ok(study)
     }
@@ -241,6 +276,11 @@ impl Study {
             let expected = "expected a letter, then letters, digits, `-` and `_`";
             problems.add("name", format!("`{}` is no name: {expected}", self.name));
         }
+        let characters = self.name.chars().count();
+        if characters > MAX_NAME {
+            problems
+                .add("name", format!("{characters} characters, expected at most {MAX_NAME}: files are named after it"));
+        }
         self.source_problems(&mut problems);
         self.fmu_problems(&mut problems);
         self.time_problems(&mut problems);
@@ -248,12 +288,17 @@ impl Study {
         self.sampling_problems(&mut problems);
         self.target_problems(&mut problems);
         self.bounds_problems(&mut problems);
+        // of a list of points the number is not known yet
+        if self.sampling.method != Some(Method::List) {
+            self.size_problems(&mut problems);
+            self.target_run_problems(&mut problems);
+        }
+        problems.extend("network", self.network.problems());
+        problems.extend("training", self.training.problems(self.outputs.len()));
         self.network_problems(&mut problems);
-        self.training_problems(&mut problems);
-        let baselines = self.baselines.problems().into_iter();
-        problems.0.extend(baselines.map(|(key, message)| (format!("baselines.{key}"), message)));
-        let search = self.search.as_ref().map(SearchOptions::problems).unwrap_or_default();
-        problems.0.extend(search.into_iter().map(|(key, message)| (format!("search.{key}"), message)));
+        problems.extend("accept", self.accept.problems());
+        problems.extend("baselines", self.baselines.problems());
+        problems.extend("search", self.search.as_ref().map(SearchOptions::problems).unwrap_or_default());
         problems.0
     }
 
@@ -332,6 +377,20 @@ impl Study {
             problems.expect_variable_name(&key, name);
             if self.parameters.contains_key(name) {
                 problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
+            }
+        }
+        for name in self.outputs.keys().filter(|_| self.bounds.is_some()) {
+            let bound = format!("{name}_bound");
+            for section in ["parameters", "outputs", "arrays"] {
+                let is_there = match section {
+                    "parameters" => self.parameters.contains_key(&bound),
+                    "outputs" => self.outputs.contains_key(&bound),
+                    _ => self.arrays.contains_key(&bound),
+                };
+                if is_there {
+                    let message = format!("`{bound}` is the name of the error bound of `{name}`");
+                    problems.add(&format!("{section}.{bound}"), message);
+                }
             }
         }
         for (name, outputs) in &self.arrays {
@@ -416,9 +475,43 @@ impl Study {
                 _ => {}
             }
         }
-        let rows = self.train_runs() as f64 * (self.time.stop / self.time.step + 1.0);
-        if rows > 1e9 {
-            problems.add("sampling", format!("{rows:.3e} training rows, expected at most a billion"));
+    }
+
+    /// What would take more memory than machines have, or more time than anyone has.
+    fn size_problems(&self, problems: &mut Problems) {
+        let train_runs = self.train_runs();
+        let planned = match self.sampling.method {
+            Some(Method::Mesh) => "sampling.levels",
+            Some(Method::List) => "sampling.file",
+            _ => "sampling.runs",
+        };
+        let target = self.target.map_or(0, |target| target.max_runs);
+        let counts = [
+            (planned, train_runs),
+            ("sampling.test_runs", self.sampling.test_runs as u64),
+            ("bounds.runs", self.calibration_runs() as u64),
+            ("target.max_runs", target as u64),
+        ];
+        let too_many = counts.iter().filter(|(_, runs)| *runs > MAX_RUNS as u64);
+        let before = problems.0.len();
+        let message = |runs: u64| match runs {
+            u64::MAX => format!("more runs than can be counted, expected at most {MAX_RUNS}"),
+            runs => format!("{runs} runs, expected at most {MAX_RUNS}"),
+        };
+        problems.0.extend(too_many.map(|(key, runs)| ((*key).into(), message(*runs))));
+        // rows of recorded runs are what the tables have
+        if problems.0.len() > before || self.source.is_recorded() {
+            return;
+        }
+        let runs = train_runs.max(target as u64) + (self.sampling.test_runs + self.calibration_runs()) as u64;
+        let rows = runs as f64 * (self.time.stop / self.time.step + 1.0);
+        let bytes = 8.0 * rows * self.outputs.len() as f64;
+        if rows > MAX_ROWS {
+            problems.add("sampling", format!("{rows:.3e} rows of all runs, expected at most a billion"));
+        } else if bytes > MAX_BYTES {
+            let (count, gigabytes) = (self.outputs.len(), bytes / 1e9);
+            let message = format!("{rows:.3e} rows of {count} outputs are {gigabytes:.0} GB, expected at most 64 GB");
+            problems.add("sampling", message);
         }
     }
 
@@ -445,7 +538,7 @@ impl Study {
     }
 
     fn target_problems(&self, problems: &mut Problems) {
-        let Some(TargetOptions { r2, runs, max_runs, .. }) = self.target else { return };
+        let Some(TargetOptions { r2, runs, .. }) = self.target else { return };
         if self.source.is_recorded() {
             problems.add("target", "recorded runs cannot be added to".into());
         }
@@ -455,13 +548,39 @@ impl Study {
         if !(r2 > 0.0 && r2 < 1.0) {
             problems.add("target.r2", format!("{r2}, expected a number between 0 and 1"));
         }
-        if runs == 0 {
-            problems.add("target.runs", "0 runs, expected at least 1".into());
+        if !(1..=MAX_ADDED_RUNS).contains(&runs) {
+            problems.add("target.runs", format!("{runs} runs, expected 1 to {MAX_ADDED_RUNS}"));
         }
-        if (max_runs as u64) < self.train_runs() {
-            let message = format!("{max_runs} runs, expected at least the {} of the plan", self.train_runs());
-            problems.add("target.max_runs", message);
+    }
+
+    /// Whether the plan's runs are enough for a target.
+    fn target_run_problems(&self, problems: &mut Problems) {
+        let Some(TargetOptions { max_runs, .. }) = self.target.filter(|_| !self.source.is_recorded()) else { return };
+        let runs = self.train_runs();
+        if (max_runs as u64) < runs {
+            problems.add("target.max_runs", format!("{max_runs} runs, expected at least the {runs} of the plan"));
         }
+        let share = self.training.validation;
+        let held_out = self.training.held_out(runs as usize);
+        if held_out >= LEAST_JUDGES || !(share > 0.0 && share < 1.0) {
+            return;
+        }
+        let more = match self.sampling.method {
+            Some(Method::Mesh) => "more `sampling.levels`",
+            Some(Method::List) => "more points in `sampling.file`",
+            _ => "more `sampling.runs`",
+        };
+        let least_runs = (LEAST_JUDGES as f64 / share).ceil();
+        let least_share = (100.0 * LEAST_JUDGES as f64 / runs as f64).ceil() / 100.0;
+        let larger = match least_share <= 0.5 {
+            true => format!("`training.validation` of at least {least_share}, or "),
+            false => String::new(),
+        };
+        let message = format!(
+            "{held_out} of {runs} runs are held out to judge it, expected at least {LEAST_JUDGES}: set {larger}{more} \
+             ({least_runs} runs with `training.validation = {share}`)"
+        );
+        problems.add("target", message);
     }
 
     fn bounds_problems(&self, problems: &mut Problems) {
@@ -482,28 +601,31 @@ impl Study {
         self.bounds.map_or(0, |bounds| bounds.runs)
     }
 
+    /// What is wrong with the network and its training beside each other and the rest.
     fn network_problems(&self, problems: &mut Problems) {
-        for (layer, nodes) in self.network.hidden.iter().enumerate() {
-            if !(1..=16384).contains(nodes) {
-                problems.add(
-                    "network.hidden",
-                    format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1),
-                );
-            }
+        let NetworkOptions { structure, hidden, .. } = &self.network;
+        if hidden.is_empty() {
+            let message = "belongs to hidden layers, `network.hidden` has none";
+            let given =
+                [("training.dropout", self.training.dropout > 0.0), ("training.batch_norm", self.training.batch_norm)];
+            given.iter().filter(|(_, given)| *given).for_each(|(key, _)| problems.add(key, message.into()));
         }
-    }
-
-    fn training_problems(&self, problems: &mut Problems) {
-        let TrainingOptions { learning_rate, batch, epochs, validation, .. } = self.training;
-        problems.expect_positive("training.learning_rate", learning_rate);
-        if batch == 0 {
-            problems.add("training.batch", "0 rows, expected at least 1".into());
+        let instants = match structure {
+            Structure::Fixed if !self.source.is_recorded() => self.time.stop / self.time.step + 1.0,
+            _ => 1.0,
+        };
+        let inputs = self.encoder().width() + usize::from(*structure == Structure::Full);
+        let sizes: Vec<usize> = [&[inputs], hidden.as_slice(), &[self.outputs.len()]].concat();
+        let weights: f64 = sizes.windows(2).map(|pair| (pair[0] as f64 + 1.0) * pair[1] as f64).sum();
+        if weights * instants > MAX_WEIGHTS {
+            let of = if instants > 1.0 { format!(" of {instants:.0} networks") } else { String::new() };
+            let message = format!("{:.3e} weights and biases{of}, expected at most 100 million", weights * instants);
+            problems.add("network.hidden", message);
         }
-        if epochs == 0 {
-            problems.add("training.epochs", "0 epochs, expected at least 1".into());
-        }
-        if !(validation > 0.0 && validation < 1.0) {
-            problems.add("training.validation", format!("{validation}, expected a share between 0 and 1"));
+        let epochs = self.training.epochs as f64 * instants;
+        if instants > 1.0 && epochs > MAX_HISTORIES && self.training.epochs <= MAX_EPOCHS {
+            let message = format!("{epochs:.3e} epochs of {instants:.0} networks, expected at most 100 million");
+            problems.add("training.epochs", message);
         }
     }
 }
@@ -515,6 +637,11 @@ struct Problems(Vec<(String, String)>);
 impl Problems {
     fn add(&mut self, key: &str, message: String) {
         self.0.push((key.to_owned(), message));
+    }
+
+    /// Those of a section, whose keys are within it.
+    fn extend(&mut self, section: &str, problems: Vec<(String, String)>) {
+        self.0.extend(problems.into_iter().map(|(key, message)| (format!("{section}.{key}"), message)));
     }
 
     fn expect_positive(&mut self, key: &str, value: f64) {
@@ -529,7 +656,7 @@ impl Problems {
             let expected = "expected a text on one line without spaces at its ends";
             self.add(key, format!("`{}` is no name of a variable, {expected}", name.escape_debug()));
         }
-        if name == "time" {
+        if name == extra::TIME.name {
             self.add(key, "`time` is the name of the independent variable".into());
         } else if extra::ALL.iter().any(|extra| extra.name == name) {
             self.add(key, format!("`{name}` is the name of a variable that every FMU of metafmu has"));
@@ -637,6 +764,9 @@ mod tests {
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
             ("[network]", "[bounds]\ncoverage = 95\n[network]", "[network]", "bounds.coverage", "between 0 and 1"),
             ("[network]", "[bounds]\nruns = 18\n[network]", "[network]", "bounds.runs", "at least 19"),
+            ("theta = {", "in_domain = {", "theta = ", "outputs.in_domain", "that every FMU of metafmu has"),
+            ("[network]", "[accept]\nr2 = 1.5\n[network]", "[network]", "accept.r2", "a number below 1"),
+            ("[network]", "[accept]\nr3 = 0.5\n[network]", "[network]", "accept.r3", "unknown field"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));
             let found = messages.first().cloned().unwrap_or_default();
@@ -687,6 +817,121 @@ mod tests {
     fn malformed_toml_and_duplicate_keys_are_located() {
         assert!(message("[time]", "[time").starts_with("study.toml:"));
         assert!(message("\nc = ", "\nL = ").contains("duplicate key"));
+    }
+
+    #[test]
+    fn options_of_network_and_training_that_make_no_sense_are_found_at_load_all_at_once() {
+        let (head, _) = GOOD.split_once("[network]").unwrap();
+        let wrong = [
+            ("batch = 1", "at least 2 rows with `batch_norm`"),
+            ("batch_norm = true", ""),
+            ("clip_norm = -1.0", "0 or a positive number"),
+            ("dropout = 2", "below 1"),
+            ("epochs = 1000000000", "1 to 1000000"),
+            ("huber_delta = 0.5", "belongs to the loss \"huber\""),
+            ("l1 = inf", "0 or a positive number"),
+            ("momentum = 1.0", "below 1"),
+            ("optimizer = \"sgd\"", ""),
+            ("output_weights = [1.0]", "1 weights, expected one for each output"),
+            ("refresh = 5", "belongs to the optimizer \"soap\""),
+            ("square_memory = 0.9", "\"sgd\" has `momentum` only"),
+            ("validation = 1.0", "between 0 and 1"),
+            ("warm_up = -0.1", "below 1"),
+            ("weight_decay = 0.1", "belongs to the optimizers \"adamw\" and \"soap\""),
+        ];
+        let training: String = wrong.iter().map(|(line, _)| format!("{line}\n")).collect();
+        let found = problems(&format!("{head}[training]\n{training}"));
+        let first = head.lines().count() + 2;
+        for (index, (line, says)) in wrong.iter().enumerate().filter(|(_, (_, says))| !says.is_empty()) {
+            let place = format!("study.toml:{}: training.{}: ", first + index, line.split(' ').next().unwrap());
+            assert!(
+                found.iter().any(|found| found.starts_with(&place) && found.contains(says)),
+                "{place}{says}: {found:#?}"
+            );
+        }
+        assert_eq!(found.len(), wrong.len() - 2, "{found:#?}");
+        let of_layers =
+            problems(&format!("{head}[network]\nhidden = []\n[training]\ndropout = 0.1\nbatch_norm = true\n"));
+        assert_eq!(of_layers.len(), 2, "{of_layers:#?}");
+    }
+
+    #[test]
+    fn counts_that_no_machine_can_hold_are_refused_with_their_limit() {
+        let huge = "1000000000000";
+        let runs = |runs: &str| format!("method = \"sobol\"\nruns = {runs}");
+        for (from, to, says) in [
+            (
+                "test_runs = 200",
+                format!("test_runs = {huge}"),
+                "sampling.test_runs: 1000000000000 runs, expected at most 10000000",
+            ),
+            (
+                "levels = 11",
+                format!("levels = {huge}"),
+                "sampling.levels: more runs than can be counted, expected at most 10000000",
+            ),
+            (
+                "method = \"mesh\"\nlevels = 11",
+                runs(huge),
+                "sampling.runs: 1000000000000 runs, expected at most 10000000",
+            ),
+            (
+                "method = \"mesh\"\nlevels = 11",
+                runs("9000000"),
+                "sampling: 1.809e9 rows of all runs, expected at most a billion",
+            ),
+            (
+                "[network]",
+                format!("[bounds]\nruns = {huge}\n[network]"),
+                "bounds.runs: 1000000000000 runs, expected at most",
+            ),
+            (
+                "hidden = [128, 128]",
+                "hidden = [16384, 16384]".into(),
+                "network.hidden: 2.685e8 weights and biases, expected at most",
+            ),
+            (
+                "hidden = [128, 128]",
+                "hidden = [1024, 1024]\nstructure = \"fixed\"".into(),
+                "network.hidden: 2.127e8 weights and biases of 201 networks, expected at most 100 million",
+            ),
+        ] {
+            let found = message(from, &to);
+            assert!(found.contains(says), "{says} is not in {found}");
+        }
+        let name = message("name = \"single-pendulum\"", &format!("name = \"{}\"", "n".repeat(300)));
+        assert!(name.contains("name: 300 characters, expected at most 100"), "{name}");
+    }
+
+    #[test]
+    fn a_target_needs_enough_held_out_runs() {
+        let of = |runs: usize| {
+            let text =
+                GOOD.replacen("method = \"mesh\"\nlevels = 11", &format!("method = \"sobol\"\nruns = {runs}"), 1);
+            problems(&(text + "[target]\nr2 = 0.9\nruns = 10\nmax_runs = 1000\n"))
+        };
+        // the example holds out a twentieth
+        assert_eq!(of(200), Vec::<String>::new());
+        let few = of(60);
+        assert_eq!(few.len(), 1, "{few:#?}");
+        let expected = "target: 3 of 60 runs are held out to judge it, expected at least 10: set `training.validation` of at \
+                        least 0.17, or more `sampling.runs` (200 runs with `training.validation = 0.05`)";
+        assert!(few[0].contains(expected), "{}", few[0]);
+        let many = GOOD.to_owned() + "[target]\nr2 = 0.9\nruns = 1000000\nmax_runs = 2000\n";
+        let many = problems(&many);
+        assert!(many.len() == 1 && many[0].contains("target.runs: 1000000 runs, expected 1 to 100000"), "{many:#?}");
+    }
+
+    #[test]
+    fn thousands_of_mistakes_take_no_longer_than_reading_them() {
+        let outputs: String = (0..20_000).map(|index| format!("\" y{index}\" = {{}}\n")).collect();
+        let text = GOOD.replacen("[outputs]", &format!("[outputs]\n{outputs}"), 1);
+        let begin = std::time::Instant::now();
+        let found = problems(&text);
+        assert_eq!(found.len(), 20_000);
+        let line = text.lines().position(|line| line.starts_with("\" y19999\"")).unwrap() + 1;
+        assert!(found[19_999].starts_with(&format!("study.toml:{line}: outputs. y19999: ")), "{}", found[19_999]);
+        assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! The sections of a study file as plain data.
 
+use crate::scaling::LARGEST;
 use indexmap::IndexMap;
 use metafmu_runtime::{Activation, Encoding, Precision};
 use serde::{Deserialize, Serialize};
-use std::{path::PathBuf, time::Duration};
+use std::{collections::HashSet, path::PathBuf, time::Duration};
 
 /// `[source]`: what is sampled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -203,16 +204,30 @@ impl ParameterOptions {
         let Self { min, max, values, .. } = self;
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
             Some(format!("value {value} is not finite"))
-        } else if let Some(index) = (1..values.len()).find(|&index| values[..index].contains(&values[index])) {
-            Some(format!("value {} stands twice", values[index]))
+        } else if let Some(value) = twice(values) {
+            Some(format!("value {value} stands twice"))
         } else if values.len() == 1 {
             Some("1 value, expected at least 2".into())
         } else if !min.is_finite() || !max.is_finite() {
             Some(format!("range from {min} to {max} is not finite"))
+        } else if min >= max {
+            Some(format!("range is empty: min {min} is not below max {max}"))
+        } else if min.abs().max(max.abs()) > LARGEST || max - min < 1.0 / LARGEST {
+            Some(format!(
+                "range from {min} to {max}, expected numbers up to {LARGEST:e} and a width above {:e}",
+                1.0 / LARGEST
+            ))
         } else {
-            (min >= max).then(|| format!("range is empty: min {min} is not below max {max}"))
+            None
         }
     }
+}
+
+/// A value that is there more than once.
+fn twice(values: &[f64]) -> Option<f64> {
+    let mut before = HashSet::with_capacity(values.len());
+    // zeros of both signs are one value
+    values.iter().copied().find(|value| !before.insert((value + 0.0).to_bits()))
 }
 
 /// An entry of `[outputs]`.
@@ -261,6 +276,51 @@ pub struct BoundsOptions {
 impl Default for BoundsOptions {
     fn default() -> Self {
         Self { coverage: 0.95, runs: 200 }
+    }
+}
+
+/// `[accept]`: when a surrogate may be used. One that is not as good is rejected: `build`, `train` and `evaluate` say why and end
+/// with exit code 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AcceptOptions {
+    /// Smallest R² of an output; at 0 it is as good as its mean.
+    pub r2: f64,
+    /// Largest root mean square error of an output, in multiples of that of the best baseline of the build. Not asked of an
+    /// output whose R² is above [`AcceptOptions::EXCELLENT`].
+    pub baseline_factor: f64,
+    /// Largest error of an output, as a share of its range in training; without it, it may have any.
+    pub largest_error: Option<f64>,
+}
+
+impl Default for AcceptOptions {
+    fn default() -> Self {
+        Self { r2: 0.0, baseline_factor: 2.0, largest_error: None }
+    }
+}
+
+impl AcceptOptions {
+    /// R² from which on an output is not compared with baselines: its root mean square error is a hundredth of its standard
+    /// deviation, and a polynomial may be exact where the truth is one.
+    pub const EXCELLENT: f64 = 0.9999;
+
+    /// Every mistake: its key within `[accept]` and what is wrong.
+    pub fn problems(&self) -> Vec<(String, String)> {
+        let Self { r2, baseline_factor, largest_error } = *self;
+        [
+            (r2 < 1.0, "r2", r2, "a number below 1"),
+            (baseline_factor >= 1.0, "baseline_factor", baseline_factor, "a number of at least 1, or inf"),
+            (
+                largest_error.is_none_or(|share| share > 0.0),
+                "largest_error",
+                largest_error.unwrap_or(0.0),
+                "a positive number",
+            ),
+        ]
+        .into_iter()
+        .filter(|(good, ..)| !good)
+        .map(|(_, key, found, expected)| (key.to_owned(), format!("{found}, expected {expected}")))
+        .collect()
     }
 }
 
@@ -486,9 +546,19 @@ impl Default for TrainingOptions {
     }
 }
 
+/// Hidden layers of a network.
+const MAX_LAYERS: usize = 100;
+
+/// Epochs of a training, all of which are in its history.
+pub(super) const MAX_EPOCHS: usize = 1_000_000;
+
 impl NetworkOptions {
     /// Every mistake: its key within `[network]` and what is wrong.
     pub fn problems(&self) -> Vec<(String, String)> {
+        if self.hidden.len() > MAX_LAYERS {
+            let message = format!("{} hidden layers, expected at most {MAX_LAYERS}", self.hidden.len());
+            return vec![("hidden".to_owned(), message)];
+        }
         let too = |(layer, nodes): (usize, &usize)| {
             let message = format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1);
             (!(1..=16384).contains(nodes)).then(|| ("hidden".to_owned(), message))
@@ -527,7 +597,10 @@ impl TrainingOptions {
         let held_out = self.validation > 0.0 && self.validation < 1.0;
         expect(held_out, "validation", &self.validation, "a share between 0 and 1");
         expect(self.batch > 0, "batch", &self.batch, "at least 1 row");
-        expect(self.epochs > 0, "epochs", &self.epochs, "at least 1");
+        let norm = !self.batch_norm || self.batch != 1;
+        expect(norm, "batch", &self.batch, "at least 2 rows with `batch_norm`, which is over the rows of a batch");
+        let epochs = format!("1 to {MAX_EPOCHS}");
+        expect((1..=MAX_EPOCHS).contains(&self.epochs), "epochs", &self.epochs, &epochs);
         expect(self.refresh > 0, "refresh", &self.refresh, "at least 1 step");
 
         let weights = &self.output_weights;
@@ -536,11 +609,36 @@ impl TrainingOptions {
         let good = weights.iter().all(|&weight| not_negative(weight));
         let some = weights.is_empty() || weights.iter().any(|&weight| weight > 0.0);
         expect(good && some, "output_weights", &format!("{weights:?}"), "no negative numbers, and not only zeros");
-        let decays = matches!(self.optimizer, Optimizer::AdamW | Optimizer::Soap);
-        if self.weight_decay > 0.0 && !decays {
-            let message = "belongs to the optimizers \"adamw\" and \"soap\"; the others have `l2`";
-            problems.push(("weight_decay".into(), message.into()));
-        }
+        let (decays, defaults) = (matches!(self.optimizer, Optimizer::AdamW | Optimizer::Soap), Self::default());
+        let of_others = [
+            (
+                "weight_decay",
+                self.weight_decay > 0.0 && !decays,
+                "belongs to the optimizers \"adamw\" and \"soap\"; the others have `l2`",
+            ),
+            (
+                "square_memory",
+                self.square_memory.is_some() && self.optimizer == Optimizer::Sgd,
+                "belongs to the other optimizers: \"sgd\" has `momentum` only",
+            ),
+            (
+                "refresh",
+                self.refresh != defaults.refresh && self.optimizer != Optimizer::Soap,
+                "belongs to the optimizer \"soap\"",
+            ),
+            (
+                "huber_delta",
+                self.huber_delta != defaults.huber_delta && self.loss != Loss::Huber,
+                "belongs to the loss \"huber\"",
+            ),
+        ];
+        let given = of_others.into_iter().filter(|(_, given, _)| *given);
+        problems.extend(given.map(|(key, _, message)| (key.to_owned(), message.to_owned())));
         problems
+    }
+
+    /// How many of so many training runs are held out for validation: at least one, and not all.
+    pub fn held_out(&self, runs: usize) -> usize {
+        ((self.validation * runs as f64).round() as usize).clamp(1, runs.saturating_sub(1).max(1))
     }
 }

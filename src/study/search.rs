@@ -95,11 +95,12 @@ impl SearchOptions {
         match self.trials {
             Some(_) if grid => add("trials", "a grid has as many trials as points".into()),
             Some(trials) if trials < 2 => add("trials", format!("{trials}, expected at least 2")),
+            Some(trials) if trials > MAX_TRIALS => add("trials", format!("{trials}, expected 2 to {MAX_TRIALS}")),
             None if !grid => add("trials", "missing: expected at least 2".into()),
             _ => {}
         }
-        if self.rungs == 0 {
-            add("rungs", "0, expected at least 1".into());
+        if !(1..=MAX_RUNGS).contains(&self.rungs) {
+            add("rungs", format!("{}, expected 1 to {MAX_RUNGS}", self.rungs));
         }
         if self.reduction < 2 {
             add("reduction", format!("{}, expected at least 2", self.reduction));
@@ -108,6 +109,12 @@ impl SearchOptions {
             let key = format!("space.{name}");
             if self.model.is_none() && name.starts_with("baselines.") {
                 add(&key, "is no key of the network's, expected `search.model` to say which baseline is fitted".into());
+            }
+            if let Some(model) = self.model.filter(|model| !concerns(name, model.name())) {
+                add(&key, format!("decides nothing about the baseline `{}`, which is fitted", model.name()));
+            }
+            if name == "search" || name.starts_with("search.") {
+                add(&key, "a trial is no search".into());
             }
             match space {
                 Space::Values(values) if values.is_empty() => add(&key, "no values, expected at least one".into()),
@@ -119,7 +126,31 @@ impl SearchOptions {
                 }
             }
         }
+        let points = |space: &Space| match space {
+            Space::Values(values) => values.len(),
+            Space::Range(range) => range.levels.unwrap_or(2),
+        };
+        let trials = self.space.values().map(points).fold(1, usize::saturating_mul);
+        if grid && trials > MAX_TRIALS {
+            problems.push(("space".into(), format!("{trials} trials, expected at most {MAX_TRIALS}")));
+        }
         problems
+    }
+}
+
+/// Trials of a search: each is a study in memory.
+const MAX_TRIALS: usize = 10_000;
+
+/// The first of so many rungs is a millionth of the epochs or less.
+const MAX_RUNGS: u32 = 20;
+
+/// Whether a key decides something about a baseline.
+fn concerns(key: &str, model: &str) -> bool {
+    match key.split_once('.') {
+        Some(("baselines", rest)) => rest == "time_budget" || rest.split('.').next() == Some(model),
+        Some(("network", _)) => false,
+        Some(("training", rest)) => rest == "validation",
+        _ => true,
     }
 }
 

@@ -89,7 +89,7 @@ impl<'a> Run<'a> {
         Ok(Self {
             best: network.clone(),
             best_epoch: 0,
-            history: Vec::with_capacity(options.epochs),
+            history: Vec::new(),
             trainer: Trainer::new(network, options, batch, rayon::current_num_threads(), seed)?,
             training,
             validation,
