@@ -117,6 +117,32 @@ SECTIONS = {
         "a list without a parameter": {"study.toml": LIST, "points.csv": "c\n0\n1\n"},
         "a point out of range": {"study.toml": LIST, "points.csv": "L\n0.1\n0.3\n"},
         "a point that stands twice": {"study.toml": LIST, "points.csv": "L\n0.1\n0.2\n0.10\n"},
+        "options of the training that make no sense": {
+            "study.toml": STUDY + '[training]\noptimizer = "sgd"\ndropout = 2\nweight_decay = 0.01\nhuber_delta = 0.5\n'
+        },
+        "dropout without hidden layers": {"study.toml": STUDY + "[network]\nhidden = []\n[training]\ndropout = 0.1\n"},
+        "a billion epochs": {"study.toml": STUDY + "[training]\nepochs = 1000000000\n"},
+        "a trillion test runs": study("test_runs = 1", "test_runs = 1000000000000"),
+        "more rows than fit": study("step = 0.5", "step = 1e-6", STUDY.replace("runs = 8", "runs = 2000")),
+        "a network larger than any": {"study.toml": STUDY + "[network]\nhidden = [16384, 16384]\n"},
+        "a name of 300 characters": study('"s"', f'"{"s" * 300}"'),
+        "an output with the name of a variable that every FMU has": study("theta = {", "in_domain = {"),
+        "a limit that no surrogate reaches": {"study.toml": STUDY + "[accept]\nr2 = 1.0\n"},
+        "a target judged by one run": {"study.toml": STUDY + "[target]\nr2 = 0.99\nruns = 8\nmax_runs = 100\n"},
+    },
+    "Searches": {
+        "a value that no study can have": {
+            "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"network.activation" = ["tanh", "rele"]\n'
+        },
+        "a range whose end no study can have": {
+            "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"training.dropout" = { min = 0.0, max = 2.0 }\n'
+        },
+        "a key that is not known": {
+            "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"training.epoch" = [10, 20]\n'
+        },
+        "more trials than anyone can wait for": {
+            "study.toml": STUDY + '[search]\ntrials = 1000000000000\n[search.space]\n"training.batch" = [1]\n'
+        },
     },
     "Mechanisms": {
         "an expression that ends early": mechanism('mass = "m"', 'mass = "m*"'),
@@ -169,6 +195,11 @@ SECTIONS = {
         "a run whose rows are apart": runs("c,0,0.15,6\nc,1", "a,0,0.15,6\na,1"),
         "two runs with one set of parameters": runs("b,0,0.2", "b,0,0.1"),
         "a parameter out of range": runs("b,0,0.2", "b,0,0.3"),
+        "outputs too large to compute with": runs("a,0.5,0.1,2", "a,0.5,0.1,1e155"),
+        "outputs too small to compute with": {
+            "study.toml": RECORDED,
+            "runs.csv": "run,time,L,theta\n" + "".join(f"{i},{t},0.{10 + i},1e-200\n" for i in range(4) for t in (0, 1)),
+        },
         "too few runs": runs("c,0,0.15,6\nc,1,0.15,7\n", ""),
         "decimal points and commas": {
             "study.toml": RECORDED,
@@ -230,6 +261,7 @@ SECTIONS = {
 }
 # of the sections whose cases are no studies
 ARGUMENTS = {
+    "Searches": ["search", "study.toml", "--out", "out"],
     "FMUs": ["simulate", "model.fmu"],
     "Outputs": ["simulate", "model.fmu", "--output", "runs/run.csv"],
 }

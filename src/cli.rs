@@ -44,6 +44,8 @@ Of a table, columns with one value in each run become parameters, the others out
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
 Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
+Exit code 1 if the surrogate is rejected: the training diverged, an output is worse than its mean or than simpler models. `[accept]`
+in the study has the limits.
 Ctrl-C during training keeps the best network so far, goes on with it and ends with exit code 130; --resume goes on with the
 training. Pressed again, it ends the program.")]
     Build(BuildArgs),
@@ -77,7 +79,8 @@ The study says what to try, for instance:
   \"training.optimizer\" = [\"adam\", \"soap\"]
   \"network.hidden\" = [[64, 64], [128, 128]]
 
-Trials are compared by 1 - R² on held-out runs. One that fails is a row of the table. With `model = \"svr\"` they fit that
+Every value is checked before the first trial. Trials are compared by 1 - R² on held-out runs; one that fails is a row of the
+table. With `model = \"svr\"` they fit that
 baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10.0, 100.0].")]
     Search(SearchArgs),
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json

@@ -1,12 +1,16 @@
 //! How good a surrogate is on runs it has not seen.
 
-use crate::dataset::{Dataset, Run};
+use crate::{
+    acceptance::Verdict,
+    dataset::{Dataset, Run},
+};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Accuracy of one output over all rows of all test runs, in the output's unit.
+/// Accuracy of one output over all rows of all test runs, in the output's unit. What is too large for a number, or an error of no
+/// number, counts as the largest one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OutputMetrics {
     /// Coefficient of determination, `1 - sum (y - prediction)^2 / sum (y - mean y)^2`; none for a constant output.
@@ -38,6 +42,9 @@ pub struct Accuracy {
     pub test_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
+    /// What is thought of it, if it has been judged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
 }
 
 impl Accuracy {
@@ -56,6 +63,7 @@ impl Accuracy {
             test_runs: test.runs.len(),
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
+            verdict: None,
         }
     }
 }
@@ -97,7 +105,7 @@ fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound
     for (index, (run, predictions)) in test.runs.iter().zip(predictions).enumerate() {
         let predicted = predictions.iter().skip(column).step_by(width);
         for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(run.times.iter()) {
-            let error = (label - prediction).abs();
+            let error = finite((label - prediction).abs());
             residual += error * error;
             total += (label - mean).powi(2);
             within += usize::from(bound.is_some_and(|bound| error <= bound));
@@ -107,9 +115,14 @@ fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound
         }
     }
     let (max_abs_error, worst_run, worst_time) = worst;
-    let r2 = (total > 0.0).then(|| 1.0 - residual / total);
+    let r2 = (total > 0.0).then(|| finite(1.0 - residual / total));
     let within_bound = bound.map(|_| within as f64 / rows);
-    OutputMetrics { r2, mse: residual / rows, max_abs_error, worst_run, worst_time, bound, within_bound }
+    OutputMetrics { r2, mse: finite(residual / rows), max_abs_error, worst_run, worst_time, bound, within_bound }
+}
+
+/// JSON has neither infinity nor NaN.
+fn finite(value: f64) -> f64 {
+    if value.is_nan() { f64::MAX } else { value.clamp(f64::MIN, f64::MAX) }
 }
 
 #[cfg(test)]
@@ -144,5 +157,20 @@ mod tests {
         let total: f64 = labels.iter().map(|label| (label - mean).powi(2)).sum();
         assert!((metrics[0].r2.unwrap() - (1.0 - 0.0625 / total)).abs() < 1e-14);
         assert_eq!((metrics[1].r2, metrics[1].mse), (Some(1.0), 0.0));
+    }
+
+    #[test]
+    fn predictions_that_are_no_numbers_are_the_worst_and_figures_read_back() {
+        let variable = |name: &str| Variable::new(name, "", "");
+        let run = Run { parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
+        let test = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs: vec![run] };
+        for wrong in [f64::NAN, f64::INFINITY, 1e200] {
+            let metrics = compare(&test, &[vec![1.0, wrong]], None).remove(0);
+            assert_eq!((metrics.r2, metrics.mse), (Some(f64::MIN), f64::MAX));
+            assert!(metrics.max_abs_error >= 1e200 && metrics.worst_time == 1.0, "{metrics:?}");
+            let text = serde_json::to_string(&metrics).unwrap();
+            assert!(!text.contains("null"), "{text}");
+            assert_eq!(serde_json::from_str::<OutputMetrics>(&text).unwrap(), metrics);
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! Text for web pages.
 
+use crate::acceptance::Verdict;
 use metafmu_runtime::Activation;
 use std::fmt::Write;
 
@@ -36,6 +37,15 @@ pub fn activation(activation: Activation) -> &'static str {
         Activation::Sine => "sine",
         Activation::Identity => "linear",
     }
+}
+
+/// The first lines of a page about a surrogate that is rejected; empty of another one.
+pub fn rejection(verdict: &Verdict) -> String {
+    if verdict.accepted {
+        return String::new();
+    }
+    let problems: String = verdict.problems.iter().map(|problem| format!("<li>{}</li>\n", escape(problem))).collect();
+    format!("<p><strong>Rejected: this surrogate is not good enough to be used.</strong></p>\n<ul>\n{problems}</ul>\n")
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 // only commands print
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod acceptance;
 pub mod baseline;
 pub mod calibration;
 pub mod dataset;

@@ -127,13 +127,11 @@ pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>
         (values, trial)
     };
     let found: Vec<(Vec<Value>, Result<Study>)> = trials(options, study.seed).into_iter().map(parsed).collect();
+    let (good, other): (Vec<_>, Vec<_>) = found.iter().partition(|(_, trial)| trial.is_ok());
     let mut problems = Vec::new();
     for (place, (key, space)) in options.space.iter().enumerate() {
         for choice in choices(space) {
-            // beside the values of trials, of good ones first, or alone
-            let is_good = |(values, trial): &&(Vec<Value>, Result<Study>)| trial.is_ok() && values[place] == choice;
-            let (good, other): (Vec<_>, Vec<_>) = found.iter().partition(|(_, trial)| trial.is_ok());
-            if good.iter().any(is_good) {
+            if good.iter().any(|(values, _)| values[place] == choice) {
                 continue;
             }
             let beside = |(values, _): &(Vec<Value>, Result<Study>)| {
@@ -141,14 +139,13 @@ pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>
                 values[place] = choice.clone();
                 with(&keys, &values)
             };
-            let mut tries = good.into_iter().take(TRIES).map(beside);
-            let mut tries = tries
-                .by_ref()
-                .chain([with(&[key], &[choice.clone()])])
-                .chain(other.into_iter().take(TRIES).map(beside));
-            let Some(Err(first)) = tries.next() else { continue };
-            if !tries.any(|study| study.is_ok()) {
-                problems.push((format!("search.space.{key}"), format!("{choice}: {}", reasons(&first))));
+            // beside the values of good trials, alone, beside those of others
+            let alone = with(&[key], std::slice::from_ref(&choice));
+            let (first, last) = (good.iter().take(TRIES).copied(), other.iter().take(TRIES).copied());
+            let mut tries = first.map(beside).chain([alone]).chain(last.map(beside));
+            let Some(Err(error)) = tries.next() else { continue };
+            if !tries.any(|trial| trial.is_ok()) {
+                problems.push((format!("search.space.{key}"), format!("{choice}: {}", reasons(&error))));
             }
         }
     }
@@ -248,7 +245,7 @@ mod tests {
         let study = Study::parse(&text, path).unwrap();
         let message = studies(&study, path, &text).unwrap_err().to_string();
         assert!(
-            message.contains("search.space.training.optimiser: \"adam\": training.optimiser: unknown field"),
+            message.contains("search.space.training.optimiser: \"adam\": training.optimiser: unknown key"),
             "{message}"
         );
         let text = text.replace("'training.optimiser' = ['adam']", "'export.author' = ['A']");
@@ -274,7 +271,7 @@ mod tests {
         let lines: Vec<&str> = wrong.lines().collect();
         assert_eq!(lines.len(), 4, "{wrong}");
         for (line, says) in lines.iter().zip([
-            "search.space.network.activation: \"rele\": network.activation: unknown variant `rele`",
+            "search.space.network.activation: \"rele\": network.activation: \"rele\", expected one of",
             "search.space.training.dropout: 2.0: training.dropout: 2, expected a share of at least 0 and below 1",
             "search.space.parameters.L.max: 0.01: parameters.L: range is empty: min 0.1 is not below max 0.01",
             "search.space.source.constants.M: 1.0: source.constants.M: single-pendulum has no quantity `M`",

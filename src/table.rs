@@ -339,4 +339,19 @@ mod tests {
         let message = table.column("y").unwrap_err().to_string();
         assert!(message.contains(":1: no column `y`, expected it among time, x"), "{message}");
     }
+
+    #[test]
+    fn a_table_of_many_columns_is_read_in_a_moment() {
+        const COLUMNS: usize = 80_000;
+        let names: Vec<String> = (0..COLUMNS).map(|column| format!("y{column}")).collect();
+        let begin = std::time::Instant::now();
+        let table = open(format!("{}\n{}0\n", names.join(","), "0,".repeat(COLUMNS - 1)).as_bytes()).unwrap();
+        for (position, name) in names.iter().enumerate() {
+            assert_eq!(table.column(name).unwrap(), position);
+        }
+        let message = table.column("z").unwrap_err().to_string();
+        assert!(message.contains("y18, y19 and 79980 more"), "{message}");
+        // comparing each name with each takes half a minute
+        assert!(begin.elapsed().as_secs() < 10, "{:?}", begin.elapsed());
+    }
 }

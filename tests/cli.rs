@@ -148,8 +148,11 @@ fn small_study() -> String {
         assert!(study.contains(line), "{line}");
         study = study.replace(line, smaller);
     }
-    study
+    study + ANY
 }
+
+/// Accepts whatever so little training gives.
+const ANY: &str = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n";
 
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
@@ -596,4 +599,82 @@ fn inputs_that_cannot_be_are_refused() {
     fs::write(bench.path("inputs.csv"), "time,L\n0,0.1\n").unwrap();
     bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &["variable `L`: is no input"]);
     bench.fails(&["simulate", FMU, "--input", "absent.csv"], &["absent.csv", "cannot read"]);
+}
+
+#[test]
+fn a_poor_surrogate_is_rejected_in_the_last_lines_and_by_the_exit_code() {
+    let bench = Bench::new();
+    fs::write(bench.path("study.toml"), small_study().replace(ANY, "")).unwrap();
+    let is_rejected = |output: &Output, says: &[&str]| {
+        assert_eq!(output.status.code(), Some(1), "{}{}", stdout(output), stderr(output));
+        let text = stdout(output);
+        let (_, last) = text.split_once("\nrejected: this surrogate is not good enough to be used\n").unwrap();
+        assert!(last.lines().all(|line| line.starts_with("  ")), "{text}");
+        says.iter().for_each(|says| assert!(last.contains(says), "{says} is not in {text}"));
+    };
+    let of_baseline = "times that of the baseline polynomial";
+    is_rejected(&bench.run(&["build", "study.toml"]), &["  theta: ", of_baseline]);
+    assert!(bench.path("out/single-pendulum/single-pendulum.fmu").exists(), "it may be looked at");
+    let report = fs::read_to_string(bench.path("out/single-pendulum/report.html")).unwrap();
+    let (_, first) = report.split_once("</h1>\n").unwrap();
+    assert!(first.starts_with("<p><strong>Rejected: "), "{}", &first[..200]);
+    assert!(first.contains(of_baseline) && !report.contains("It may be trusted"));
+    let metrics = || -> serde_json::Value {
+        serde_json::from_str(&fs::read_to_string(bench.path("out/single-pendulum/metrics.json")).unwrap()).unwrap()
+    };
+    assert_eq!(metrics()["verdict"]["accepted"], false);
+    assert!(metrics()["verdict"]["problems"][0].as_str().unwrap().starts_with("theta: "));
+    is_rejected(&bench.run(&["evaluate", "study.toml"]), &["  theta: ", of_baseline]);
+    let output = bench.run(&["evaluate", "study.toml", "--json"]);
+    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((output.status.code(), &printed["verdict"]), (Some(1), &metrics()["verdict"]));
+    assert!(stderr(&output).contains("rejected: "), "{}", stderr(&output));
+    let output = bench.run(&["export", "study.toml"]);
+    assert!(output.status.success() && stderr(&output).contains("rejected: "), "{}", stderr(&output));
+
+    // other limits ask for no other training
+    fs::write(bench.path("study.toml"), small_study()).unwrap();
+    let output = bench.run(&["evaluate", "study.toml"]);
+    assert!(output.status.success() && !stdout(&output).contains("rejected"), "{}", stderr(&output));
+    assert_eq!(metrics()["verdict"], serde_json::json!({ "accepted": true, "problems": [] }));
+
+    // a training knows what it did on the runs that were held out
+    let study = small_study().replace(ANY, "");
+    let rate = study.lines().find(|line| line.starts_with("learning_rate")).unwrap();
+    fs::write(bench.path("study.toml"), study.replace(rate, "learning_rate = 5000.0")).unwrap();
+    is_rejected(&bench.run(&["train", "study.toml"]), &["on the held-out runs, expected at least 0 (accept.r2)"]);
+    fs::write(bench.path("study.toml"), small_study().replace(rate, "learning_rate = 1e38")).unwrap();
+    is_rejected(&bench.run(&["train", "study.toml"]), &["the training diverged after "]);
+}
+
+#[test]
+fn a_constant_output_is_exact_and_one_that_cannot_be_computed_with_is_refused_before_the_training() {
+    let bench = Bench::new();
+    let rows = |output: f64| -> String {
+        let run = |run: u32| {
+            (0..3)
+                .map(move |row| format!("{run},{},{},{output:e}\n", 0.5 * f64::from(row), 0.1 + 0.01 * f64::from(run)))
+        };
+        "run,time,L,y\n".to_owned() + &(0..10).flat_map(run).collect::<String>()
+    };
+    let study = "name = \"s\"\n[source]\ntable = \"runs.csv\"\n[time]\nstop = 1\nstep = 0.5\n[parameters]\n\
+                 L = { min = 0.1, max = 0.2 }\n[outputs]\ny = {}\n[sampling]\ntest_runs = 2\n[network]\nhidden = [4]\n\
+                 [training]\nepochs = 2\n[baselines]\nbuild = []\n";
+    fs::write(bench.path("study.toml"), study).unwrap();
+    for output in [3.0, 0.0] {
+        fs::write(bench.path("runs.csv"), rows(output)).unwrap();
+        let result = bench.run(&["build", "study.toml", "--json"]);
+        assert!(result.status.success(), "{}", stderr(&result));
+        let metrics: serde_json::Value = serde_json::from_slice(&result.stdout).unwrap();
+        assert_eq!(metrics["outputs"]["y"]["max_abs_error"], 0.0, "{metrics}");
+        assert!(bench.run(&["export", "study.toml"]).status.success());
+    }
+    fs::remove_dir_all(bench.path("out")).unwrap();
+    for output in [1e155, 1e-200] {
+        fs::write(bench.path("runs.csv"), rows(output)).unwrap();
+        let says = format!("study.toml:10: outputs.y: from {output:e} to {output:e} in the runs, expected ");
+        let result = bench.run(&["build", "study.toml"]);
+        assert_eq!(result.status.code(), Some(2), "{}", stderr(&result));
+        assert!(stderr(&result).contains(&says) && !stderr(&result).contains("epoch"), "{}", stderr(&result));
+    }
 }

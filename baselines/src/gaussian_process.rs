@@ -1,6 +1,6 @@
 //! Gaussian process regression (kriging).
 
-use crate::{Baseline, Fitted, Rows, at_least, expect, for_each_output};
+use crate::{Baseline, Fitted, Rows, at_least, at_most, expect, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
@@ -40,11 +40,16 @@ impl Baseline for GaussianProcess {
 
     fn problems(&self) -> Vec<(&'static str, String)> {
         let counts = [("rows", self.rows, 2), ("kernel_rows", self.kernel_rows, 2), ("steps", self.steps, 1)];
-        let counts = counts.into_iter().filter_map(|(key, value, least)| at_least(key, value, least));
+        let counts = counts
+            .into_iter()
+            .filter_map(|(key, value, least)| at_least(key, value, least).or(at_most(key, value, MOST)));
         let noise = expect((0.002..1.0).contains(&self.noise), "noise", &self.noise, "0.002 to 1");
         counts.chain(noise).collect()
     }
 }
+
+/// Rows, the squares of whose number are in memory, and steps of the search.
+const MOST: usize = 20_000;
 
 /// Outputs are given to friedrich in thousandths of a standard deviation: its search changes the logarithm of the noise by a
 /// share of itself, which goes the right way only as long as that is positive. The noise is never below one of these.

@@ -1,6 +1,8 @@
 //! Gradient boosting: trees that each correct the sum of those before.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows, at_least, expect, for_each_output, svr::matrix};
+use crate::{
+    Baseline, Fitted, LibraryModel, MOST_TREES, Rows, at_least, at_most, expect, for_each_output, svr::matrix,
+};
 use serde::{Deserialize, Serialize};
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
@@ -63,6 +65,7 @@ impl Baseline for GradientBoosting {
         let share = expect(share, "learning_rate", &self.learning_rate, "above 0, at most 1");
         let depth = at_least("depth", self.depth.into(), 1);
         at_least("trees", self.trees, 1)
+            .or(at_most("trees", self.trees, MOST_TREES))
             .into_iter()
             .chain(depth)
             .chain(share)

@@ -98,6 +98,13 @@ fn positive(key: &'static str, value: f64) -> Option<(&'static str, String)> {
     expect(value > 0.0 && value.is_finite(), key, &value, "a positive number")
 }
 
+fn at_most(key: &'static str, value: usize, most: usize) -> Option<(&'static str, String)> {
+    expect(value <= most, key, &value, &format!("at most {most}"))
+}
+
+/// Trees of a model: all of them are in memory.
+const MOST_TREES: usize = 10_000;
+
 fn at_least(key: &'static str, value: usize, least: usize) -> Option<(&'static str, String)> {
     expect(value >= least, key, &value, &format!("at least {least}"))
 }

@@ -192,6 +192,12 @@ mod tests {
             ("svr = { rows = 1 }", "svr.rows: 1, expected at least 2"),
             ("knn = { neighbours = 0 }", "knn.neighbours: 0, expected at least 1"),
             ("random-forest = { trees = 0 }", "random-forest.trees: 0, expected at least 1"),
+            ("random-forest = { trees = 1000000000 }", "random-forest.trees: 1000000000, expected at most 10000"),
+            (
+                "gradient-boosting = { trees = 1000000000 }",
+                "gradient-boosting.trees: 1000000000, expected at most 10000",
+            ),
+            ("gaussian-process = { rows = 1000000 }", "gaussian-process.rows: 1000000, expected at most 20000"),
         ] {
             let problems: Vec<String> =
                 parse(text).unwrap().into_iter().map(|(key, message)| format!("{key}: {message}")).collect();

@@ -1,6 +1,6 @@
 //! Decision trees, and forests of them.
 
-use crate::{Baseline, Fitted, Rows, at_least, for_each_output, svr::matrix};
+use crate::{Baseline, Fitted, MOST_TREES, Rows, at_least, at_most, for_each_output, svr::matrix};
 use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
 use serde::{Deserialize, Serialize};
 use smartcore::{
@@ -131,7 +131,7 @@ impl Baseline for ExtraTrees {
 }
 
 fn problems(trees: usize, leaf: usize, rows: usize) -> Vec<(&'static str, String)> {
-    let trees = at_least("trees", trees, 1).into_iter();
+    let trees = at_least("trees", trees, 1).or(at_most("trees", trees, MOST_TREES)).into_iter();
     trees.chain(at_least("leaf", leaf, 1)).chain(at_least("rows", rows, 2)).collect()
 }
 

@@ -1,18 +1,19 @@
 //! `metafmu build`: the whole way from a study to a validated FMU.
 
 use super::{
-    Outcome, compare,
-    evaluate::{self, Metrics},
+    Outcome, compare, evaluate,
     export::{self, Plan, Written},
     heard, interrupt,
     job::Job,
-    print, print_json, report, sample, say, train,
+    print, print_json, report, sample, say,
+    train::{self, TrainingRecord},
 };
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
     baseline::Comparison,
     dataset::Dataset,
+    evaluation::Accuracy,
     fmu::{Watch, validate_apart},
     report::Evaluated,
     sampling::Sets,
@@ -28,8 +29,11 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let kept = if args.resume { sample::kept(&job)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(&job), Ok)?;
     let (surrogate, training) = train::stage(&job, &samples.sets.train, &samples.sets.calibration, args.resume)?;
-    let metrics = evaluate::stage(&job, &surrogate, &samples.sets.test, &samples.record, &training)?;
     let evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    let accuracy = evaluated.accuracy.clone();
+    let comparison = compare_in_build(&job, &surrogate, &accuracy, &training, &samples.sets)?;
+    let (metrics, verdict) =
+        evaluate::stage(&job, &surrogate, accuracy, comparison.as_ref(), &samples.record, &training)?;
     let figures = export::figures(&evaluated)?;
     let written = export::stage(&job, &plan, &surrogate, Some(&metrics.accuracy), &figures)?;
     let mut problems = 0;
@@ -38,7 +42,6 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         problems += report.problems.len();
         say(format_args!("validated {}: {}", fmu.display(), report.to_string().trim_end()));
     }
-    let comparison = compare_in_build(&job, &surrogate, &metrics, &samples.sets)?;
     report::stage(&job, &evaluated, &samples.record, &training, None, None)?;
     if job.json {
         print_json(&metrics)?;
@@ -47,9 +50,11 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         comparison.map_or(Ok(()), |comparison| print(&format!("{}\n", comparison.table())))?;
         print(&files(&job, &written))?;
     }
-    Ok(match train::outcome(&training) {
-        Outcome::Fine if problems > 0 => Outcome::ProblemsFound,
-        outcome => outcome,
+    let outcome = train::conclude(&job, &verdict)?;
+    Ok(match problems {
+        _ if train::was_interrupted(&training) => Outcome::Interrupted,
+        0 => outcome,
+        _ => Outcome::ProblemsFound,
     })
 }
 
@@ -57,14 +62,15 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
 fn compare_in_build(
     job: &Job,
     surrogate: &Surrogate,
-    metrics: &Metrics,
+    accuracy: &Accuracy,
+    training: &TrainingRecord,
     sets: &Sets<Dataset>,
 ) -> Result<Option<Comparison>> {
     let kinds = &job.study.baselines.build;
     if kinds.is_empty() {
         return Ok(None);
     }
-    let network = compare::network_row(surrogate, &metrics.accuracy, &metrics.training, &sets.test);
+    let network = compare::network_row(surrogate, accuracy, training, &sets.test);
     compare::stage(job, kinds, network, &sets.train, &sets.test).map(Some)
 }
 

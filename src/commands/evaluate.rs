@@ -1,10 +1,16 @@
 //! `metafmu evaluate`: compares the surrogate with the unseen test runs.
 
-use super::{Outcome, job::Job, job::SamplesRecord, print, print_json, train::TrainingRecord};
+use super::{
+    Outcome,
+    job::{Job, SamplesRecord},
+    print, print_json,
+    train::{TrainingRecord, conclude},
+};
 use crate::cli::StudyArgs;
 use metafmu::{
     Result,
-    dataset::Dataset,
+    acceptance::Verdict,
+    baseline::Comparison,
     evaluation::{Accuracy, OutputMetrics},
     files,
 };
@@ -32,27 +38,31 @@ pub fn run(args: &StudyArgs) -> Result<Outcome> {
     let (surrogate, training) = (job.load_model()?, job.load_training_record()?);
     let (test, samples) = (job.load_table("test")?, job.load_samples_record()?);
     job.prepare_folder()?;
-    let metrics = stage(&job, &surrogate, &test, &samples, &training)?;
+    let accuracy = Accuracy::of(&surrogate, &test);
+    let comparison = job.load_comparison(&accuracy)?;
+    let (metrics, verdict) = stage(&job, &surrogate, accuracy, comparison.as_ref(), &samples, &training)?;
     if job.json {
         print_json(&metrics)?;
     } else {
         print(&format!("{}\n{}\n", table(&job, &metrics), job.metrics().display()))?;
     }
-    Ok(Outcome::Fine)
+    conclude(&job, &verdict)
 }
 
-/// Evaluates the surrogate on the test runs and writes `metrics.json`.
+/// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
 pub fn stage(
     job: &Job,
     surrogate: &Surrogate,
-    test: &Dataset,
+    accuracy: Accuracy,
+    comparison: Option<&Comparison>,
     samples: &SamplesRecord,
     training: &TrainingRecord,
-) -> Result<Metrics> {
+) -> Result<(Metrics, Verdict)> {
     let provenance = &surrogate.metadata().provenance;
+    let verdict = job.judge(surrogate, training, &accuracy, comparison);
     let metrics = Metrics {
         name: job.study.name.clone(),
-        accuracy: Accuracy::of(surrogate, test),
+        accuracy: Accuracy { verdict: Some(verdict.clone()), ..accuracy },
         train_runs: samples.train_runs + training.added_runs,
         sample_seconds: samples.sample_seconds,
         training: training.clone(),
@@ -61,7 +71,7 @@ pub fn stage(
         tool: provenance.tool.clone(),
     };
     files::write_json(&job.metrics(), &metrics)?;
-    Ok(metrics)
+    Ok((metrics, verdict))
 }
 
 /// The results as a table for people: errors in the outputs' units.

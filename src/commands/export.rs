@@ -4,6 +4,7 @@ use super::{Outcome, job::Job, prepare::baseline_rows, print, print_json, say};
 use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
     Error, Result,
+    acceptance::{self, Verdict},
     baseline::{Fitted, Kind, choose_rows},
     evaluation::Accuracy,
     files,
@@ -85,7 +86,12 @@ pub fn figures(evaluated: &Evaluated) -> Result<Vec<Drawn>> {
 
 fn export_network(job: &Job, plan: &Plan) -> Result<Vec<Written>> {
     let surrogate = job.load_model()?;
-    let accuracy = job.load_accuracy(&surrogate)?;
+    let accuracy = job.load_accuracy(&surrogate)?.map(|accuracy| {
+        let (training, comparison) = (job.load_training_record()?, job.load_comparison(&accuracy)?);
+        let verdict = job.judge(&surrogate, &training, &accuracy, comparison.as_ref());
+        Ok::<_, Error>(with_verdict(accuracy, verdict))
+    });
+    let accuracy = accuracy.transpose()?;
     job.prepare_folder()?;
     let figures = match &accuracy {
         Some(_) if job.table("test").exists() => figures(&Evaluated::new(&surrogate, &job.load_table("test")?))?,
@@ -110,7 +116,16 @@ fn export_baseline(job: &Job, plan: &Plan, kind: Kind) -> Result<Vec<Written>> {
     let surrogate = surrogate::assemble_baseline(study, &train, rows.len(), kind, regression)?;
     surrogate::save(&surrogate, &job.baseline_model(kind))?;
     let evaluated = Evaluated::new(&surrogate, &test);
-    write(job, plan, &surrogate, Some(&evaluated.accuracy), &figures(&evaluated)?, &format!("-{model}"))
+    // the network's own: a baseline is not compared with baselines
+    let verdict = Verdict::of(acceptance::problems(study, &surrogate, &evaluated.accuracy, None, "test runs"));
+    let accuracy = with_verdict(evaluated.accuracy.clone(), verdict);
+    write(job, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
+}
+
+/// An FMU of a rejected surrogate is made all the same, and says so.
+fn with_verdict(accuracy: Accuracy, verdict: Verdict) -> Accuracy {
+    verdict.text().lines().for_each(say);
+    Accuracy { verdict: Some(verdict), ..accuracy }
 }
 
 /// Writes the network's FMUs.

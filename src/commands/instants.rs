@@ -16,7 +16,7 @@ use metafmu::{
     network::Network,
     source::Journal,
     study::Study,
-    training::{self, EpochRecord, Observer, Outcome, StopReason},
+    training::{self, EpochRecord, Observer, Outcome, Rows, StopReason},
 };
 use metafmu_runtime::{Model, ScaledNetwork};
 use std::{
@@ -118,12 +118,11 @@ fn train_one(study: &Study, prepared: &Prepared, goal: usize) -> Result<Outcome>
     if outcome.reason == StopReason::Interrupted && outcome.history.len() < goal {
         return Err(Error::Interrupted);
     }
-    Ok(Outcome { network: without_constants(&outcome.network, prepared)?, ..outcome })
+    Ok(Outcome { network: without_constants(&outcome.network, training)?, ..outcome })
 }
 
-/// The network with zero for outputs that are constant at this instant, as initial values are: an exact constant.
-fn without_constants(network: &Network, prepared: &Prepared) -> Result<Network> {
-    let rows = &prepared.training;
+/// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
+pub fn without_constants(network: &Network, rows: &Rows) -> Result<Network> {
     let mut layers = network.to_layers();
     let Some(last) = layers.last_mut() else { return Ok(network.clone()) };
     for output in 0..rows.n_outputs() {

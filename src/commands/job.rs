@@ -5,12 +5,12 @@ use crate::cli::StudyArgs;
 use indexmap::IndexMap;
 use metafmu::{
     Error, Result,
+    acceptance::{self, Verdict},
     baseline::{Comparison, Kind, comparison::NETWORK},
     dataset::Dataset,
     evaluation::Accuracy,
     files,
     multibody::Mechanism,
-    report::Evaluated,
     sampling::Sets,
     scaling,
     source::{Source, shard::Shard},
@@ -219,14 +219,25 @@ impl Job {
         Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
     }
 
+    /// What is to be thought of a surrogate with this accuracy on the test runs.
+    pub fn judge(
+        &self,
+        surrogate: &Surrogate,
+        training: &TrainingRecord,
+        accuracy: &Accuracy,
+        comparison: Option<&Comparison>,
+    ) -> Verdict {
+        let of_outputs = acceptance::problems(&self.study, surrogate, accuracy, comparison, "test runs");
+        Verdict::of([training.problems(&self.study), of_outputs].concat())
+    }
+
     /// Reads the comparison with other models; none if there is none of these test runs.
-    pub fn load_comparison(&self, evaluated: &Evaluated) -> Result<Option<Comparison>> {
+    pub fn load_comparison(&self, measured: &Accuracy) -> Result<Option<Comparison>> {
         let path = self.comparison();
         if !path.exists() {
             return Ok(None);
         }
         let comparison: Comparison = self.load_json(&path, "metafmu compare")?;
-        let measured = &evaluated.accuracy;
         let network = comparison.models.iter().find(|row| row.model == NETWORK);
         // made with an earlier network
         let same = network.is_some_and(|row| {
@@ -236,7 +247,7 @@ impl Job {
                 })
         });
         if !same {
-            say(format_args!("{} is of another network: it is left out of the report", path.display()));
+            say(format_args!("{} is of another network: it is left out", path.display()));
         }
         Ok(Some(comparison).filter(|_| same))
     }

@@ -61,12 +61,14 @@ pub fn stage(
     let history = if job.history().exists() { Epoch::read_csv(&job.history())? } else { Vec::new() };
     let beside = other.map(|other| Evaluated::new(&other.surrogate, evaluated.test));
     let beside = other.zip(beside.as_ref()).map(|(other, beside)| other.beside(job, evaluated, beside, training));
-    let comparison = job.load_comparison(evaluated)?;
+    let comparison = job.load_comparison(&evaluated.accuracy)?;
+    let verdict = job.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref());
     let points = job.source.points(&job.study);
     let facts = facts(job, samples, training);
     let material = Material {
         study: &job.study,
         evaluated,
+        verdict: &verdict,
         points: &points,
         history: &history,
         facts: &facts,

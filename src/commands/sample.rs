@@ -238,6 +238,9 @@ fn write(
     sample_seconds: f64,
     progress: &Progress,
 ) -> Result<Samples> {
+    for (_, dataset) in sets.named() {
+        job.study.refuse(scaling::problems(dataset))?;
+    }
     let mut record = SamplesRecord {
         sampling_digest: job.study.sampling_digest(),
         train_runs: sets.train.runs.len(),
@@ -254,9 +257,6 @@ fn write(
     progress.finish(&format!(
         "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
     ));
-    for (_, dataset) in sets.named() {
-        job.study.refuse(scaling::problems(dataset))?;
-    }
     // tables without a record are not trusted: it goes first and comes back last
     files::remove(&job.samples_record())?;
     for (set, dataset) in sets.named() {

@@ -6,6 +6,7 @@ use super::{
     prepare::{Prepared, baseline_rows_and_held_out, prepare, prepare_instants},
     print, print_json,
     progress::Progress,
+    say,
     side_by_side::side_by_side,
 };
 use crate::cli::SearchArgs;
@@ -146,10 +147,8 @@ fn tell_unfit(trials: &[Trial]) {
     let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
     if let Some(first) = unfit.first() {
         let (count, first) = (unfit.len(), first.to_string().replace('\n', "; "));
-        eprintln!(
-            "{count} of {} trials have values that do not go together and fail, the first: {first}",
-            trials.len()
-        );
+        let total = trials.len();
+        say(format_args!("{count} of {total} trials have values that do not go together and fail, the first: {first}"));
     }
 }
 

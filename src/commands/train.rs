@@ -3,15 +3,18 @@
 use super::{
     Outcome, improve, instants, interrupt,
     job::Job,
-    prepare::{Prepared, prepare},
+    prepare::{Prepared, held_out, prepare},
     print, print_json,
     progress::Progress,
     rescue, say,
 };
 use crate::cli::TrainArgs;
 use metafmu::{
-    Error, Result, calibration,
+    Error, Result,
+    acceptance::{self, Verdict},
+    calibration,
     dataset::Dataset,
+    evaluation::Accuracy,
     files,
     study::{Structure, Study},
     surrogate,
@@ -45,6 +48,28 @@ pub struct TrainingRecord {
     pub target_met: Option<bool>,
 }
 
+impl TrainingRecord {
+    /// What is wrong with the training, whatever the accuracy is.
+    pub fn problems(&self, study: &Study) -> Vec<String> {
+        let Self { epochs, stopped, target_met, .. } = self;
+        let diverged = stopped == describe(StopReason::Diverged);
+        let diverged = diverged.then(|| format!("the training diverged after {epochs} epochs: {stopped}"));
+        let short = study
+            .target
+            .filter(|_| *target_met == Some(false))
+            .map(|target| format!("not every output reached an R² of {} on the held-out runs (target.r2)", target.r2));
+        diverged.into_iter().chain(short).collect()
+    }
+}
+
+/// What `train` prints as JSON.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    record: &'a TrainingRecord,
+    verdict: &'a Verdict,
+}
+
 fn is_zero(count: &usize) -> bool {
     *count == 0
 }
@@ -53,24 +78,28 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
     let job = Job::new(&args.study)?;
     let (train, calibration) = (job.load_table("train")?, job.load_table("calibration")?);
     job.prepare_folder()?;
-    let (_, record) = stage(&job, &train, &calibration, args.resume)?;
+    let (surrogate, record) = stage(&job, &train, &calibration, args.resume)?;
+    // the test runs are not for this: on those that were held out
+    let accuracy = Accuracy::of(&surrogate, &held_out(&job.study, &train));
+    let of_outputs = acceptance::problems(&job.study, &surrogate, &accuracy, None, "held-out runs");
+    let verdict = Verdict::of([record.problems(&job.study), of_outputs].concat());
     if job.json {
-        print_json(&record)?;
+        print_json(&Printed { record: &record, verdict: &verdict })?;
     } else {
         print(&format!("{}\n{}\n", job.model().display(), job.history().display()))?;
     }
-    Ok(outcome(&record))
+    let outcome = conclude(&job, &verdict)?;
+    Ok(if was_interrupted(&record) { Outcome::Interrupted } else { outcome })
 }
 
-/// How a command ends that went well after this training.
-pub fn outcome(record: &TrainingRecord) -> Outcome {
-    if was_interrupted(record) {
-        Outcome::Interrupted
-    } else if record.target_met == Some(false) {
-        Outcome::ProblemsFound
+/// The last lines of a command that has made or measured a surrogate, and how it ends.
+pub fn conclude(job: &Job, verdict: &Verdict) -> Result<Outcome> {
+    if job.json {
+        verdict.text().lines().for_each(say);
     } else {
-        Outcome::Fine
+        print(&verdict.text())?;
     }
+    Ok(if verdict.accepted { Outcome::Fine } else { Outcome::ProblemsFound })
 }
 
 /// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
@@ -161,7 +190,8 @@ fn train(job: &Job, dataset: &Dataset, added: usize, start: Option<&Surrogate>, 
         record.best_epoch,
         record.validation_runs
     ));
-    let model = Model::Network(ScaledNetwork { scaling, layers: outcome.network.to_layers() });
+    let network = instants::without_constants(&outcome.network, &training_rows)?;
+    let model = Model::Network(ScaledNetwork { scaling, layers: network.to_layers() });
     Ok(Trained { model, history: outcome.history, record })
 }
 

@@ -3,8 +3,9 @@
 
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
 use crate::{
+    acceptance::Verdict,
     evaluation::Accuracy,
-    html::{activation, escape, number},
+    html::{activation, escape, number, rejection},
     report::Drawn,
     study::ExportOptions,
 };
@@ -31,6 +32,8 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}</title>\n\
          <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
     );
+    let verdict = accuracy.and_then(|accuracy| accuracy.verdict.as_ref());
+    page.push_str(&verdict.map_or(String::new(), rejection));
     if !metadata.description.is_empty() {
         line(&mut page, &format!("<p>{}</p>", escape(&metadata.description)));
     }
@@ -38,9 +41,14 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
         &mut page,
         &format!(
             "<p>This FMU is {} that stands in for a simulation model. It computes its outputs directly from its inputs, \
-             parameters and the time, any step size will do, and it may be trusted inside the ranges below only{}.</p>",
+             parameters and the time, any step size will do{}.</p>",
             what(surrogate.model()),
-            unchanged(surrogate)
+            match verdict {
+                Some(Verdict { accepted: true, .. }) => {
+                    format!(", and it may be trusted inside the ranges below only{}", unchanged(surrogate))
+                }
+                _ => String::new(),
+            }
         ),
     );
     variables(&mut page, surrogate);
@@ -254,6 +262,7 @@ mod tests {
             test_runs: 20,
             test_rows: 4020,
             content_digest: String::new(),
+            verdict: Some(Verdict::of(Vec::new())),
         };
         let figure =
             Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
@@ -271,8 +280,15 @@ mod tests {
             assert!(page.contains(piece), "{piece} is not in {page}");
         }
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
-        let page = card(&surrogate, &ExportOptions::default(), None, &[]);
-        assert!(page.contains("was not evaluated"));
-        assert!(page.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{page}");
+        let trusted = "may be trusted inside the ranges";
+        assert!(page.contains(trusted) && !page.contains("Rejected"), "{page}");
+        let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
+        assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
+        assert!(unknown.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
+        let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()]));
+        let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
+        let (title, rest) = rejected.split_once("</h1>").unwrap();
+        assert!(rest.starts_with("\n<p><strong>Rejected: this surrogate is not good enough"), "{title}{rest}");
+        assert!(rest.contains("<li>angle: R² -1 &lt; 0</li>") && !rest.contains(trusted), "{rest}");
     }
 }

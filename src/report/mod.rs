@@ -9,7 +9,7 @@ mod numbers;
 mod page;
 mod plot;
 
-use crate::{Error, Result, baseline::Comparison, source::Point, study::Study, table::Place};
+use crate::{Error, Result, acceptance::Verdict, baseline::Comparison, source::Point, study::Study, table::Place};
 use chart::Chart;
 pub use figures::{Beside, card_figures};
 pub use numbers::Evaluated;
@@ -25,6 +25,8 @@ pub struct Material<'a> {
     pub study: &'a Study,
     /// The surrogate on the test runs.
     pub evaluated: &'a Evaluated<'a>,
+    /// What is thought of it.
+    pub verdict: &'a Verdict,
     /// Points whose paths are shown.
     pub points: &'a [Point],
     /// The training, epoch by epoch.

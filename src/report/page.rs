@@ -1,7 +1,10 @@
 //! The page: sections, figures and tables in one file that loads nothing.
 
 use super::{Block, Drawn, Material, figures::sections};
-use crate::{Result, html::escape};
+use crate::{
+    Result,
+    html::{escape, rejection},
+};
 use rayon::prelude::*;
 use std::fmt::Write;
 
@@ -17,7 +20,8 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}: report</title>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-         <style>\n{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n<nav>"
+         <style>\n{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n{}<nav>",
+        rejection(material.verdict)
     );
     // writing to a string does not fail
     for section in &sections {

@@ -691,6 +691,11 @@ mod tests {
         messages[0].clone()
     }
 
+    /// The good study with another plan.
+    fn sobol(runs: usize) -> String {
+        GOOD.replacen("\"mesh\"", "\"sobol\"", 1).replacen("levels = 11", &format!("runs = {runs}"), 1)
+    }
+
     #[test]
     fn the_example_is_the_papers_case() {
         let study = Study::parse(GOOD, Path::new("single-pendulum.toml")).unwrap();
@@ -766,7 +771,7 @@ mod tests {
             ("[network]", "[bounds]\nruns = 18\n[network]", "[network]", "bounds.runs", "at least 19"),
             ("theta = {", "in_domain = {", "theta = ", "outputs.in_domain", "that every FMU of metafmu has"),
             ("[network]", "[accept]\nr2 = 1.5\n[network]", "[network]", "accept.r2", "a number below 1"),
-            ("[network]", "[accept]\nr3 = 0.5\n[network]", "[network]", "accept.r3", "unknown field"),
+            ("[network]", "[accept]\nr3 = 0.5\n[network]", "[network]", "accept.r3", "unknown key"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));
             let found = messages.first().cloned().unwrap_or_default();
@@ -858,7 +863,6 @@ mod tests {
     #[test]
     fn counts_that_no_machine_can_hold_are_refused_with_their_limit() {
         let huge = "1000000000000";
-        let runs = |runs: &str| format!("method = \"sobol\"\nruns = {runs}");
         for (from, to, says) in [
             (
                 "test_runs = 200",
@@ -869,16 +873,6 @@ mod tests {
                 "levels = 11",
                 format!("levels = {huge}"),
                 "sampling.levels: more runs than can be counted, expected at most 10000000",
-            ),
-            (
-                "method = \"mesh\"\nlevels = 11",
-                runs(huge),
-                "sampling.runs: 1000000000000 runs, expected at most 10000000",
-            ),
-            (
-                "method = \"mesh\"\nlevels = 11",
-                runs("9000000"),
-                "sampling: 1.809e9 rows of all runs, expected at most a billion",
             ),
             (
                 "[network]",
@@ -899,17 +893,20 @@ mod tests {
             let found = message(from, &to);
             assert!(found.contains(says), "{says} is not in {found}");
         }
+        for (runs, says) in [
+            (1_000_000_000_000, "sampling.runs: 1000000000000 runs, expected at most 10000000"),
+            (9_000_000, "sampling: 1.809e9 rows of all runs, expected at most a billion"),
+        ] {
+            let found = problems(&sobol(runs));
+            assert!(found.len() == 1 && found[0].contains(says), "{found:#?}");
+        }
         let name = message("name = \"single-pendulum\"", &format!("name = \"{}\"", "n".repeat(300)));
         assert!(name.contains("name: 300 characters, expected at most 100"), "{name}");
     }
 
     #[test]
     fn a_target_needs_enough_held_out_runs() {
-        let of = |runs: usize| {
-            let text =
-                GOOD.replacen("method = \"mesh\"\nlevels = 11", &format!("method = \"sobol\"\nruns = {runs}"), 1);
-            problems(&(text + "[target]\nr2 = 0.9\nruns = 10\nmax_runs = 1000\n"))
-        };
+        let of = |runs: usize| problems(&(sobol(runs) + "[target]\nr2 = 0.9\nruns = 10\nmax_runs = 1000\n"));
         // the example holds out a twentieth
         assert_eq!(of(200), Vec::<String>::new());
         let few = of(60);

@@ -226,6 +226,7 @@ def test_a_search_leaves_failed_runs_out(folder):
 def test_runs_that_fail_do_not_keep_a_target_from_being_pursued(folder):
     # nothing hangs there
     text = STUDY.replace("min = 0, max = 1,", "min = 0.56, max = 1,").replace("test_runs = 10", "test_runs = 20")
+    text = text.replace("epochs = 2", "epochs = 2\nvalidation = 0.25")
     study = folder / "campaign.toml"
     study.write_text(text + "[target]\nr2 = 0.9999999\nruns = 20\nmax_runs = 85\n")
     build = lambda: subprocess.run([METAFMU, "build", study], cwd=folder, env=environment(folder), capture_output=True, text=True)

@@ -5,7 +5,7 @@ import re
 import zipfile
 
 import pytest
-from conftest import ROOT, metafmu
+from conftest import ANY, ROOT, metafmu
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
@@ -48,7 +48,7 @@ def small(example, folder, *replacements):
         assert old in text, old
         text = text.replace(old, new)
     path = folder / f"{example}.toml"
-    path.write_text(text)
+    path.write_text(text + ANY)
     return path
 
 

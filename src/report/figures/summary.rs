@@ -41,9 +41,8 @@ pub fn summary(material: &Material) -> Section {
         ]
     });
     blocks.push(table(&headings, rows));
-    blocks.push(paragraph(
-        "It may be trusted inside these ranges only. A range of an output is that of the training runs.",
-    ));
+    let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
+    blocks.push(paragraph(&format!("{trust}A range of an output is that of the training runs.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = if input.role == Role::Time { "time" } else { "parameter" };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input))

@@ -66,10 +66,10 @@ impl Resolver<'_> {
         let mut problems = Vec::new();
         let description = self.description;
         for (name, options) in &self.study.parameters {
-            let key = format!("parameters.{name}");
+            let (key, before) = (format!("parameters.{name}"), problems.len());
             let mut add = |message: String| problems.push((key.clone(), message));
             let Some(variable) = description.variable(name) else {
-                add(unknown(description, name, "variable to be set", |variable| varied(variable).is_ok()));
+                add(unknown(description, name, before, "variable to be set", |variable| varied(variable).is_ok()));
                 continue;
             };
             if let Err(reason) = varied(variable) {
@@ -97,9 +97,12 @@ impl Resolver<'_> {
     fn constants(&mut self) -> Problems {
         let mut problems = Vec::new();
         for (name, &value) in &self.study.source.constants {
+            let before = problems.len();
             let mut add = |message: String| problems.push((format!("source.constants.{name}"), message));
             let Some(variable) = self.description.variable(name) else {
-                add(unknown(self.description, name, "variable to be set", |variable| settable(variable).is_ok()));
+                add(unknown(self.description, name, before, "variable to be set", |variable| {
+                    settable(variable).is_ok()
+                }));
                 continue;
             };
             match settable(variable) {
@@ -125,8 +128,9 @@ impl Resolver<'_> {
         for (name, options) in &self.study.outputs {
             let key = format!("outputs.{name}");
             let Some(variable) = recorded_as(self.description, name) else {
-                let message =
-                    unknown(self.description, name, "variable to be recorded", |variable| recordable(variable).is_ok());
+                let message = unknown(self.description, name, problems.len(), "variable to be recorded", |variable| {
+                    recordable(variable).is_ok()
+                });
                 problems.push((key, message));
                 continue;
             };
@@ -226,9 +230,20 @@ fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a 
     })
 }
 
-/// What to say about a name that is not there: those like it, else the first ones.
-fn unknown(description: &ModelDescription, name: &str, what: &str, fits: impl Fn(&ScalarVariable) -> bool) -> String {
+/// What to say about a name that is not there: those like it, else the first ones. After many problems `before` it, which are of one
+/// kind, no more names are compared.
+fn unknown(
+    description: &ModelDescription,
+    name: &str,
+    before: usize,
+    what: &str,
+    fits: impl Fn(&ScalarVariable) -> bool,
+) -> String {
     const SHOWN: usize = 8;
+    const COMPARED: usize = 100;
+    if before >= COMPARED {
+        return format!("the FMU has no {what} `{name}`");
+    }
     let known: Vec<&str> = description.variables.iter().filter(|v| fits(v)).map(|v| v.name.as_str()).collect();
     let lower = name.to_lowercase();
     let like = |known: &&&str| known.to_lowercase().contains(&lower) || lower.contains(&known.to_lowercase());
