@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -408,6 +409,20 @@ def test_arrays_of_an_unreasonable_size_are_refused_by_every_verb(tmp_path, size
         assert (result.returncode, result.stdout) == (2, "") and says in result.stderr, result.stderr
     result = run(tmp_path, "validate", "chain.fmu")
     assert result.returncode == 1 and says in result.stdout, result.stdout
+
+
+def test_an_array_of_very_many_elements_does_not_become_outputs(tmp_path):
+    source = ROOT / "examples" / "fmu-source" / "chain"
+    description = (source / "modelDescription.xml").read_text()
+    with zipfile.ZipFile(tmp_path / "chain.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", description.replace('<Dimension start="3"/>', '<Dimension start="16000000"/>'))
+        archive.writestr("binaries/x86_64-linux/chain.so", "")
+    (tmp_path / "temporary").mkdir()
+    result = run(tmp_path, "new", "x", "--fmu", "chain.fmu")
+    assert result.returncode == 0, result.stderr
+    study = (tmp_path / "x.toml").read_text()
+    assert '\nenergy = {' in study and '\n# "position[1]" = {' in study and "\n# and 15999960 more in the FMU\n" in study
+    assert len(study) < 10_000 and "[arrays]" not in study
 
 
 # ---- Surrogates that take the place of their FMUs -------------------------------------------------------------------

@@ -5,10 +5,10 @@ use metafmu::{
     Error, Result,
     fmu::{
         ModelDescription,
-        host::{InterfaceKind, describe},
+        host::{InterfaceKind, describe, element_names},
         model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable},
     },
-    source::fmu::variables::{elements, range, recordable, varied},
+    source::fmu::variables::{range, recordable, varied},
 };
 use std::{fmt::Write, path::Path};
 
@@ -20,13 +20,16 @@ const ROWS: usize = 200;
 const VARIED: (usize, usize) = (8, 4);
 /// Half the width of a range that the FMU does not give, relative to the start value.
 const AROUND: f64 = 0.1;
+/// How many numbers become outputs at most.
+const OUTPUTS: usize = 1000;
 /// How many variables are listed that the study does not use.
 const LISTED: usize = 40;
 
 pub fn study(name: &str, file: &Path) -> Result<String> {
     let (description, interface) = describe(file, None)?;
     let (parameters, outputs) = (parameters(&description), outputs(&description));
-    let what = match (&parameters, outputs.is_empty()) {
+    let nothing_chosen = chosen(&description).is_empty();
+    let what = match (&parameters, nothing_chosen) {
         (None, _) => "neither a real parameter with a start value nor an input with a range: there is nothing to vary",
         (_, true) => "no real variable to be an output",
         _ => "",
@@ -175,35 +178,51 @@ fn parameters(description: &ModelDescription) -> Option<String> {
 
 /// The outputs, else what is internal, of real numbers; arrays as their elements.
 fn outputs(description: &ModelDescription) -> String {
-    let fitting = description.variables.iter().filter(|variable| recordable(variable).is_ok());
-    let all: Vec<&ScalarVariable> = fitting.collect();
-    let is_output = |variable: &ScalarVariable| variable.causality == Causality::Output;
-    let without_outputs = !all.iter().any(|variable| is_output(variable));
+    let chosen = chosen(description);
     let (mut text, mut listed) = (String::new(), 0);
-    for (position, variable) in all.iter().enumerate() {
-        // a study has at least one
-        let is_chosen = is_output(variable) || (without_outputs && position == 0);
+    for variable in description.variables.iter().filter(|variable| recordable(variable).is_ok()) {
+        let is_chosen = chosen.iter().any(|other| other.name == variable.name);
         let unit = description.unit_of(variable).unwrap_or_default();
         let mark = if is_chosen { "" } else { "# " };
         let about = variable.description.as_deref().filter(|text| !text.is_empty());
         let about = about.map_or(String::new(), |text| format!("    # {}", one_line(text)));
-        for name in elements(description, variable) {
-            listed += usize::from(!is_chosen);
-            if is_chosen || listed <= LISTED {
-                let _ = writeln!(text, "{mark}{} = {{ unit = {} }}{about}", key(&name), quoted(unit));
-            }
+        let shape = description.shape(variable).unwrap_or_default();
+        let shown = if is_chosen { usize::MAX } else { LISTED.saturating_sub(listed) };
+        for name in element_names(&variable.name, &shape).take(shown) {
+            let _ = writeln!(text, "{mark}{} = {{ unit = {} }}{about}", key(&name), quoted(unit));
         }
+        listed += if is_chosen { 0 } else { size(&shape) };
     }
     more(&mut text, listed);
     text
 }
 
+/// The variables that become outputs: the FMU's, as long as they are not too many; a study has at least one.
+fn chosen(description: &ModelDescription) -> Vec<&ScalarVariable> {
+    let fitting = || description.variables.iter().filter(|variable| recordable(variable).is_ok());
+    let mut left = OUTPUTS;
+    let fits = |variable: &&ScalarVariable| {
+        let rest = left.checked_sub(size(&description.shape(variable).unwrap_or_default()));
+        left = rest.unwrap_or(left);
+        rest.is_some()
+    };
+    let outputs = fitting().filter(|variable| variable.causality == Causality::Output);
+    let chosen: Vec<&ScalarVariable> = outputs.filter(fits).collect();
+    let first = || fitting().find(|variable| size(&description.shape(variable).unwrap_or_default()) <= OUTPUTS);
+    if chosen.is_empty() { first().into_iter().collect() } else { chosen }
+}
+
+fn size(shape: &[u64]) -> usize {
+    shape.iter().map(|&size| size as usize).product()
+}
+
 /// Outputs that are arrays in the FMU, as arrays of the surrogate's.
 fn arrays(description: &ModelDescription) -> String {
     let mut text = String::new();
-    for variable in description.outputs().filter(|variable| recordable(variable).is_ok()) {
-        let names: Vec<String> = elements(description, variable).iter().map(|name| quoted(name)).collect();
-        if variable.dimensions.len() == 1 && names.len() > 1 {
+    for variable in chosen(description) {
+        let shape = description.shape(variable).unwrap_or_default();
+        let names: Vec<String> = element_names(&variable.name, &shape).map(|name| quoted(&name)).collect();
+        if variable.causality == Causality::Output && shape.len() == 1 && names.len() > 1 {
             let _ = writeln!(text, "{} = [{}]", key(&variable.name), names.join(", "));
         }
     }

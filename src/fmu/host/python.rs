@@ -1,7 +1,6 @@
 //! The Python interpreter that the binaries of some FMUs expect around them, those of PythonFMU among them: they refer to its
 //! symbols, but to no library that has them, for they were made to be loaded by a Python program.
 
-use libloading::Library;
 use serde::Deserialize;
 use std::{
     path::{Path, PathBuf},
@@ -81,7 +80,7 @@ fn load(file: &Path) -> bool {
     use libloading::os::unix::{Library as Global, RTLD_GLOBAL, RTLD_NOW};
     // SAFETY: the initializers of the interpreter's library run, which is asked for
     let library = unsafe { Global::open(Some(file), RTLD_NOW | RTLD_GLOBAL) };
-    library.map(|library| std::mem::forget(Library::from(library))).is_ok()
+    library.map(std::mem::forget).is_ok()
 }
 
 /// Where binaries name the libraries of their symbols, no other helps.

@@ -210,11 +210,6 @@ pub fn range(description: &ModelDescription, variable: &ScalarVariable) -> (Opti
     (bound(|real| real.min), bound(|real| real.max))
 }
 
-/// Names of the elements of a variable; of a scalar its own.
-pub fn elements(description: &ModelDescription, variable: &ScalarVariable) -> Vec<String> {
-    element_names(&variable.name, &description.shape(variable).unwrap_or_default()).collect()
-}
-
 /// The variable of a name, or the array that has an element of that name.
 fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a ScalarVariable> {
     description.variable(name).or_else(|| {
