@@ -219,6 +219,34 @@ fn a_slider_crank_without_load_keeps_its_energy_at_any_speed() {
 }
 
 #[test]
+fn andrews_squeezing_mechanism_is_the_reference_solution() {
+    // row, then angles of K1, K3, K5 and K7 and the angular velocity of K1: recomputed to 1e-12 by two integrators, because the
+    // test set's own digits are good to 1e-9
+    let reference = [
+        (1, [0.211076385903, 0.449115190012, 0.488743765462, 1.225866794035, 151.0107012692]),
+        (2, [2.160113131532, 0.158516758001, 0.525154774798, 1.068427204632, 711.9231528311]),
+        (4, [8.184905889662, 0.209536913385, 0.522536917156, 1.086275108600, 726.5583426091]),
+        (5, [12.107149234447, 0.440973355583, 0.490519544682, 1.219766771810, 587.4597890778]),
+        (6, [15.810771195153, 0.040822240120, 0.524409965880, 1.048080741042, 1139.92030225]),
+    ];
+    for mechanism in both_formulations(include_str!("../../tests/data/andrews.toml")) {
+        let rows = mechanism.simulate(&[0.033], &grid(0.03, 6), TOLERANCE, &Budget::default()).unwrap();
+        let rows: Vec<&[f64]> = rows.chunks(mechanism.outputs().len()).collect();
+        for (index, [beta, k3, k5, k7, betad]) in reference {
+            let row = rows[index];
+            for (found, exact) in [row[0], row[2], row[3], row[4]].into_iter().zip([beta, k3, k5, k7]) {
+                assert!((found - exact).abs() < 2e-11, "row {index}: {found} {exact}");
+            }
+            assert!((row[1] - betad).abs() < 2e-8, "row {index}: {} {betad}", row[1]);
+        }
+        // at rest: of K1, and of K2 relative to K1
+        assert!(
+            (rows[0][7] - 14222.4439199541).abs() < 1e-7 && (rows[0][8] - rows[0][7] + 10666.8329399656).abs() < 1e-7
+        );
+    }
+}
+
+#[test]
 fn the_pivot_carries_weight_and_centripetal_force() {
     let (m, l, g) = (0.3, 0.15, 9.81);
     for mechanism in both_formulations(SINGLE_PENDULUM) {
