@@ -1,7 +1,7 @@
 //! Progress on stderr: a bar on a terminal, a few lines elsewhere.
 
 use super::say;
-use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{HumanDuration, HumanFloatCount, ProgressBar, ProgressState, ProgressStyle};
 use metafmu::training::Outcome;
 use std::{
     fmt::Write,
@@ -19,7 +19,7 @@ pub struct Progress {
 impl Progress {
     /// Counts simulated runs.
     pub fn runs(count: usize) -> Self {
-        Self::new(count as u64, "sampling {bar:30} {pos}/{len} runs, {per_sec}, {left} left")
+        Self::new(count as u64, "sampling {bar:30} {pos}/{len} runs, {speed}, {left} left")
     }
 
     /// Counts optimizer steps; the message is the loss.
@@ -45,10 +45,16 @@ impl Progress {
     fn new(length: u64, template: &str) -> Self {
         let bar = ProgressBar::new(length);
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-        bar.set_style(style.with_key("left", |state: &ProgressState, text: &mut dyn Write| {
+        let style = style.with_key("speed", |state: &ProgressState, text: &mut dyn Write| {
+            let _ = write!(text, "{}/s", HumanFloatCount(speed(state)));
+        });
+        bar.set_style(style.with_key("left", move |state: &ProgressState, text: &mut dyn Write| {
             // nothing is known before the first is done
-            let _ =
-                if state.pos() == 0 { text.write_char('?') } else { write!(text, "{:#}", HumanDuration(state.eta())) };
+            let left = Duration::try_from_secs_f64(length.saturating_sub(state.pos()) as f64 / speed(state));
+            let _ = match left {
+                Ok(left) => write!(text, "{:#}", HumanDuration(left)),
+                Err(_) => text.write_char('?'),
+            };
         }));
         let on_terminal = std::io::stderr().is_terminal();
         if on_terminal {
@@ -114,4 +120,9 @@ impl Progress {
         self.bar.finish_and_clear();
         say(line);
     }
+}
+
+/// What is done in a second: of late, or from the beginning if that is less, so that it falls at once when nothing moves.
+fn speed(state: &ProgressState) -> f64 {
+    state.per_sec().min(state.pos() as f64 / state.elapsed().as_secs_f64())
 }

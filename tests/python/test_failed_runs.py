@@ -54,7 +54,7 @@ def test_failed_runs_are_left_out_counted_and_listed_also_of_shards(tmp_path):
     assert record["train_runs"] + record["test_runs"] == 80 - record["failed_runs"]
     assert f"warning: {record['failed_runs']} of 80 runs failed and are left out" in result.stderr
     for run in record["failed"]:
-        assert run["parameters"]["L_over_r"] < 1 and re.search(r"t = [0-9.]+ s.*`(joints|drivers)\.", run["reason"])
+        assert run["parameters"]["L_over_r"] < 1 and re.search(r"`joints\.C` at t = [0-9.]+ s", run["reason"])
     for number in (1, 2, 3):
         metafmu("sample", study, "--out", tmp_path / "shards", "--shard", f"{number}/3")
     metafmu("sample", study, "--out", tmp_path / "shards", "--merge")
@@ -69,7 +69,7 @@ def test_failed_runs_are_left_out_counted_and_listed_also_of_shards(tmp_path):
 
 
 def test_rounds_of_a_target_leave_failed_runs_out(tmp_path):
-    target = "[target]\nr2 = 0.9999999\nruns = 20\nmax_runs = 100\n"
+    target = "[target]\nr2 = 0.9999999\nruns = 20\nmax_runs = 100\nadaptive = false\n"
     study = write_study(tmp_path, "max_failed = 0.3", RATIO.replace("4.0", "1.5"), target)
     result = metafmu("build", study, "--out", tmp_path / "out", check=False)
     assert result.returncode == 1 and "further runs failed and are left out, the first: " in result.stderr, result.stderr
@@ -80,17 +80,17 @@ def test_rounds_of_a_target_leave_failed_runs_out(tmp_path):
 
 
 def stiff_study(folder):
-    """Minutes a run: the pendulum on a spring of 5e7 rad/s, none of which is near its end."""
+    """Runs that take long: the pendulum on a spring of 1e5 rad/s. The first three have none and are done at once."""
     mechanism = changed(
         "mechanisms/single-pendulum.toml",
         ('coordinate = "pivot.angle"\n', 'coordinate = "pivot.angle"\nstiffness = "k"\n'),
         ("[parameters]\n", '[parameters]\nk = { default = 0, min = 0, max = 1e8, unit = "N.m/rad" }\n'),
     )
     (folder / "m.toml").write_text(mechanism)
-    (folder / "points.csv").write_text("k\n0\n1\n2\n1e7\n2e7\n3e7\n")
+    (folder / "points.csv").write_text("k\n0\n1\n2\n6e7\n7e7\n8e7\n")
     study = folder / "stiff.toml"
     study.write_text(
-        'name = "stiff"\n[source]\nmechanism = "m.toml"\nmax_failed = 0.9\n[time]\nstop = 0.002\nstep = 0.001\n'
+        'name = "stiff"\n[source]\nmechanism = "m.toml"\nmax_failed = 0.9\n[time]\nstop = 2\nstep = 0.01\n'
         '[parameters]\nk = { min = 0, max = 1e8, unit = "N.m/rad" }\n[outputs]\ntheta = {}\n'
         '[sampling]\nmethod = "list"\nfile = "points.csv"\ntest_runs = 2\n'
     )
@@ -126,4 +126,4 @@ def test_the_progress_bar_says_that_nothing_moves(tmp_path):
     shown = re.findall(r"(\d+)/8 runs, ([0-9.]+)/s, ([^ ]+) left", text.decode())
     assert len(shown) > 5, text
     done, speed, left = shown[-1]
-    assert int(done) < 8 and float(speed) < 5 and left != "0s", shown
+    assert int(done) < 8 and float(speed) < 1 and left != "0s", shown
