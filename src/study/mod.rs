@@ -735,7 +735,6 @@ mod tests {
             ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
             ("min = 0.1,", "min = nan,", "L = ", "parameters.L", "not finite"),
             ("\nc = ", "\n\" c\" = ", "c = ", "parameters. c", "` c` is no name of a variable"),
-            ("\nc = ", "\n\"c\\n\" = ", "c = ", "parameters.c", "is no name of a variable"),
             ("\nc = ", "\nin_domain = ", "c = ", "parameters.in_domain", "that every FMU of metafmu has"),
             ("\nc = ", "\ntime = ", "c = ", "parameters.time", "independent variable"),
             ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
