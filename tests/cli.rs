@@ -612,7 +612,7 @@ fn a_poor_surrogate_is_rejected_in_the_last_lines_and_by_the_exit_code() {
         assert!(last.lines().all(|line| line.starts_with("  ")), "{text}");
         says.iter().for_each(|says| assert!(last.contains(says), "{says} is not in {text}"));
     };
-    let of_baseline = "times that of the baseline polynomial";
+    let of_baseline = "times that of the baseline decision-tree";
     is_rejected(&bench.run(&["build", "study.toml"]), &["  theta: ", of_baseline]);
     assert!(bench.path("out/single-pendulum/single-pendulum.fmu").exists(), "it may be looked at");
     let report = fs::read_to_string(bench.path("out/single-pendulum/report.html")).unwrap();
