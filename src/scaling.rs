@@ -11,8 +11,11 @@ use metafmu_runtime::{Encoder, Scaling};
 pub const LARGEST: f64 = 1e100;
 
 /// What is wrong with the outputs of runs: `outputs.NAME` with values of which neither scaling nor errors can be computed. An output
-/// may have one value in all rows.
+/// may have one value in all rows; a set may have no runs.
 pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
+    if dataset.runs.is_empty() {
+        return Vec::new();
+    }
     let width = dataset.outputs.len();
     let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
     for row in dataset.runs.iter().flat_map(|run| run.outputs.chunks(width)) {
@@ -210,6 +213,7 @@ mod tests {
         for good in [[0.0; 3], [3.0; 3], [1e99, -1e99, 0.0], [1e-99, 2e-98, 1e-97]] {
             assert_eq!(problems(&dataset(good)), [], "{good:?}");
         }
+        assert_eq!(problems(&Dataset { runs: Vec::new(), ..dataset([0.0; 3]) }), []);
         for (wrong, says) in [
             ([1e155, 1.0, 0.0], "from 0e0 to 1e155 in the runs, expected numbers up to 1e100"),
             ([1e-200; 3], "from 1e-200 to 1e-200 in the runs, expected a size and a spread above 1e-100"),
