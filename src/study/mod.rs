@@ -881,12 +881,12 @@ mod tests {
             (
                 "hidden = [128, 128]",
                 "hidden = [16384, 16384]".into(),
-                "network.hidden: 2.685e8 weights and biases, expected at most",
+                "network.hidden: 2.686e8 weights and biases, expected at most",
             ),
             (
                 "hidden = [128, 128]",
                 "hidden = [1024, 1024]\nstructure = \"fixed\"".into(),
-                "network.hidden: 2.127e8 weights and biases of 201 networks, expected at most 100 million",
+                "network.hidden: 2.124e8 weights and biases of 201 networks, expected at most 100 million",
             ),
         ] {
             let found = message(from, &to);
