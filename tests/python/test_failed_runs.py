@@ -32,6 +32,7 @@ test_runs = 20
 hidden = [4]
 [training]
 epochs = 2
+validation = 0.25
 """
 
 
