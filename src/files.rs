@@ -85,9 +85,12 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
         Err(error) if in_place && is_of_folder(&error) => NamedTempFile::new(),
         found => found,
     };
-    let mut writer = BufWriter::with_capacity(1 << 16, file?);
+    let mut file = file?;
+    // not by the name of the unfinished file, which would stand in errors
+    let mut writer = BufWriter::with_capacity(1 << 16, file.as_file_mut());
     write(&mut writer)?;
-    let mut file = writer.into_inner().map_err(|error| error.into_error())?;
+    writer.flush()?;
+    drop(writer);
     if in_place && old.as_ref().is_some_and(has_other_names) {
         return overwrite(path, file.as_file_mut());
     }

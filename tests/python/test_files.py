@@ -223,7 +223,7 @@ def train_without_room(study, folder):
         line = process.stderr.readline()
         assert line, said
         said += line
-    assert f"{folder / 'study.safetensors'}: cannot write: File too large" in said and "the file needs" in said
+    assert f"{folder / 'study.safetensors'}: cannot write: File too large (os error 27): the file needs" in said
     return process
 
 
