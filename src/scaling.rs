@@ -11,11 +11,8 @@ use metafmu_runtime::{Encoder, Scaling};
 pub const LARGEST: f64 = 1e100;
 
 /// What is wrong with the outputs of runs: `outputs.NAME` with values of which neither scaling nor errors can be computed. An output
-/// may have one value in all rows; a set may have no runs.
+/// may have one value in all rows.
 pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
-    if dataset.runs.is_empty() {
-        return Vec::new();
-    }
     let width = dataset.outputs.len();
     let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
     for row in dataset.runs.iter().flat_map(|run| run.outputs.chunks(width)) {
