@@ -98,6 +98,17 @@ impl Model {
         sum
     }
 
+    /// The first force or effort that is no number in a state, in words: the square root of a negative number, for instance.
+    pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
+        let components = self.forces.iter().flat_map(|force| &force.components);
+        let mut formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));
+        formulas.find_map(|formula| {
+            let value = formula.value(t, q, v);
+            let text = &formula.expression;
+            (!value.is_finite()).then(|| format!("`{text}` is {value} at t = {t} s, expected a finite number"))
+        })
+    }
+
     /// `qd^T M qd / 2`, in J.
     pub fn kinetic_energy(&self, v: &DVector<f64>) -> f64 {
         0.5 * self.mass.component_mul(v).dot(v)

@@ -73,7 +73,8 @@ fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) 
 /// The samples after one, as far as a formulation's choices last; at least one.
 fn stretch(model: &Model, from: &Sample, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
     let formulation = Formulation::new(model, from.t, &from.q)?;
-    let stretch = Stretch { model, formulation, guess: RefCell::new(from.q.clone()), budget };
+    let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
+    let stretch = Stretch { model, formulation, guess, budget, undefined };
     let states = stretch.integrate(from, times)?;
     let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
     for (state, &t) in states.iter().zip(times).skip(1) {
@@ -93,7 +94,9 @@ fn sample(
     q: DVector<f64>,
     v: DVector<f64>,
 ) -> Result<Sample, String> {
-    let Acceleration { qdd, multipliers } = formulation.accelerate(model, t, &q, &v)?;
+    let acceleration = formulation.accelerate(model, t, &q, &v);
+    let Acceleration { qdd, multipliers } =
+        acceleration.map_err(|message| model.undefined_force(t, &q, &v).unwrap_or(message))?;
     model.constraints.check(t, &q, &v)?;
     Ok(Sample { t, q, v, qdd, multipliers })
 }
@@ -105,6 +108,8 @@ struct Stretch<'a> {
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
     budget: &'a Budget<'a>,
+    /// A force that was no number where the integrator has been.
+    undefined: RefCell<Option<String>>,
 }
 
 impl Stretch<'_> {
@@ -121,6 +126,9 @@ impl Stretch<'_> {
 
     /// The integrator's message with what the equations of motion say where it stopped.
     fn explain(&self, error: Option<String>, t: f64) -> String {
+        if let Some(force) = self.undefined.take() {
+            return format!("integration failed after t = {t} s: {force}");
+        }
         let q = self.guess.borrow();
         let reason = self.formulation.accelerate(self.model, t, &q, &DVector::zeros(q.len())).err();
         let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
@@ -163,7 +171,17 @@ impl Stretch<'_> {
         let (t, state) = split_time(state);
         let mut guess = self.guess.borrow_mut();
         let (q, v) = self.formulation.complete(self.model, t, &state, &guess)?;
-        let Acceleration { qdd, .. } = self.formulation.accelerate(self.model, t, &q, &v)?;
+        let acceleration = self.formulation.accelerate(self.model, t, &q, &v);
+        let is_finite = |qdd: &DVector<f64>| qdd.iter().all(|value| value.is_finite());
+        // stages behind one that was no number have no time either
+        if t.is_finite()
+            && !acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
+            && let Some(force) = self.model.undefined_force(t, &q, &v)
+        {
+            self.undefined.replace(Some(force.clone()));
+            return Err(force);
+        }
+        let Acceleration { qdd, .. } = acceleration?;
         *guess = q;
         Ok(self.formulation.state(&v, &qdd).push(1.0))
     }
