@@ -12,7 +12,7 @@ import threading
 import time
 
 import pytest
-from conftest import METAFMU, changed, metafmu
+from conftest import ANY, METAFMU, changed, metafmu
 
 TABLES = ("train", "test", "calibration")
 
@@ -32,7 +32,7 @@ def built(tmp_path_factory):
         ("epochs = 150", "epochs = 5"),
     )
     study = tmp_path_factory.mktemp("files") / "study.toml"
-    study.write_text(text)
+    study.write_text(text + ANY)
     metafmu("build", study, "--out", study.parent / "out")
     return study, study.parent / "out"
 
