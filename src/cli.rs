@@ -160,10 +160,10 @@ pub struct NewArgs {
     #[arg(long, value_name = "FILE", group = "source")]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
-    #[arg(long, value_name = "COLUMN", requires = "table")]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub time: Option<String>,
     /// Column of the table that tells the runs apart [default: `run`, else one that numbers them, else where the time begins anew]
-    #[arg(long, value_name = "COLUMN", requires = "table")]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
 }
 

@@ -297,7 +297,7 @@ fn a_study_of_a_table_keeps_the_names_of_its_columns_and_takes_no_number_of_a_ru
     let sweep: Vec<String> = (1..=4).flat_map(|k| [0.0, 1.0].map(|t| format!("{k},{t},{}", t * k as f64))).collect();
     let (code, study, says) = new("k,t,x", &sweep, &[]);
     assert!(code == Some(0) && study.contains("k = { min = 1.0, max = 4.0 }"), "{says}{study}");
-    bench.fails(&["new", "y", "--system", "single-pendulum", "--time", "t"], &["--table"]);
+    bench.fails(&["new", "y", "--system", "single-pendulum", "--time", "t"], &["--time", "--system"]);
 }
 
 #[test]
