@@ -314,12 +314,19 @@ impl Builder<'_> {
 
     fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
         match self.measure(name)? {
-            Measure::Position(coordinate) if !coordinate.is_of_body() => {
+            Measure::Position(coordinate) if !coordinate.is_of_body() && !self.is_broken_joint(name) => {
                 Err(format!("`{name}` belongs to the ground, expected a coordinate of a body"))
             }
             Measure::Position(coordinate) => Ok(coordinate),
             _ => Err(format!("`{name}` is no position, expected for instance `BODY.angle`")),
         }
+    }
+
+    /// Whether a coordinate is that of a joint whose points are not found, so that nothing follows from where it is.
+    fn is_broken_joint(&self, coordinate: &str) -> bool {
+        let owner = coordinate.rsplit_once('.').map_or("", |(owner, _)| owner);
+        let key = format!("joints.{owner}.between");
+        self.problems.iter().any(|(known, _)| *known == key)
     }
 
     fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[Point; 2]> {

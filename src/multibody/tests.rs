@@ -373,6 +373,18 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
 }
 
 #[test]
+fn a_mistake_is_said_once_and_not_again_by_its_consequences() {
+    for (from, to, lines) in [
+        ("\"rod.top\"", "\"rod.tip\"", 1),
+        // no mass and no inertia
+        ("[initial]", "[bodies.bob]\n[initial]", 2),
+    ] {
+        let message = refused(&SINGLE_PENDULUM.replacen(from, to, 1));
+        assert_eq!(message.lines().count(), lines, "{message}");
+    }
+}
+
+#[test]
 fn all_vectors_of_a_wrong_length_are_named_at_once() {
     let text = SINGLE_PENDULUM.replacen("[0, \"-g\"]", "[0, 0, \"-g\"]", 1);
     let message = refused(&text.replacen("inertia = 0 ", "inertia = 0\nvelocity = [1]\nposition = [0, 0, 0] ", 1));
