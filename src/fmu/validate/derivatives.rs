@@ -77,10 +77,11 @@ fn differences(
         }
     }
     let wrong = |what: &str, found: f64, index: usize| {
-        let (name, Difference { value, error }) = (&knowns[index].name, expected[index]);
+        let (name, Difference { value, error, unseen }) = (&knowns[index].name, expected[index]);
         // written so that NaN is wrong
-        let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error;
-        let message = format!("the {what} of \"{}\" by \"{name}\" is {found}, differences give {value}", unknown.name);
+        let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error + unseen;
+        let message =
+            format!("the {what} of \"{}\" by \"{name}\" is {found:?}, differences give {value:?}", unknown.name);
         let rough = error > UNSURE * largest;
         (!right && !rough).then_some(message)
     };
@@ -100,6 +101,8 @@ fn differences(
 struct Difference {
     value: f64,
     error: f64,
+    /// What changes the output by less than its last digit.
+    unseen: f64,
 }
 
 /// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
@@ -127,6 +130,7 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     }
     let bend = |of: &[f64]| (of[0] - 2.0 * of[1] + of[2]).abs();
     let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
+    let last_digit = f64::EPSILON * line.iter().fold(0.0, |largest: f64, output| largest.max(output.abs()));
     let mut values = [0.0; STEPS.len()];
     for (value, step) in values.iter_mut().zip(STEPS) {
         let step = step * magnitude;
@@ -137,7 +141,7 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
     let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
         let error = disagreement(of).max(rounding / (step * magnitude));
-        Difference { value: of[1], error }
+        Difference { value: of[1], error, unseen: last_digit / (step * magnitude) }
     });
     let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
     Ok(best.expect("there are several steps"))
