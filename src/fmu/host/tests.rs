@@ -235,7 +235,7 @@ fn what_cannot_be_simulated_is_refused_by_name() {
     assert_eq!(
         run(start("lenght", 1.0)),
         "the FMU has no variable `lenght`; it has `length`, `speed`, `time`, `angle`, `velocity`, \
-         `domain_policy`, `in_domain`, `domain_distance`"
+         `domain_policy`, `in_domain`, `domain_distance`; did you mean `length`?"
     );
     assert_eq!(run(start("angle", 1.0)), "variable `angle`: has no start value to be set");
     let backwards = SimulationOptions { stop: Some(-1.0), ..SimulationOptions::default() };
