@@ -284,8 +284,7 @@ def message(folder, files, arguments):
     assert (result.returncode, result.stdout) == (2, ""), (files, result)
     written = sum(path.is_file() for path in folder.rglob("*"))
     assert "panicked" not in result.stderr and written == len(files), (files, result.stderr)
-    lines = [line.removeprefix("error: ") for line in result.stderr.splitlines()]
-    return lines
+    return [line.removeprefix("error: ") for line in result.stderr.splitlines() if line.startswith("error: ")]
 
 
 def document():

@@ -35,10 +35,12 @@ pub enum Error {
     },
     /// More runs failed than may.
     #[error(
-        "{failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one with \
-         {parameters}: {reason}"
+        "{source_name}: {failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one \
+         with {parameters}: {reason}"
     )]
     FailedRuns {
+        /// The FMU, the mechanism file or the built-in system.
+        source_name: String,
         /// How many, so far.
         failed: usize,
         /// Of how many.

@@ -14,7 +14,7 @@ use crate::{
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
     names::expected_one_of,
-    study::Study,
+    study::{SourceOptions, Study},
     variable::Variable,
 };
 use rayon::prelude::*;
@@ -39,6 +39,8 @@ pub struct Simulation {
     times: Arc<[f64]>,
     /// Share of the runs that may fail.
     max_failed: f64,
+    /// The file or the built-in system, for messages.
+    source: String,
 }
 
 /// Who simulates.
@@ -61,13 +63,18 @@ impl Simulation {
     /// FMU that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
         let times = study.time.grid().into();
+        let SourceOptions { system, mechanism, fmu, .. } = &study.source;
         let max_failed = study.source.max_failed.unwrap_or(MAX_FAILED);
-        if let Some(file) = &study.source.fmu {
+        let source = match fmu.as_ref().or(mechanism.as_ref()) {
+            Some(file) => study.beside(file).display().to_string(),
+            None => system.clone().unwrap_or_default(),
+        };
+        if let Some(file) = fmu {
             let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times, max_failed });
+            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times, max_failed, source });
         }
         let (equations, parameters, outputs) = Equations::new(study)?;
-        Ok(Self { model: Model::Equations(equations), parameters, outputs, times, max_failed })
+        Ok(Self { model: Model::Equations(equations), parameters, outputs, times, max_failed, source })
     }
 
     /// The parameters, in the study's order.
@@ -232,7 +239,8 @@ impl Simulation {
         if failed <= allowed {
             return Ok(());
         }
-        Err(Error::FailedRuns { failed, total, allowed, share, parameters: self.values(point), reason })
+        let (source, parameters) = (self.source.clone(), self.values(point));
+        Err(Error::FailedRuns { source_name: source, failed, total, allowed, share, parameters, reason })
     }
 
     /// Refuses more failed runs than a plan may have.

@@ -145,7 +145,7 @@ def test_too_many_failures_end_the_campaign_and_what_was_done_counts_when_more_a
     study = folder / "campaign.toml"
     study.write_text(STUDY.replace("max_failed = 0.5", "max_failed = 0.02"))
     result = sample(folder, SLOW="300")
-    assert result.returncode == 2 and "error: 2 of 70 runs failed, at most 1 may (source.max_failed = 0.02)" in result.stderr
+    assert result.returncode == 2 and ".fmu: 2 of 70 runs failed, at most 1 may (source.max_failed = 0.02)" in result.stderr
     assert "rod.k[1] = " in result.stderr and not (folder / "out" / "train.csv").exists()
     study.write_text(STUDY)
     result = sample(folder)
