@@ -53,6 +53,19 @@ impl Dataset {
         self.runs.iter().map(|run| run.times.len()).sum()
     }
 
+    /// The runs without the rows after `stop`.
+    pub fn until(mut self, stop: f64) -> Self {
+        let width = self.outputs.len();
+        for run in &mut self.runs {
+            let rows = run.times.partition_point(|&time| time <= stop);
+            if rows < run.times.len() {
+                run.times = run.times[..rows].into();
+                run.outputs.truncate(rows * width);
+            }
+        }
+        self
+    }
+
     fn columns(&self) -> Vec<String> {
         let names = self.parameters.iter().chain(&self.outputs).map(|variable| variable.name.clone());
         ["run".to_owned(), "time".to_owned()].into_iter().chain(names).collect()
@@ -310,6 +323,19 @@ mod tests {
         };
         let outputs = vec![variable("u"), variable("v")];
         Dataset { parameters: vec![variable("a"), variable("b")], outputs, runs: vec![run(0.1), run(7.0)] }
+    }
+
+    #[test]
+    fn rows_after_the_end_are_left_out() {
+        let run =
+            Run { parameters: vec![1.0], times: [0.0, 0.5, 1.0, 1.5].into(), outputs: (0..8).map(f64::from).collect() };
+        let variable = |name: &str| Variable::new(name, "", "");
+        let (parameters, outputs) = (vec![variable("p")], vec![variable("a"), variable("b")]);
+        let dataset = Dataset { parameters, outputs, runs: vec![run] };
+        let short = dataset.clone().until(1.0);
+        assert_eq!(short.runs[0].times[..], [0.0, 0.5, 1.0]);
+        assert_eq!(short.runs[0].outputs, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!(dataset.clone().until(1.5), dataset);
     }
 
     #[test]

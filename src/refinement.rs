@@ -27,7 +27,7 @@ pub fn next_points(
         return go_on(study, asked, count);
     }
     // a stretch of the stream of its own for each round
-    let candidates = uniform(study, asked * CANDIDATES, count * CANDIDATES);
+    let candidates = uniform(study, study.faces(), asked * CANDIDATES, count * CANDIDATES);
     let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, study)).collect::<Vec<_>>();
     let (mut runs, mut errors) = (Vec::new(), errors(surrogate, dataset));
     runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, study)));
@@ -47,13 +47,14 @@ fn go_on(study: &Study, asked: usize, count: usize) -> Vec<Vec<f64>> {
             longer.sampling.runs = Some(planned + asked + count);
             Plan::new(&longer).train.split_off(planned + asked)
         }
-        _ => uniform(study, asked, count),
+        _ => uniform(study, 0.0, asked, count),
     }
 }
 
-fn uniform(study: &Study, skip: usize, count: usize) -> Vec<Vec<f64>> {
+fn uniform(study: &Study, faces: f64, skip: usize, count: usize) -> Vec<Vec<f64>> {
     let parameters: Vec<_> = study.parameters.values().collect();
-    sampling::uniform(&parameters, sampling::random(study.seed, Stream::Refinement)).skip(skip).take(count).collect()
+    let points = sampling::uniform(parameters.len(), sampling::random(study.seed, Stream::Refinement));
+    sampling::place(&parameters, faces, points.skip(skip)).take(count).collect()
 }
 
 fn unit_cube(point: &[f64], study: &Study) -> Vec<f64> {

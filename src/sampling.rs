@@ -79,21 +79,26 @@ impl Plan {
     /// The plan of a study whose runs are simulated; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
         let parameters: Vec<&ParameterOptions> = study.parameters.values().collect();
-        let (runs, generator) = (study.sampling.runs.unwrap_or(0), random(study.seed, Stream::Train));
+        let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
+        let (generator, faces) = (random(study.seed, Stream::Train), study.faces());
         let train = match study.sampling.method {
             None => Vec::new(),
             Some(Method::Mesh) => mesh(&parameters, study.sampling.levels),
-            Some(Method::Random) => uniform(&parameters, generator).take(runs).collect(),
-            Some(Method::LatinHypercube) => latin_hypercube(&parameters, runs, generator),
-            Some(Method::Sobol) => sobol(&parameters, generator).take(runs).collect(),
-            Some(Method::Halton) => halton(&parameters, generator).take(runs).collect(),
+            Some(Method::Random) => place(&parameters, faces, uniform(count, generator)).take(runs).collect(),
+            Some(Method::LatinHypercube) => {
+                place(&parameters, faces, latin_hypercube(count, runs, generator).into_iter()).collect()
+            }
+            Some(Method::Sobol) => place(&parameters, faces, sobol(count, generator)).take(runs).collect(),
+            Some(Method::Halton) => place(&parameters, faces, halton(count, generator)).take(runs).collect(),
             Some(Method::List) => study.points().unwrap_or_default().to_vec(),
         };
         // zeros of both signs are one value
         let bits = |point: &Vec<f64>| point.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
         let seen: HashSet<Vec<u64>> = train.iter().map(bits).collect();
         let unseen = |point: &Vec<f64>| !seen.contains(&bits(point));
-        let fresh = |stream, runs| uniform(&parameters, random(study.seed, stream)).filter(unseen).take(runs).collect();
+        let fresh = |stream, runs| {
+            place(&parameters, 0.0, uniform(count, random(study.seed, stream))).filter(unseen).take(runs).collect()
+        };
         Self {
             test: fresh(Stream::Test, study.sampling.test_runs),
             calibration: fresh(Stream::Calibration, study.calibration_runs()),
@@ -112,16 +117,41 @@ fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>
     })
 }
 
-/// Latin hypercube (McKay, Beckman, Conover 1979): each of `runs` equal slices of each range has one point, at random in it.
-/// It is made for its number of runs: a shorter plan is no beginning of a longer one.
-fn latin_hypercube(parameters: &[&ParameterOptions], runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
-    let mut points = vec![Vec::with_capacity(parameters.len()); runs];
-    for parameter in parameters {
+/// The parameter values of points of the unit cube.
+///
+/// A share `faces` of the points lies on the ends of each range, half of it on either: `u` becomes
+/// `clip((u - faces / 2) / (1 - faces), 0, 1)`. A network is worst at the faces of the box it was trained in, for nothing holds it from
+/// outside. Nominal and periodic parameters have no ends. Of points that coincide on the faces, as corners do, the later ones stay inside.
+pub(crate) fn place(
+    parameters: &[&ParameterOptions],
+    faces: f64,
+    points: impl Iterator<Item = Vec<f64>>,
+) -> impl Iterator<Item = Vec<f64>> {
+    let parameters: Vec<ParameterOptions> = parameters.iter().map(|&parameter| parameter.clone()).collect();
+    let mut on_faces = HashSet::new();
+    points.map(move |point| {
+        let value = |faces: f64| {
+            let values = point.iter().zip(&parameters).map(|(&u, parameter)| match parameter.has_faces() {
+                true => parameter.at(((u - 0.5 * faces) / (1.0 - faces)).clamp(0.0, 1.0)),
+                false => parameter.at(u),
+            });
+            values.collect::<Vec<f64>>()
+        };
+        let placed = value(faces);
+        let is_new = faces == 0.0 || on_faces.insert(placed.iter().map(|value| value.to_bits()).collect::<Vec<_>>());
+        if is_new { placed } else { value(0.0) }
+    })
+}
+
+/// Latin hypercube (McKay, Beckman, Conover 1979) of the unit cube: each of `runs` equal slices of each coordinate has one point, at
+/// random in it. It is made for its number of runs: a shorter plan is no beginning of a longer one.
+fn latin_hypercube(parameters: usize, runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
+    let mut points = vec![Vec::with_capacity(parameters); runs];
+    for _ in 0..parameters {
         let mut slices: Vec<usize> = (0..runs).collect();
         slices.shuffle(&mut generator);
         for (point, slice) in points.iter_mut().zip(slices) {
-            let place = (slice as f64 + unit_interval(&mut generator)) / runs as f64;
-            point.push(parameter.at(place));
+            point.push((slice as f64 + unit_interval(&mut generator)) / runs as f64);
         }
     }
     points
@@ -129,16 +159,10 @@ fn latin_hypercube(parameters: &[&ParameterOptions], runs: usize, mut generator:
 
 /// Halton's sequences in the first primes, each moved by a random distance around the unit circle (Cranley, Patterson 1976):
 /// any first `n` points of a longer plan are the plan of `n`.
-fn halton(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
-    let columns: Vec<(u8, f64, ParameterOptions)> = parameters
-        .iter()
-        .zip(HALTON_BASES)
-        .map(|(&parameter, base)| (base, unit_interval(&mut generator), parameter.clone()))
-        .collect();
-    (1..).map(move |index| {
-        let place = |base: u8, shift: f64| (halton::number(base, index) + shift).fract();
-        columns.iter().map(|(base, shift, parameter)| parameter.at(place(*base, *shift))).collect()
-    })
+fn halton(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+    let columns: Vec<(u8, f64)> =
+        HALTON_BASES.into_iter().take(parameters).map(|base| (base, unit_interval(&mut generator))).collect();
+    (1..).map(move |index| columns.iter().map(|(base, shift)| (halton::number(*base, index) + shift).fract()).collect())
 }
 
 /// Reads the points of the method "list": a table with a column for each parameter; others are not looked at.
@@ -189,23 +213,18 @@ pub fn read_value(table: &mut Table, column: usize, options: &ParameterOptions) 
     })
 }
 
-/// Independent points, uniform over the ranges.
-pub(crate) fn uniform(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
-    let parameters: Vec<ParameterOptions> = parameters.iter().map(|&parameter| parameter.clone()).collect();
-    std::iter::repeat_with(move || {
-        parameters.iter().map(|parameter| parameter.at(unit_interval(&mut generator))).collect()
-    })
+/// Independent points, uniform over the unit cube.
+pub(crate) fn uniform(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+    std::iter::repeat_with(move || (0..parameters).map(|_| unit_interval(&mut generator)).collect())
 }
 
 /// Sobol's sequence with the direction numbers of Joe and Kuo (2008), each coordinate shifted by a random binary number
 /// (digital shift), which keeps its even spread: any first `n` points of a longer plan are the plan of `n`.
-fn sobol(parameters: &[&ParameterOptions], mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+fn sobol(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
     const BITS: f64 = (1u64 << 53) as f64;
-    let parameters: Vec<ParameterOptions> = parameters.iter().map(|&parameter| parameter.clone()).collect();
-    let shifts: Vec<u64> = parameters.iter().map(|_| generator.next_u64() >> 11).collect();
-    Sobol::<f64>::new(parameters.len(), &JoeKuoD6::minimal()).map(move |point| {
-        let shifted = point.iter().zip(&shifts).map(|(x, shift)| ((x * BITS) as u64 ^ shift) as f64 / BITS);
-        shifted.zip(&parameters).map(|(x, parameter)| parameter.at(x)).collect()
+    let shifts: Vec<u64> = (0..parameters).map(|_| generator.next_u64() >> 11).collect();
+    Sobol::<f64>::new(parameters, &JoeKuoD6::minimal()).map(move |point| {
+        point.iter().zip(&shifts).map(|(x, shift)| ((x * BITS) as u64 ^ shift) as f64 / BITS).collect()
     })
 }
 
@@ -253,7 +272,7 @@ mod tests {
     #[test]
     fn random_points_lie_in_the_ranges_and_repeat_for_a_seed_only() {
         let random = |text: String| {
-            text.replace("method = \"mesh\"", "method = \"random\"").replace("levels = 11", "runs = 500")
+            text.replace("method = \"mesh\"", "method = \"random\"\nfaces = 0.0").replace("levels = 11", "runs = 500")
         };
         let plan = Plan::new(&study(random));
         assert_eq!((plan.train.len(), plan.test.len()), (500, 200));
@@ -288,9 +307,13 @@ mod tests {
     }
 
     fn runs(method: &str, runs: usize) -> Vec<Vec<f64>> {
+        runs_with(method, runs, "faces = 0.0")
+    }
+
+    fn runs_with(method: &str, runs: usize, more: &str) -> Vec<Vec<f64>> {
         let text = |text: String| {
             text.replace("method = \"mesh\"", &format!("method = \"{method}\""))
-                .replace("levels = 11", &format!("runs = {runs}"))
+                .replace("levels = 11", &format!("runs = {runs}\n{more}"))
         };
         Plan::new(&study(text)).train
     }
@@ -416,10 +439,66 @@ mod tests {
 
     #[test]
     fn sobol_points_exist_up_to_the_stated_number_of_parameters() {
-        let study = study(|text| text);
-        let parameter = &study.parameters[0];
-        let parameters = vec![parameter; MAX_SOBOL_PARAMETERS];
-        assert_eq!(sobol(&parameters, random(1, Stream::Train)).next().unwrap().len(), MAX_SOBOL_PARAMETERS);
+        let mut points = sobol(MAX_SOBOL_PARAMETERS, random(1, Stream::Train));
+        assert_eq!(points.next().unwrap().len(), MAX_SOBOL_PARAMETERS);
+    }
+
+    #[test]
+    fn a_share_of_the_points_lies_on_the_ends_of_each_range_and_none_twice() {
+        for method in ["random", "sobol", "halton", "latin-hypercube"] {
+            let points = runs_with(method, 2000, "faces = 0.2");
+            for (column, (min, max)) in [(0.1, 0.2), (0.0, 0.15), (0.0, 5.0)].into_iter().enumerate() {
+                let count = |end: f64| points.iter().filter(|point| point[column] == end).count();
+                for end in [min, max] {
+                    // a binomial number of 2000 points with a mean of 200: 5 standard deviations
+                    assert!((133..=267).contains(&count(end)), "{method}: {} points at {end}", count(end));
+                }
+                assert!(points.iter().all(|point| (min..=max).contains(&point[column])));
+            }
+            let mut sorted: Vec<Vec<u64>> =
+                points.iter().map(|point| point.iter().map(|value| value.to_bits()).collect()).collect();
+            sorted.sort_unstable();
+            sorted.dedup();
+            assert_eq!(sorted.len(), points.len(), "{method}");
+            let none = runs_with(method, 2000, "faces = 0.0");
+            assert!(none.iter().all(|point| point[1] > 0.0 && point[2] > 0.0), "{method}");
+            if method != "latin-hypercube" {
+                assert_eq!(points[..500], runs_with(method, 500, "faces = 0.2"), "{method}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_parameter_has_a_run_at_each_end_and_no_more() {
+        let edit = |text: String| {
+            let lines: Vec<&str> =
+                text.lines().filter(|line| !line.starts_with("c =") && !line.starts_with("thetad0 =")).collect();
+            lines
+                .join("\n")
+                .replace("method = \"mesh\"", "method = \"sobol\"")
+                .replace("levels = 11", "runs = 100\nfaces = 0.1")
+        };
+        let mut points: Vec<f64> = Plan::new(&study(edit)).train.iter().map(|point| point[0]).collect();
+        points.sort_by(f64::total_cmp);
+        assert_eq!((points[0], points[99]), (0.1, 0.2));
+        assert!(points.windows(2).all(|pair| pair[0] < pair[1]), "{points:?}");
+    }
+
+    #[test]
+    fn nominal_and_periodic_parameters_have_no_faces() {
+        let edit = |text: String| {
+            text.replace("method = \"mesh\"", "method = \"random\"\nfaces = 0.5")
+                .replace("levels = 11", "runs = 300")
+                .replace("max = 5.0", "max = 5.0, periodic = true")
+                .replace("min = 0.0, max = 0.15", "values = [0, 0.1, 0.15]")
+        };
+        let points = Plan::new(&study(edit)).train;
+        assert!(points.iter().all(|point| point[2] > 0.0 && point[2] < 5.0));
+        for value in [0.0, 0.1, 0.15] {
+            let count = points.iter().filter(|point| point[1] == value).count();
+            assert!((59..=141).contains(&count), "a third of 300: {count}");
+        }
+        assert!(points.iter().filter(|point| point[0] == 0.1).count() > 30);
     }
 
     #[test]

@@ -682,3 +682,42 @@ fn a_constant_output_is_exact_and_one_that_cannot_be_computed_with_is_refused_be
         assert!(stderr(&result).contains(&says) && !stderr(&result).contains("epoch"), "{}", stderr(&result));
     }
 }
+
+#[test]
+fn training_runs_may_go_on_beyond_the_end_and_lie_on_the_faces_of_the_ranges() {
+    let bench = Bench::new();
+    let study = small_study()
+        .replace("step = 0.05", "step = 0.05\nmargin = 0.06")
+        .replace("method = \"mesh\"", "method = \"sobol\"\nfaces = 0.4")
+        .replace("levels = 3", "runs = 20");
+    fs::write(bench.path("study.toml"), study).unwrap();
+    let tables = |folder: &str| {
+        ["train.csv", "test.csv"].map(|table| fs::read_to_string(bench.path(folder).join(table)).unwrap())
+    };
+    let times = |table: &str| -> Vec<f64> {
+        let mut times: Vec<f64> =
+            table.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    };
+    assert!(bench.run(&["sample", "study.toml", "--out", "whole"]).status.success());
+    let [train, test] = tables("whole");
+    // 6 % of 40 steps are 2.4, which are 3 whole ones
+    assert_eq!((times(&train).len(), times(&test).len()), (44, 41));
+    assert_eq!((times(&train)[..41] == times(&test), times(&test)[40]), (true, 2.0));
+    assert!((times(&train)[43] - 2.15).abs() < 1e-12);
+    let on_faces = train.lines().filter(|line| line.contains(",0.1,") || line.contains(",0.2,")).count();
+    assert!(on_faces >= 3 * 44 && on_faces < 15 * 44, "{on_faces} rows of runs with L at an end of its range");
+
+    for part in ["1/2", "2/2"] {
+        assert!(bench.run(&["sample", "study.toml", "--out", "parts", "--shard", part]).status.success());
+    }
+    assert!(bench.run(&["sample", "study.toml", "--out", "parts", "--merge"]).status.success());
+    assert_eq!(tables("parts"), [train, test]);
+
+    // the domain is what the study states
+    assert!(bench.run(&["train", "study.toml", "--out", "whole"]).status.success());
+    let surrogate = metafmu::surrogate::load(&bench.path("whole/single-pendulum.safetensors")).unwrap();
+    assert_eq!(surrogate.metadata().inputs.iter().map(|input| input.max).collect::<Vec<_>>(), [0.2, 0.15, 5.0, 2.0]);
+}

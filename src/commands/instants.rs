@@ -248,4 +248,4 @@ impl<'a> Finished<'a> {
 }
 
 /// Those of trainings that came to their end, by the numbers they have in the journal.
-const REASONS: [StopReason; 3] = [StopReason::Finished, StopReason::Patience, StopReason::Diverged];
+const REASONS: [StopReason; 4] = [StopReason::Finished, StopReason::Patience, StopReason::Diverged, StopReason::Enough];

@@ -225,7 +225,10 @@ fn sort(
     tell(job, progress, &failed, outcomes.len());
     let mut outcomes = outcomes.into_iter();
     let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
-    let sets = plan.try_map(next)?;
+    let Sets { train, test, calibration } = plan.try_map(next)?;
+    // only training goes on beyond the end
+    let stop = job.study.time.stop;
+    let sets = Sets { train, test: test.until(stop), calibration: calibration.until(stop) };
     enough(&sets, &failed)?;
     Ok((sets, failed))
 }

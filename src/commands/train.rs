@@ -261,6 +261,7 @@ pub fn describe(reason: StopReason) -> &'static str {
     match reason {
         StopReason::Finished => "all epochs done",
         StopReason::Patience => "no more improvement",
+        StopReason::Enough => "good enough",
         StopReason::Interrupted => "stopped by Ctrl-C",
         StopReason::Diverged => "the loss became infinite: lower the learning rate",
     }

@@ -62,7 +62,7 @@ impl Simulation {
     /// [`Error::Study`] with every name the source does not know and every unit that is not the source's; the errors of an
     /// FMU that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
-        let times = study.time.grid().into();
+        let times = study.time.training_grid().into();
         let SourceOptions { system, mechanism, fmu, .. } = &study.source;
         let max_failed = study.source.max_failed.unwrap_or(MAX_FAILED);
         let source = match fmu.as_ref().or(mechanism.as_ref()) {
@@ -98,7 +98,7 @@ impl Simulation {
         }
     }
 
-    /// The times of a run's rows, in seconds.
+    /// The times of a training run's rows, in seconds; other runs are cut off at the study's `time.stop`.
     pub fn times(&self) -> &[f64] {
         &self.times
     }

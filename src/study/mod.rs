@@ -16,6 +16,7 @@
 //! [time]                                # rows of a run: 0, step, 2 step, ..., stop, in seconds
 //! stop = 2.0
 //! step = 0.01
+//! margin = 0.05                         # optional: training runs are longer by this share of `stop`
 //!
 //! [parameters]                          # inputs of the surrogate, beside the time
 //! L = { min = 0.1, max = 0.2, unit = "m" }
@@ -32,6 +33,7 @@
 //! [sampling]
 //! method = "mesh"                       # or "random", "latin-hypercube", "sobol", "halton" with `runs`, "list" with a `file`
 //! levels = 11                           # of each parameter; a parameter may have `levels` of its own
+//! faces = 0.1                           # optional, not of a mesh: share of the training runs on the ends of each range
 //! test_runs = 200
 //! ```
 //!
@@ -351,7 +353,17 @@ impl Study {
     }
 
     fn time_problems(&self, problems: &mut Problems) {
-        let TimeOptions { stop, step } = self.time;
+        let TimeOptions { stop, step, margin } = self.time;
+        if !(0.0..=1.0).contains(&margin) {
+            problems.add("time.margin", format!("{margin}, expected a share from 0 to 1"));
+        } else if margin > 0.0 && self.source.is_recorded() {
+            problems.add(
+                "time.margin",
+                "belongs to `system`, `mechanism` and `fmu`: recorded runs end where they end".into(),
+            );
+        } else if margin > 0.0 && self.network.structure == Structure::Fixed {
+            problems.add("time.margin", "belongs to the structure \"full\"".into());
+        }
         problems.expect_positive("time.stop", stop);
         problems.expect_positive("time.step", step);
         let steps = stop / step;
@@ -419,12 +431,13 @@ impl Study {
     }
 
     fn sampling_problems(&self, problems: &mut Problems) {
-        let SamplingOptions { method, levels, runs, file, test_runs } = &self.sampling;
+        let SamplingOptions { method, levels, runs, file, faces, test_runs } = &self.sampling;
         if *test_runs == 0 {
             problems.add("sampling.test_runs", "expected at least 1".into());
         }
         if self.source.is_recorded() {
-            let is_plan = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some()].contains(&true);
+            let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
+            let is_plan = given.contains(&true);
             if is_plan || self.parameters.values().any(|parameter| parameter.levels.is_some()) {
                 problems.add("sampling", "recorded runs are where they are: expected `test_runs` only".into());
             }
@@ -449,6 +462,13 @@ impl Study {
         }
         if list && file.is_none() {
             problems.add("sampling", "the list has no `file`".into());
+        }
+        if faces.is_some() && (mesh || list) {
+            problems
+                .add("sampling.faces", "a mesh has its ends anyway, and a list its points: expected no `faces`".into());
+        }
+        if let Some(faces) = faces.filter(|faces| !(0.0..=0.5).contains(faces)) {
+            problems.add("sampling.faces", format!("{faces}, expected a share from 0 to 0.5"));
         }
         if !mesh && !list && runs.is_none_or(|runs| runs < 2) {
             problems.add("sampling.runs", "expected at least 2 runs".into());
@@ -504,7 +524,7 @@ impl Study {
             return;
         }
         let runs = train_runs.max(target as u64) + (self.sampling.test_runs + self.calibration_runs()) as u64;
-        let rows = runs as f64 * (self.time.stop / self.time.step + 1.0);
+        let rows = runs as f64 * (self.time.stop * (1.0 + self.time.margin) / self.time.step + 1.0);
         let bytes = 8.0 * rows * self.outputs.len() as f64;
         if rows > MAX_ROWS {
             problems.add("sampling", format!("{rows:.3e} rows of all runs, expected at most a billion"));
@@ -520,6 +540,14 @@ impl Study {
         let encodings: Vec<(Encoding, f64, f64)> =
             self.parameters.values().map(|parameter| (parameter.encoding(), parameter.min, parameter.max)).collect();
         Encoder::new(encodings.iter().map(|(encoding, min, max)| (encoding, *min, *max)))
+    }
+
+    /// Share of the training runs on the ends of each parameter's range.
+    pub fn faces(&self) -> f64 {
+        match self.sampling.method {
+            None | Some(Method::Mesh | Method::List) => 0.0,
+            _ => self.sampling.faces.unwrap_or(0.0),
+        }
     }
 
     /// Number of training runs that are simulated, those held out for validation included.
@@ -748,6 +776,10 @@ mod tests {
                 "\"grid\", expected one of \"mesh\"",
             ),
             ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "a mesh has `levels`"),
+            ("levels = 11", "levels = 11\nfaces = 0.1", "levels", "sampling.faces", "a mesh has its ends anyway"),
+            ("levels = 11", "levels = 11\nfaces = 0.6", "levels", "sampling.faces", "a mesh has its ends anyway"),
+            ("step = 0.01", "step = 0.01\nmargin = 5", "step = ", "time.margin", "5, expected a share from 0 to 1"),
+            ("epochs = ", "epochs = 4\nenough = 1e-6 # ", "epochs", "training.enough", "belongs to the schedule"),
             (
                 "levels = 11",
                 "levels = 11\nfile = \"p.csv\"",

@@ -69,13 +69,42 @@ pub struct TimeOptions {
     pub stop: f64,
     /// Time between two rows, in seconds; divides `stop`.
     pub step: f64,
+    /// How much longer training runs are, as a share of `stop`, rounded up to whole steps: the network is better at the end of
+    /// a time that it was trained beyond. Tests, bounds and the domain of validity end at `stop`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub margin: f64,
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 impl TimeOptions {
     /// The times of a run's rows, in seconds: `count + 1` values computed as `stop * i / count`, so that none drifts.
     pub fn grid(&self) -> Vec<f64> {
-        let count = (self.stop / self.step).round();
-        (0..=count as u64).map(|i| self.stop * i as f64 / count).collect()
+        self.times(self.steps())
+    }
+
+    /// The times of a training run's rows, which go on beyond `stop` by the margin.
+    pub fn training_grid(&self) -> Vec<f64> {
+        self.times(self.training_steps())
+    }
+
+    /// Steps of a run.
+    fn steps(&self) -> u64 {
+        (self.stop / self.step).round() as u64
+    }
+
+    /// Steps of a training run.
+    pub fn training_steps(&self) -> u64 {
+        let steps = self.steps();
+        // a margin of 0.05 of 100 steps is 5, not 6
+        steps + (self.margin * steps as f64 - 1e-9).ceil().max(0.0) as u64
+    }
+
+    fn times(&self, steps: u64) -> Vec<f64> {
+        let count = self.steps() as f64;
+        (0..=steps).map(|i| self.stop * i as f64 / count).collect()
     }
 }
 
@@ -171,6 +200,11 @@ impl ParameterOptions {
         !self.values.is_empty()
     }
 
+    /// Whether its range has ends.
+    pub fn has_faces(&self) -> bool {
+        !self.is_nominal() && !self.periodic
+    }
+
     /// The value at a `share` from 0 to 1: of the range, or of the list of values, each of which has an equal part.
     pub fn at(&self, share: f64) -> f64 {
         let Self { min, max, values, .. } = self;
@@ -254,6 +288,10 @@ pub struct SamplingOptions {
     /// digests, not where it lies.
     #[serde(skip_serializing)]
     pub file: Option<PathBuf>,
+    /// Share of the training runs that lie on the ends of each parameter's range, half of them on either end; none unless given. A
+    /// mesh has its ends anyway, a list is what it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub faces: Option<f64>,
     /// Number of test runs: random, from the same ranges, never part of training.
     #[serde(default = "default_test_runs")]
     pub test_runs: usize,
@@ -457,6 +495,10 @@ pub struct TrainingOptions {
     pub validation: f64,
     /// Stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
+    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle that is
+    /// less than a quarter better than the one before, although it was twice as long.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.
     pub l1: f64,
     /// Weight of half the sum of all parameters' squares in the loss.
@@ -509,6 +551,9 @@ pub enum Schedule {
     Step,
     /// Half a cosine down to (nearly) zero.
     Cosine,
+    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, each time over twice as many
+    /// epochs, five times at the most. The training ends after a cycle that left little to gain: see [`TrainingOptions::enough`].
+    Restarts,
     /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
     OneCycle,
 }
@@ -536,6 +581,7 @@ impl Default for TrainingOptions {
             epochs: 40,
             validation: 0.1,
             patience: 0,
+            enough: None,
             l1: 0.0,
             l2: 0.0,
             weight_decay: 0.0,
@@ -602,6 +648,8 @@ impl TrainingOptions {
         let epochs = format!("1 to {MAX_EPOCHS}");
         expect((1..=MAX_EPOCHS).contains(&self.epochs), "epochs", &self.epochs, &epochs);
         expect(self.refresh > 0, "refresh", &self.refresh, "at least 1 step");
+        let enough = self.enough.unwrap_or(0.0);
+        expect(not_negative(enough), "enough", &enough, "0 or a positive number");
 
         let weights = &self.output_weights;
         let count = format!("{} weights", weights.len());
@@ -615,6 +663,11 @@ impl TrainingOptions {
                 "weight_decay",
                 self.weight_decay > 0.0 && !decays,
                 "belongs to the optimizers \"adamw\" and \"soap\"; the others have `l2`",
+            ),
+            (
+                "enough",
+                self.enough.is_some() && self.schedule != Schedule::Restarts,
+                "belongs to the schedule \"restarts\"",
             ),
             (
                 "square_memory",

@@ -92,8 +92,10 @@ pub struct EpochRecord {
 pub enum StopReason {
     /// All epochs are done.
     Finished,
-    /// Too many epochs without a better validation loss.
+    /// Too many epochs without a better validation loss, or a cycle that gained little.
     Patience,
+    /// The validation loss at the end of a cycle is as small as is asked for.
+    Enough,
     /// The observer asked for it.
     Interrupted,
     /// A loss was infinite or not a number.

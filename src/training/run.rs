@@ -3,12 +3,21 @@
 use super::{
     EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
     checkpoint::{self, Header, NO_DIGEST},
-    schedule::relative_rate,
+    schedule::{cycle_ends, relative_rate},
     trainer::{Trainer, sums},
 };
-use crate::{network::Network, study::TrainingOptions};
+use crate::{
+    network::Network,
+    study::{Schedule, TrainingOptions},
+};
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use std::time::Instant;
+
+/// `training.enough` unless given.
+const ENOUGH: f64 = 1e-7;
+
+/// A cycle whose validation loss is more than this share of the one before, which was half as long, is the last.
+const WORTHWHILE: f64 = 0.75;
 
 /// Trains a network, on as many threads as the current rayon pool has. The outcome does not depend on their number.
 ///
@@ -114,6 +123,10 @@ impl<'a> Run<'a> {
                 reason = StopReason::Patience;
                 break;
             }
+            if let Some(stop) = self.cycle_end() {
+                reason = stop;
+                break;
+            }
             let Epoch { train_loss, validation_loss, learning_rate } = match self.epoch(epoch, observer) {
                 Ok(done) => done,
                 Err(stop) => {
@@ -136,6 +149,21 @@ impl<'a> Run<'a> {
             self.best = self.trainer.network();
         }
         Outcome { network: self.best, history: self.history, best_epoch: self.best_epoch, reason }
+    }
+
+    /// Why the training ends with the epoch before, if that was the end of a cycle behind which there is little to gain.
+    fn cycle_end(&self) -> Option<StopReason> {
+        if self.options.schedule != Schedule::Restarts {
+            return None;
+        }
+        let ends = cycle_ends(self.options.epochs);
+        let cycle = ends.iter().position(|&end| end == self.history.len())?;
+        let loss = |cycle: usize| self.history[ends[cycle] - 1].validation_loss;
+        if loss(cycle) <= self.options.enough.unwrap_or(ENOUGH) {
+            return Some(StopReason::Enough);
+        }
+        // the first cycles are too short to tell
+        (cycle >= 2 && loss(cycle) > WORTHWHILE * loss(cycle - 1)).then_some(StopReason::Patience)
     }
 
     fn best_loss(&self) -> f64 {

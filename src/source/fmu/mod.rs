@@ -62,14 +62,15 @@ impl FmuModel {
         let (description, interface) = describe(path, None)?;
         let Resolved { parameters, outputs, mut task } = resolve(study, &description)?;
         let options = &study.source;
-        let rows = (study.time.stop / study.time.step).round() as usize;
+        let times = study.time.training_grid();
+        let (rows, stop) = (times.len() - 1, times[times.len() - 1]);
         task.path = path.to_owned();
         task.interface = interface;
-        task.stop = study.time.stop;
+        task.stop = stop;
         task.tolerance = options.tolerance;
         // of whole steps, so that the last one ends at the stop time
         task.steps_per_row = options.step.map_or(1, |step| (study.time.step / step).round() as usize);
-        task.step = study.time.stop / (rows * task.steps_per_row) as f64;
+        task.step = stop / (rows * task.steps_per_row) as f64;
         let capabilities = description.interface(interface);
         let model = Self {
             values: (rows + 1) * task.outputs.len(),

@@ -335,3 +335,27 @@ fn the_same_bytes_on_any_number_of_threads_with_everything_switched_on() {
         assert_eq!(one.network, run(threads).network, "{threads} threads");
     }
 }
+
+#[test]
+fn a_training_with_restarts_ends_with_the_cycle_that_is_good_enough_or_gained_little() {
+    let (rows, held_out) = (smooth(0, 2000), smooth(2000, 200));
+    let outcome = |enough: f64, epochs: usize, held_out: &Rows| {
+        let options = TrainingOptions { schedule: Schedule::Restarts, enough: Some(enough), ..options(epochs, 64) };
+        train(network(&[32]), &rows, held_out, &options, 1, &mut ()).unwrap()
+    };
+    // cycles of 31 epochs end with epochs 1, 3, 7, 15 and 31
+    let all = outcome(0.0, 31, &held_out);
+    let losses: Vec<f64> = all.history.iter().map(|record| record.validation_loss).collect();
+    assert_eq!((all.reason, all.history.len()), (StopReason::Finished, 31), "{losses:?}");
+    let rates: Vec<f64> = all.history.iter().map(|record| record.learning_rate).collect();
+    assert!([0, 2, 6, 14, 30].iter().all(|&end| rates[end] < 2e-4), "{rates:?}");
+    assert!([3, 7, 15].iter().all(|&begin| rates[begin] > 5e-3), "{rates:?}");
+    let after_two = outcome(all.history[2].validation_loss, 31, &held_out);
+    assert_eq!((after_two.reason, after_two.history.len()), (StopReason::Enough, 3));
+    assert_eq!(after_two.history[2].validation_loss, all.history[2].validation_loss);
+    // outputs that have nothing to do with the inputs cannot be learned any better by training longer
+    let unrelated =
+        Rows::new(2, 2, vec![0.5; 200], (0..200).map(|i| (f64::from(i) * 7.3).sin() as f32).collect()).unwrap();
+    let hopeless = outcome(0.0, 31, &unrelated);
+    assert_eq!((hopeless.reason, hopeless.history.len()), (StopReason::Patience, 7));
+}
