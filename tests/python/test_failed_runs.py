@@ -8,7 +8,6 @@ import signal
 import subprocess
 import time
 
-import pytest
 from conftest import METAFMU, ROOT, changed, metafmu
 
 # below 1 the rod is shorter than the crank
@@ -110,7 +109,6 @@ def test_the_first_interrupt_ends_a_run_that_takes_long(tmp_path):
     assert time.monotonic() - begin < 5
 
 
-@pytest.mark.skipif(not hasattr(pty, "openpty"), reason="needs a terminal")
 def test_the_progress_bar_says_that_nothing_moves(tmp_path):
     leader, follower = pty.openpty()
     command = [METAFMU, "sample", stiff_study(tmp_path), "--out", tmp_path / "out"]
