@@ -708,7 +708,7 @@ fn training_runs_may_go_on_beyond_the_end_and_lie_on_the_faces_of_the_ranges() {
     assert_eq!((times(&train)[..41] == times(&test), times(&test)[40]), (true, 2.0));
     assert!((times(&train)[43] - 2.15).abs() < 1e-12);
     let on_faces = train.lines().filter(|line| line.contains(",0.1,") || line.contains(",0.2,")).count();
-    assert!(on_faces >= 3 * 44 && on_faces < 15 * 44, "{on_faces} rows of runs with L at an end of its range");
+    assert!((3 * 44..15 * 44).contains(&on_faces), "{on_faces} rows of runs with L at an end of its range");
 
     for part in ["1/2", "2/2"] {
         assert!(bench.run(&["sample", "study.toml", "--out", "parts", "--shard", part]).status.success());
