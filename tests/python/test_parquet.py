@@ -252,7 +252,7 @@ def test_a_study_is_written_from_parquet_as_from_csv(runs, tmp_path):
         subprocess.run([METAFMU, "new", "x", "--table", f"runs.{suffix}"], cwd=tmp_path, check=True, capture_output=True)
         texts.append((tmp_path / "x.toml").read_text().replace(f"runs.{suffix}", "runs"))
         (tmp_path / "x.toml").unlink()
-    assert texts[0] == texts[1] and "Rod_Length = { min" in texts[0]
+    assert texts[0] == texts[1] and '"Rod.Length" = { min' in texts[0]
 
 
 def test_a_list_of_points_may_be_parquet(tmp_path):
