@@ -49,7 +49,7 @@ pub fn problems(
             unexplained(&study.accept, metrics, runs),
             missed(study, metrics, runs),
             beaten(&study.accept, output, metrics, &baselines),
-            far_off(&study.accept, output, metrics),
+            far_off(&study.accept, metrics),
         ]
         .into_iter()
         .flatten()
@@ -96,16 +96,11 @@ fn beaten(
     Some(format!("{found} {r2s}, expected at most {} times (accept.baseline_factor)", options.baseline_factor))
 }
 
-fn far_off(options: &AcceptOptions, output: &Output, metrics: &OutputMetrics) -> Option<String> {
+fn far_off(options: &AcceptOptions, metrics: &OutputMetrics) -> Option<String> {
     let limit = options.largest_error?;
-    let share = metrics.max_abs_error / (output.max - output.min);
-    // of an output that is constant in training there is no range
-    (share.is_finite() && share > limit).then(|| {
-        format!(
-            "largest error {} of its range in training, expected at most {limit} (accept.largest_error)",
-            short(share)
-        )
-    })
+    let share = metrics.relative_max_error.filter(|&share| share > limit)?;
+    let share = short(share);
+    Some(format!("largest error {share} of its range in training, expected at most {limit} (accept.largest_error)"))
 }
 
 /// Four digits, or as many as tell it from 1.
@@ -127,8 +122,16 @@ mod tests {
     const STUDY: &str = include_str!("../examples/single-pendulum.toml");
 
     fn metrics(r2: Option<f64>, mse: f64) -> OutputMetrics {
-        let (max_abs_error, worst_run, worst_time) = (0.3, 0, 0.0);
-        OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time, bound: None, within_bound: None }
+        OutputMetrics {
+            r2,
+            mse,
+            max_abs_error: 0.3,
+            relative_max_error: Some(0.02),
+            worst_run: 0,
+            worst_time: 0.0,
+            bound: None,
+            within_bound: None,
+        }
     }
 
     fn baseline(model: &str, status: Status, mse: f64) -> ModelRow {
@@ -212,10 +215,9 @@ mod tests {
         assert_eq!(of("baseline_factor = inf\nr2 = -inf"), Vec::<String>::new());
         let found = of("baseline_factor = inf\nr2 = 0.75");
         assert_eq!(found, ["angle: R² 0.690 on the test runs, expected at least 0.75 (accept.r2)"]);
-        let (surrogate, found) = (example::surrogate(), of("baseline_factor = inf\nlargest_error = 1e-3"));
-        let angle = &surrogate.outputs()[0];
-        let share = 0.3 / (angle.max - angle.min);
-        assert!(found[0].contains(&format!("angle: largest error {} of its range", short(share))), "{found:?}");
-        assert_eq!(found.len(), 2);
+        let found = of("baseline_factor = inf\nlargest_error = 1e-3");
+        let expected =
+            "angle: largest error 0.020 of its range in training, expected at most 0.001 (accept.largest_error)";
+        assert_eq!((found.len(), found[0].as_str()), (2, expected));
     }
 }

@@ -19,6 +19,9 @@ pub struct OutputMetrics {
     pub mse: f64,
     /// Largest absolute error.
     pub max_abs_error: f64,
+    /// The same as a share of the output's range in training; none for a constant output, or without a surrogate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relative_max_error: Option<f64>,
     /// Test run in which the largest error stands.
     pub worst_run: usize,
     /// Time of the largest error, in seconds.
@@ -55,8 +58,7 @@ impl Accuracy {
 
     /// The same from [`predict_all`]'s predictions.
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
-        let bounds = surrogate.bounds().map(|bounds| bounds.half_widths.as_slice());
-        let metrics = compare(test, predictions, bounds);
+        let metrics = compare(test, predictions, Some(surrogate));
         let names = surrogate.outputs().iter().map(|output| output.name.clone());
         Self {
             outputs: names.zip(metrics).collect(),
@@ -87,14 +89,21 @@ pub fn predict_all(surrogate: &Surrogate, test: &Dataset) -> Vec<Vec<f64>> {
     test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect()
 }
 
-/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output.
-pub fn compare(test: &Dataset, predictions: &[Vec<f64>], bounds: Option<&[f64]>) -> Vec<OutputMetrics> {
-    let bound = |column: usize| bounds.map(|bounds| bounds[column]);
+/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output; `surrogate`: whose they are, if
+/// it has ranges and bounds.
+pub fn compare(test: &Dataset, predictions: &[Vec<f64>], surrogate: Option<&Surrogate>) -> Vec<OutputMetrics> {
     let columns = (0..test.outputs.len()).into_par_iter();
-    columns.map(|column| output_metrics(test, predictions, column, bound(column))).collect()
+    columns.map(|column| output_metrics(test, predictions, column, surrogate)).collect()
 }
 
-fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound: Option<f64>) -> OutputMetrics {
+fn output_metrics(
+    test: &Dataset,
+    predictions: &[Vec<f64>],
+    column: usize,
+    surrogate: Option<&Surrogate>,
+) -> OutputMetrics {
+    let bound = surrogate.and_then(Surrogate::bounds).map(|bounds| bounds.half_widths[column]);
+    let range = surrogate.map(|surrogate| &surrogate.outputs()[column]).map(|output| output.max - output.min);
     let width = test.outputs.len();
     let rows = test.row_count() as f64;
     let labels = |run: &Run| run.outputs.iter().skip(column).step_by(width).copied().collect::<Vec<_>>();
@@ -117,7 +126,9 @@ fn output_metrics(test: &Dataset, predictions: &[Vec<f64>], column: usize, bound
     let (max_abs_error, worst_run, worst_time) = worst;
     let r2 = (total > 0.0).then(|| finite(1.0 - residual / total));
     let within_bound = bound.map(|_| within as f64 / rows);
-    OutputMetrics { r2, mse: finite(residual / rows), max_abs_error, worst_run, worst_time, bound, within_bound }
+    let mse = finite(residual / rows);
+    let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
+    OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }
 }
 
 /// JSON has neither infinity nor NaN.
@@ -151,6 +162,8 @@ mod tests {
         let metrics: Vec<OutputMetrics> = accuracy.outputs.into_values().collect();
         assert!((metrics[0].mse - 0.0625 / 42.0).abs() < 1e-15);
         assert!((metrics[0].max_abs_error - 0.25).abs() < 1e-15);
+        let angle = &surrogate.outputs()[0];
+        assert!((metrics[0].relative_max_error.unwrap() - 0.25 / (angle.max - angle.min)).abs() < 1e-15);
         assert_eq!((metrics[0].worst_run, metrics[0].worst_time), (1, 0.7000000000000001));
         let labels: Vec<f64> = runs.iter().flat_map(|run| run.outputs.iter().step_by(2)).copied().collect();
         let mean = labels.iter().sum::<f64>() / 42.0;

@@ -80,15 +80,17 @@ pub fn table(job: &Job, metrics: &Metrics) -> String {
     let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
     let coverage = job.study.bounds.map(|bounds| 100.0 * bounds.coverage);
     let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
-    let header = format!("{:<12} {:<8} {:>10} {:>12}{bounds}  largest error", "output", "unit", "R²", "MSE");
+    let header =
+        format!("{:<12} {:<8} {:>11} {:>12}{bounds}  largest error, of the range", "output", "unit", "R²", "MSE");
     let _ = writeln!(text, "{header}");
     for ((name, metrics), variable) in outputs.iter().zip(job.source.outputs()) {
-        let OutputMetrics { r2, mse, max_abs_error, worst_run, worst_time, bound, .. } = metrics;
-        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.7}"));
+        let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = metrics;
+        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.9}"));
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
-        let worst = format!("{max_abs_error:.3e} (test run {worst_run}, t = {worst_time:.3} s)");
+        let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
+        let worst = format!("{max_abs_error:.3e}{share} (test run {worst_run}, t = {worst_time:.3} s)");
         let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
-        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>10} {mse:>12.3e}{bound}  {worst}");
+        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
     if outputs.values().any(|metrics| metrics.bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);

@@ -63,6 +63,7 @@ mechanism = {}    # relative to this file
 [time]                      # rows of a run: 0, step, 2 step, ..., stop
 stop = 2.0                  # s
 step = 0.01                 # s
+margin = 0.05               # training runs are longer by this share of `stop`: errors are largest at the end else
 
 [parameters]                # `variability` is \"fixed\" (default), \"tunable\" or \"continuous\" (an input); README, \"Using the FMU\"
 ",
@@ -86,20 +87,48 @@ step = 0.01                 # s
     for output in mechanism.outputs() {
         let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
     }
-    text += "
-[sampling]
-method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
-runs = 1000
-test_runs = 200             # random runs that are never part of training
-
-";
-    Ok(text + rest())
+    let _ = write!(text, "\n{}{}", sampling(), rest(RUNS, 200.0));
+    Ok(text)
 }
 
-/// From `[network]` on, where the built-in systems' studies say nothing of their own.
-fn rest() -> &'static str {
+/// Runs that a study samples unless its author says otherwise.
+const RUNS: usize = 1000;
+
+/// `[sampling]` of a source that can be sampled anywhere in the ranges.
+fn sampling() -> String {
+    format!(
+        "[sampling]
+method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
+runs = {RUNS}
+faces = 0.1                 # share of the training runs on the ends of each range, where errors are largest else
+test_runs = 200             # random runs that are never part of training
+
+"
+    )
+}
+
+/// Optimizer steps of a training, at the most: half a minute to a minute with the network of the examples.
+const STEPS: f64 = 40_000.0;
+
+/// Rows of a batch in the examples.
+const BATCH: f64 = 1024.0;
+
+/// Runs held out for validation, at the least.
+const HELD_OUT: f64 = 10.0;
+
+/// From `[network]` on, as in the built-in systems' studies, with epochs and validation as they suit so many training runs of so many
+/// rows.
+fn rest(runs: usize, rows: f64) -> String {
     let template = SYSTEMS[0].study;
-    template.find("[network]").map_or("", |start| &template[start..])
+    let text = template.find("[network]").map_or("", |start| &template[start..]);
+    let steps = (runs as f64 * rows / BATCH).ceil().max(1.0);
+    let epochs = (STEPS / steps).round().clamp(30.0, 3000.0);
+    let validation = (HELD_OUT / runs.max(1) as f64).clamp(0.03, 0.2);
+    text.replacen("epochs = 150 ", &format!("epochs = {epochs:<4}"), 1).replacen(
+        "validation = 0.03 ",
+        &format!("validation = {validation:<5.2}"),
+        1,
+    )
 }
 
 /// A TOML key.

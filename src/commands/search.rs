@@ -319,7 +319,9 @@ fn train(job: &Job, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, g
     let (status, message) = match outcome.reason {
         StopReason::Interrupted => (Status::Paused, ""),
         StopReason::Diverged => (Status::Failed, "the loss became infinite"),
-        StopReason::Finished | StopReason::Patience | StopReason::Enough => (Status::Finished, ""),
+        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
+            (Status::Finished, "")
+        }
     };
     Ok(Record {
         status,
@@ -339,7 +341,9 @@ fn train_instants(study: &Study, dataset: &Dataset, waiting: &Record, goal: usiz
     let (status, message) = match instants::reason(&outcomes) {
         StopReason::Interrupted => (Status::Paused, ""),
         StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
-        StopReason::Finished | StopReason::Patience | StopReason::Enough => (Status::Finished, ""),
+        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
+            (Status::Finished, "")
+        }
     };
     let columns = prepared.iter().zip(&outcomes).map(|(prepared, outcome)| {
         let Prepared { validation, scaling, .. } = prepared;

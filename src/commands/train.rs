@@ -262,6 +262,7 @@ pub fn describe(reason: StopReason) -> &'static str {
         StopReason::Finished => "all epochs done",
         StopReason::Patience => "no more improvement",
         StopReason::Enough => "good enough",
+        StopReason::TooFewLeft => "too few epochs left to gain anything",
         StopReason::Interrupted => "stopped by Ctrl-C",
         StopReason::Diverged => "the loss became infinite: lower the learning rate",
     }

@@ -495,8 +495,8 @@ pub struct TrainingOptions {
     pub validation: f64,
     /// Stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
-    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle that is
-    /// less than a quarter better than the one before, although it was twice as long.
+    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is the second of two
+    /// cycles in a row that are less than a quarter better than the one before, although they were twice as long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.
@@ -551,8 +551,9 @@ pub enum Schedule {
     Step,
     /// Half a cosine down to (nearly) zero.
     Cosine,
-    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, each time over twice as many
-    /// epochs, five times at the most. The training ends after a cycle that left little to gain: see [`TrainingOptions::enough`].
+    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, first over a thirtieth of the
+    /// epochs, then over a fifteenth, then over as many as it takes until the validation loss is [`TrainingOptions::enough`], as far
+    /// as those before tell. The training ends when it is, when cycles gain nothing any more, or with the epochs.
     Restarts,
     /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
     OneCycle,
@@ -668,6 +669,11 @@ impl TrainingOptions {
                 "enough",
                 self.enough.is_some() && self.schedule != Schedule::Restarts,
                 "belongs to the schedule \"restarts\"",
+            ),
+            (
+                "patience",
+                self.patience > 0 && self.schedule == Schedule::Restarts,
+                "belongs to the other schedules: one with restarts ends when its cycles gain nothing any more",
             ),
             (
                 "square_memory",

@@ -96,6 +96,8 @@ pub enum StopReason {
     Patience,
     /// The validation loss at the end of a cycle is as small as is asked for.
     Enough,
+    /// Too few epochs are left for another cycle.
+    TooFewLeft,
     /// The observer asked for it.
     Interrupted,
     /// A loss was infinite or not a number.

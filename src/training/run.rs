@@ -3,21 +3,12 @@
 use super::{
     EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
     checkpoint::{self, Header, NO_DIGEST},
-    schedule::{cycle_ends, relative_rate},
+    schedule::{cycle, relative_rate},
     trainer::{Trainer, sums},
 };
-use crate::{
-    network::Network,
-    study::{Schedule, TrainingOptions},
-};
+use crate::{network::Network, study::TrainingOptions};
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
-use std::time::Instant;
-
-/// `training.enough` unless given.
-const ENOUGH: f64 = 1e-7;
-
-/// A cycle whose validation loss is more than this share of the one before, which was half as long, is the last.
-const WORTHWHILE: f64 = 0.75;
+use std::{ops::Range, time::Instant};
 
 /// Trains a network, on as many threads as the current rayon pool has. The outcome does not depend on their number.
 ///
@@ -69,6 +60,8 @@ struct Run<'a> {
     order: Vec<u32>,
     /// Steps of an epoch.
     steps: usize,
+    /// Of the learning rate, in epochs.
+    cycle: Range<usize>,
     validation_sums: Vec<f64>,
     /// Of the training and the validation rows.
     digests: [String; 2],
@@ -106,6 +99,7 @@ impl<'a> Run<'a> {
             seed,
             order: (0..rows).collect(),
             steps: training.len().div_ceil(batch.max(1)),
+            cycle: 0..0,
             validation_sums: sums(validation.len()),
             digests: [training, validation].map(|rows| format!("{:016x}", rows.digest())),
             seconds: 0.0,
@@ -123,11 +117,8 @@ impl<'a> Run<'a> {
                 reason = StopReason::Patience;
                 break;
             }
-            if let Some(stop) = self.cycle_end() {
-                reason = stop;
-                break;
-            }
-            let Epoch { train_loss, validation_loss, learning_rate } = match self.epoch(epoch, observer) {
+            let done = self.enter_cycle().and_then(|()| self.epoch(epoch, observer));
+            let Epoch { train_loss, validation_loss, learning_rate } = match done {
                 Ok(done) => done,
                 Err(stop) => {
                     reason = stop;
@@ -151,23 +142,17 @@ impl<'a> Run<'a> {
         Outcome { network: self.best, history: self.history, best_epoch: self.best_epoch, reason }
     }
 
-    /// Why the training ends with the epoch before, if that was the end of a cycle behind which there is little to gain.
-    fn cycle_end(&self) -> Option<StopReason> {
-        if self.options.schedule != Schedule::Restarts {
-            return None;
-        }
-        let ends = cycle_ends(self.options.epochs);
-        let cycle = ends.iter().position(|&end| end == self.history.len())?;
-        let loss = |cycle: usize| self.history[ends[cycle] - 1].validation_loss;
-        if loss(cycle) <= self.options.enough.unwrap_or(ENOUGH) {
-            return Some(StopReason::Enough);
-        }
-        // the first cycles are too short to tell
-        (cycle >= 2 && loss(cycle) > WORTHWHILE * loss(cycle - 1)).then_some(StopReason::Patience)
-    }
-
     fn best_loss(&self) -> f64 {
         self.best_epoch.checked_sub(1).map_or(f64::INFINITY, |index| self.history[index].validation_loss)
+    }
+
+    /// The cycle of the next epoch, or why there is none.
+    fn enter_cycle(&mut self) -> Result<(), StopReason> {
+        if !self.cycle.contains(&self.history.len()) {
+            let losses: Vec<f64> = self.history.iter().map(|record| record.validation_loss).collect();
+            self.cycle = cycle(self.options, &losses)?;
+        }
+        Ok(())
     }
 
     /// All training rows once, then the validation.
@@ -178,8 +163,8 @@ impl<'a> Run<'a> {
         for step in 0..steps {
             // batches that differ by one row at most, instead of a last one that is much smaller and noisier
             let (begin, end) = (step * rows / steps, (step + 1) * rows / steps);
-            let number = ((epoch - 1) * steps + step) as u64;
-            let relative = relative_rate(self.options, number, (epochs * steps) as u64);
+            let number = (epoch - 1 - self.cycle.start) * steps + step;
+            let relative = relative_rate(self.options, number, self.cycle.len() * steps);
             learning_rate = self.options.learning_rate * relative;
             let loss = self.trainer.step(self.training, &self.order[begin..end], learning_rate);
             if !loss.is_finite() {

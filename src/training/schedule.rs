@@ -1,7 +1,8 @@
-//! How the learning rate changes over a training.
+//! How the learning rate changes over a training, and when one with restarts has gained enough.
 
+use super::StopReason;
 use crate::study::{Schedule, TrainingOptions};
-use std::f64::consts::PI;
+use std::{f64::consts::PI, ops::Range};
 
 /// Learning rate of the last step of a falling schedule, relative to the highest: small enough to settle, not wasted.
 const FLOOR: f64 = 1e-4;
@@ -9,20 +10,62 @@ const FLOOR: f64 = 1e-4;
 /// Learning rate of a one-cycle schedule's first step, relative to the highest.
 const CYCLE_START: f64 = 1.0 / 25.0;
 
-/// Cycles of a schedule with restarts, each twice as long as the one before.
-const CYCLES: u32 = 5;
+/// `training.enough` unless given.
+const ENOUGH: f64 = 1e-7;
 
-/// The epoch with which each cycle of a schedule with restarts ends, the last with all: `epochs (2^i - 1) / (2^5 - 1)`, rounded.
-pub(super) fn cycle_ends(epochs: usize) -> Vec<usize> {
-    let all = f64::from(2u32.pow(CYCLES) - 1);
-    let share = |cycle: u32| f64::from(2u32.pow(cycle) - 1) / all;
-    let mut ends: Vec<usize> =
-        (1..=CYCLES).map(|cycle| ((epochs as f64 * share(cycle)).round() as usize).max(1)).collect();
-    ends.dedup();
-    ends
+/// The first cycle of a schedule with restarts, as a share of all epochs: long enough to tell something, short enough to cost
+/// little.
+const FIRST_CYCLE: f64 = 1.0 / 30.0;
+
+/// A cycle has gained something if its validation loss is at most this share of that of the cycle before.
+const GAIN: f64 = 0.75;
+
+/// How much longer a cycle is than the validation loss says, which falls a little slower than in inverse proportion to the epochs.
+const SAFETY: f64 = 1.25;
+
+/// The epochs, counted from 0, of the cycle that a training is in, or why it ends here; `losses` are the validation losses of its
+/// epochs so far.
+///
+/// Only a schedule with restarts has more than one cycle. The second is twice as long as the first. As long as
+/// cycles gain something, the next is as long as it takes to reach [`TrainingOptions::enough`] if the loss falls in inverse
+/// proportion to the epochs of a cycle, but at least twice as long as the one before. Two cycles in a row that gained nothing are
+/// the last ones.
+pub(super) fn cycle(options: &TrainingOptions, losses: &[f64]) -> Result<Range<usize>, StopReason> {
+    let epochs = options.epochs;
+    if losses.len() >= epochs {
+        return Err(StopReason::Finished);
+    }
+    if options.schedule != Schedule::Restarts {
+        return Ok(0..epochs);
+    }
+    let enough = options.enough.unwrap_or(ENOUGH);
+    let mut cycle = 0..((FIRST_CYCLE * epochs as f64).round() as usize).max(1);
+    let (mut before, mut gained_before) = (f64::INFINITY, true);
+    while losses.len() >= cycle.end {
+        let loss = losses[cycle.end - 1];
+        let gained = loss <= GAIN * before;
+        if loss <= enough {
+            return Err(StopReason::Enough);
+        }
+        if !(gained || gained_before) {
+            return Err(StopReason::Patience);
+        }
+        // a shorter cycle than the last would gain nothing
+        if epochs - cycle.end < cycle.len() {
+            return Err(StopReason::TooFewLeft);
+        }
+        let expected = SAFETY * cycle.len() as f64 * loss / enough;
+        let twice = 2 * cycle.len();
+        let first = before == f64::INFINITY;
+        // an infinite number becomes the largest
+        let length = if gained && !first { (expected.ceil() as usize).max(twice) } else { twice };
+        (before, gained_before) = (loss, gained);
+        cycle = cycle.end..cycle.end.saturating_add(length).min(epochs);
+    }
+    Ok(cycle)
 }
 
-/// Learning rate of step number `step` out of `steps`, counted from 0, relative to the highest.
+/// Learning rate of step number `step`, counted from 0, out of the `steps` of its cycle, relative to the highest.
 ///
 /// With `w` the steps of the warm-up (at least one, the first), `rise = min(1, (step + 1) / w)`,
 /// `x = max(0, step - w) / (steps - w)` and `fall = floor + (1 - floor) (1 + cos(π x)) / 2`:
@@ -30,15 +73,10 @@ pub(super) fn cycle_ends(epochs: usize) -> Vec<usize> {
 /// ```text
 /// constant    rise
 /// step        rise * 0.1^(floor(3 step / steps))
-/// cosine      rise * fall
-/// restarts    the same in each cycle, of which `step` and `steps` then are
+/// cosine      rise * fall, restarts too
 /// one-cycle   start + (1 - start) (1 - cos(π rise)) / 2 in the warm-up, then fall
 /// ```
-pub(super) fn relative_rate(options: &TrainingOptions, step: u64, steps: u64) -> f64 {
-    let (step, steps) = match options.schedule {
-        Schedule::Restarts => within_cycle(options.epochs, step, steps),
-        _ => (step, steps),
-    };
+pub(super) fn relative_rate(options: &TrainingOptions, step: usize, steps: usize) -> f64 {
     let (step, steps) = (step as f64, steps as f64);
     let share = options.warm_up.unwrap_or(match options.schedule {
         Schedule::Constant | Schedule::Step => 0.0,
@@ -58,41 +96,68 @@ pub(super) fn relative_rate(options: &TrainingOptions, step: u64, steps: u64) ->
     }
 }
 
-/// A step's number within its cycle, and the cycle's steps.
-fn within_cycle(epochs: usize, step: u64, steps: u64) -> (u64, u64) {
-    let (of_epoch, mut begin) = (steps / epochs as u64, 0);
-    for end in cycle_ends(epochs).into_iter().map(|end| end as u64 * of_epoch) {
-        if step < end {
-            return (step - begin, end - begin);
-        }
-        begin = end;
-    }
-    (step, steps)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn cycles_double_and_the_last_ends_with_all_epochs() {
-        assert_eq!(cycle_ends(31), [1, 3, 7, 15, 31]);
-        assert_eq!(cycle_ends(150), [5, 15, 34, 73, 150]);
-        assert_eq!(cycle_ends(1), [1]);
-        for epochs in 1..200 {
-            let ends = cycle_ends(epochs);
-            assert!(ends.is_sorted_by(|a, b| a < b) && ends.last() == Some(&epochs), "{epochs}: {ends:?}");
-        }
-        let options = TrainingOptions { schedule: Schedule::Restarts, epochs: 31, ..TrainingOptions::default() };
-        let rates: Vec<f64> = (0..3100).map(|step| relative_rate(&options, step, 3100)).collect();
-        for (begin, end) in [(0, 100), (100, 300), (300, 700), (700, 1500), (1500, 3100)] {
-            let warm_up = (end - begin) * 3 / 100;
-            assert_eq!(rates[begin + warm_up], 1.0, "{begin}");
-            assert!(rates[begin + warm_up..end].is_sorted_by(|a, b| a > b) && rates[end - 1] < 2e-3, "{begin}");
+    /// The lengths of the cycles of a training whose cycles end with losses of `loss(cycle, length)`, and why it ends.
+    fn cycles(epochs: usize, enough: f64, loss: impl Fn(usize, f64) -> f64) -> (Vec<usize>, StopReason) {
+        let options = TrainingOptions {
+            schedule: Schedule::Restarts,
+            epochs,
+            enough: Some(enough),
+            ..TrainingOptions::default()
+        };
+        let (mut losses, mut lengths) = (Vec::new(), Vec::new());
+        loop {
+            let next = match cycle(&options, &losses) {
+                Ok(next) => next,
+                Err(reason) => return (lengths, reason),
+            };
+            assert_eq!(next.start, losses.len());
+            for end in next.start + 1..next.end {
+                // nothing is decided within a cycle
+                losses.push(0.0);
+                assert_eq!(cycle(&options, &losses), Ok(next.clone()), "{end}");
+            }
+            losses.push(loss(lengths.len(), next.len() as f64));
+            lengths.push(next.len());
         }
     }
 
-    fn rates(schedule: Schedule, warm_up: Option<f64>, steps: u64) -> Vec<f64> {
+    #[test]
+    fn the_last_cycle_is_as_long_as_it_takes() {
+        let inverse = |_, length: f64| 1e-3 / length;
+        assert_eq!(cycles(150, 1e-2, inverse), (vec![5], StopReason::Enough));
+        assert_eq!(cycles(150, 1.5e-4, inverse), (vec![5, 10], StopReason::Enough));
+        // 40 epochs would do
+        assert_eq!(cycles(150, 2.5e-5, inverse), (vec![5, 10, 50], StopReason::Enough));
+        assert_eq!(cycles(150, 1e-8, inverse), (vec![5, 10, 135], StopReason::Finished));
+        // it falls much slower than it was thought to
+        let slow = |cycle: usize, _| [1e-3, 5e-4, 1e-4, 6e-5, 5e-5][cycle];
+        assert_eq!(cycles(1000, 4.5e-5, slow), (vec![33, 66, 901], StopReason::Finished));
+        assert_eq!(cycles(1000, 3.5e-4, slow), (vec![33, 66, 132], StopReason::Enough));
+        assert_eq!(cycles(1, 0.0, inverse), (vec![1], StopReason::Finished));
+        assert_eq!(cycles(2, 0.0, inverse), (vec![1, 1], StopReason::Finished));
+        for epochs in 1..200 {
+            let (lengths, _) = cycles(epochs, 0.0, inverse);
+            let left = epochs - lengths.iter().sum::<usize>();
+            assert!(left < *lengths.last().unwrap(), "{epochs}: {lengths:?}");
+        }
+    }
+
+    #[test]
+    fn a_training_that_gains_nothing_ends() {
+        assert_eq!(cycles(150, 1e-7, |_, _| 1e-3), (vec![5, 10, 20], StopReason::Patience));
+        // the second cycle alone says nothing
+        let late = |cycle: usize, _| [1e-3, 1e-3, 1e-5, 1e-7][cycle];
+        assert_eq!(cycles(3000, 1e-7, late), (vec![100, 200, 400, 2300], StopReason::Finished));
+        // what is left is shorter than the last cycle
+        let short = |cycle: usize, _| [1e-3, 1e-4, 2e-5][cycle];
+        assert_eq!(cycles(150, 1.5e-5, short), (vec![5, 10, 84], StopReason::TooFewLeft));
+    }
+
+    fn rates(schedule: Schedule, warm_up: Option<f64>, steps: usize) -> Vec<f64> {
         let options = TrainingOptions { schedule, warm_up, ..TrainingOptions::default() };
         (0..steps).map(|step| relative_rate(&options, step, steps)).collect()
     }

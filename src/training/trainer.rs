@@ -91,7 +91,7 @@ impl Trainer {
     }
 
     /// One optimizer step on the rows with the given numbers. Returns their loss before the step; if it is infinite or
-    /// not a number, the network stays as it is. Allocates nothing.
+    /// not a number, the network stays as it is.
     ///
     /// # Panics
     /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.

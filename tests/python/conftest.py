@@ -71,6 +71,10 @@ def losses(folder):
         return [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(file)]
 
 
+# of an example's study: all epochs are done, however good the network is
+ALL_EPOCHS = [('schedule = "restarts"', 'schedule = "cosine"'), ("enough = 1e-7", "# enough = 1e-7")]
+
+
 def changed(example, *changes):
     """The text of an example's study with some lines changed, each of which it must have."""
     text = (ROOT / "examples" / example).read_text()

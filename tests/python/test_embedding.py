@@ -43,8 +43,7 @@ def system(tmp_path_factory):
     for line, smaller in [
         ("runs = 1331", "runs = 343"),
         ("test_runs = 200", "test_runs = 50"),
-        ("hidden = [128, 128]", "hidden = [64, 64]"),
-        ("batch = 1024", "batch = 512"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [64, 64]"),
         ("epochs = 60", "epochs = 30"),
     ]:
         assert line in study

@@ -1,12 +1,13 @@
 """Nominal and periodic parameters: `values` and `periodic` in the study."""
 
 import json
+import re
 from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ANY, changed, fmu_of, metafmu
+from conftest import ALL_EPOCHS, ANY, changed, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors import safe_open
@@ -31,9 +32,10 @@ def study(tmp_path_factory):
         ("stop = 2.0", "stop = 0.5"),
         ("step = 0.01", "step = 0.05"),
         ("runs = 1000", "runs = 30"),
-        ("hidden = [128, 128]", "hidden = [32, 32]"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [32, 32]"),
         ("batch = 1024", "batch = 64"),
         ("epochs = 150", "epochs = 60"),
+        *ALL_EPOCHS,
         ('fmi = "2"', 'fmi = "both"'),
     )
     path = tmp_path_factory.mktemp("encodings") / "study.toml"
@@ -45,7 +47,10 @@ def study(tmp_path_factory):
 def built(study, request):
     """Its folder; `build` ends with 0 only if validation finds no problem."""
     path = study.with_stem(request.param)
-    path.write_text(study.read_text().replace("[network]", f'[network]\nstructure = "{request.param}"'))
+    text = study.read_text().replace("[network]", f'[network]\nstructure = "{request.param}"')
+    if request.param == "fixed":
+        text = re.sub(r"(?m)^margin = .*\n", "", text)
+    path.write_text(text)
     folder = study.parent / request.param
     metafmu("build", path, "--out", folder)
     return folder

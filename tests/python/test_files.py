@@ -12,7 +12,7 @@ import threading
 import time
 
 import pytest
-from conftest import ANY, METAFMU, changed, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, changed, metafmu
 
 TABLES = ("train", "test", "calibration")
 
@@ -27,9 +27,10 @@ def built(tmp_path_factory):
         ("test_runs = 200", "test_runs = 5"),
         ("\nruns = 1000", "\nruns = 40"),
         ("step = 0.01", "step = 0.05"),
-        ("hidden = [128, 128]", "hidden = [64, 64]"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [64, 64]"),
         ("batch = 1024", "batch = 128"),
         ("epochs = 150", "epochs = 5"),
+        *ALL_EPOCHS,
     )
     study = tmp_path_factory.mktemp("files") / "study.toml"
     study.write_text(text + ANY)

@@ -74,7 +74,7 @@ def tunable(tmp_path_factory):
         ("runs = 1331", "runs = 20"),
         ("runs = 1000", "runs = 100"),
         ("test_runs = 200", "test_runs = 5"),
-        ("hidden = [128, 128]", "hidden = [16]"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16]"),
         ("epochs = 150", "epochs = 2"),
     )
     (folder / "study.toml").write_text(study)

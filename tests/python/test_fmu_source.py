@@ -437,7 +437,7 @@ def surrogate_of(fmu, folder, env=None, runs=120, **changes):
     smaller = {
         "runs = 1000": f"runs = {runs}",
         "test_runs = 200": "test_runs = 10",
-        "hidden = [128, 128]": "hidden = [48, 48]",
+        "hidden = [64, 64, 64, 64, 64, 64]": "hidden = [48, 48]",
         "batch = 1024": "batch = 256",
         "epochs = 150": "epochs = 15",
     }

@@ -64,7 +64,7 @@ def reports(tmp_path_factory):
         metafmu("compare", study, "--out", out, "--model", "ridge", "--model", "lasso", "--model", "decision-tree")
         extra = []
         if example == "single-pendulum":
-            other = small(example, out, ("hidden = [128, 128]", "hidden = [8]"), ('"single-pendulum"    # names', '"other"    # names'))
+            other = small(example, out, ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [8]"), ('"single-pendulum"    # names', '"other"    # names'))
             for verb in ("sample", "train"):
                 metafmu(verb, other, "--out", out / "other")
             extra = ["--beside", other, "--beside-out", out / "other", "--plots", out / "plots"]

@@ -4,7 +4,7 @@ import random
 import time
 
 import pytest
-from conftest import changed, kill_after, losses, metafmu
+from conftest import ALL_EPOCHS, changed, kill_after, losses, metafmu
 
 KILLS = 20
 # its bytes hold no wall times
@@ -19,9 +19,10 @@ def study(tmp_path_factory):
         ("runs = 1331", "runs = 150"),
         ("test_runs = 200", "test_runs = 20"),
         ("step = 0.01", "step = 0.02"),
-        ("hidden = [128, 128]", "hidden = [32, 32]"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [32, 32]"),
         ("batch = 1024", "batch = 128"),
         ("epochs = 150", "epochs = 160"),
+        *ALL_EPOCHS,
     )
     path = tmp_path_factory.mktemp("resume") / "study.toml"
     path.write_text(text)

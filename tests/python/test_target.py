@@ -6,7 +6,7 @@ import time
 
 import pandas as pd
 import pytest
-from conftest import ANY, METAFMU, ROOT, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, metafmu
 
 KILLS = 8
 RESULTS = ["study.safetensors", "train.csv", "added.csv"]
@@ -20,9 +20,10 @@ def study_text(target):
         ("test_runs = 200", "test_runs = 20"),
         ("\nruns = 1000", "\nruns = 20"),
         ("step = 0.01", "step = 0.02"),
-        ("hidden = [128, 128]", "hidden = [16, 16]"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
         ("batch = 1024", "batch = 128"),
         ("epochs = 150", "epochs = 10"),
+        *ALL_EPOCHS,
         ("validation = 0.03", "validation = 0.25"),
     ]:
         assert line in text, line

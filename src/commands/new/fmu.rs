@@ -1,6 +1,6 @@
 //! A study of an FMU, from what the FMU says about itself.
 
-use super::{key, quoted, rest};
+use super::{RUNS, key, quoted, rest, sampling};
 use metafmu::{
     Error, Result,
     fmu::{
@@ -66,6 +66,7 @@ fmu = {}    # relative to this file
 [time]                      # rows of a run: 0, step, 2 step, ..., stop
 stop = {stop:?}                  # s
 step = {step:?}                 # s
+margin = 0.05               # training runs are longer by this share of `stop`: errors are largest at the end else
 
 # Parameters and inputs of the FMU, constant during a run: fixed parameters of the surrogate. `variability = \"tunable\"` lets a
 # host change one during a run, \"continuous\" makes it an input; then outputs are as if it had been so from the start.
@@ -73,22 +74,19 @@ step = {step:?}                 # s
 {}
 [outputs]
 {}{}
-[sampling]
-method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
-runs = 1000
-test_runs = 200             # random runs that are never part of training
-
-",
+{}{}",
         quoted(description.description.as_deref().unwrap_or_default()),
         quoted(&file),
         parameters,
         outputs,
         arrays(&description),
+        sampling(),
+        rest(RUNS, stop / step),
     );
     Ok(match description.fmi_version {
-        FmiVersion::V2 => text + rest(),
+        FmiVersion::V2 => text,
         // it is to take the FMU's place
-        FmiVersion::V3 => text + &rest().replacen("fmi = \"2\"", "fmi = \"3\"", 1),
+        FmiVersion::V3 => text.replacen("\nfmi = \"2\"", "\nfmi = \"3\"", 1),
     })
 }
 

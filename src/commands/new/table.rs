@@ -274,5 +274,5 @@ step = {step:?}                 # s; what the FMU suggests: the rows are where t
         text,
         "\n[sampling]\ntest_runs = {test_runs}              # chosen at random, never part of training\n\n"
     );
-    text + rest()
+    text + &rest(runs.count - test_runs.min(runs.count), runs.stop / step)
 }

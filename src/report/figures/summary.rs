@@ -25,9 +25,9 @@ pub fn summary(material: &Material) -> Section {
         evaluated.test.parameters.len(),
         metadata.provenance.train_rows,
     )));
-    let headings = ["output", "unit", "R²", "RMS error", "RMS error / range", "largest error", "where"];
+    let headings = ["output", "unit", "R²", "RMS error", "of the range", "largest error", "of the range", "where"];
     let rows = outputs.values().enumerate().map(|(index, metrics)| {
-        let OutputMetrics { r2: score, mse, max_abs_error, worst_run, worst_time, .. } = metrics;
+        let OutputMetrics { r2: score, mse, max_abs_error, relative_max_error, worst_run, worst_time, .. } = metrics;
         let variable = &evaluated.test.outputs[index];
         let rms = mse.sqrt();
         vec![
@@ -37,6 +37,7 @@ pub fn summary(material: &Material) -> Section {
             number(rms),
             percent(rms / evaluated.range(index)),
             number(*max_abs_error),
+            relative_max_error.map_or("-".into(), percent),
             format!("test run {worst_run}, t = {} s", number(*worst_time)),
         ]
     });

@@ -36,10 +36,14 @@ pub(super) struct Soap {
     layers: Vec<Layer>,
     /// `U` and `V` of the first layer, of the second, ...
     bases: Vec<Eigenbasis>,
+    /// The pieces of work on all layers, each a layer and a number within it.
+    turning: Vec<(usize, usize)>,
+    turning_back: Vec<(usize, usize)>,
 }
 
 /// All matrices `[m, n]`.
 struct Layer {
+    index: usize,
     shape: Shape,
     gradient: Matrix,
     /// `[n, m]`
@@ -53,9 +57,14 @@ struct Layer {
 
 impl Soap {
     pub(super) fn new(layout: &Layout) -> Self {
-        let layers: Vec<Layer> = layout.shapes.iter().map(Layer::new).collect();
+        let layers: Vec<Layer> = layout.shapes.iter().enumerate().map(Layer::new).collect();
         let sizes = layers.iter().flat_map(|layer| [layer.gradient.rows, layer.gradient.columns]);
-        Self { simd: Simd::detect(), bases: sizes.map(Eigenbasis::new).collect(), layers }
+        let bases = sizes.map(Eigenbasis::new).collect();
+        let items = |of: fn(&Layer) -> usize| {
+            layers.iter().enumerate().flat_map(|(index, layer)| (0..of(layer)).map(move |item| (index, item))).collect()
+        };
+        let turning = items(|layer| layer.row_chunks() + layer.gradient.columns.div_ceil(CHUNK));
+        Self { simd: Simd::detect(), bases, turning, turning_back: items(Layer::row_chunks), layers }
     }
 
     /// Step number `step`, counted from 1. `gradient` and `parameters`: laid out as the packed parameters are.
@@ -68,23 +77,36 @@ impl Soap {
         gradient: &[f32],
         parameters: &mut [f32],
     ) {
-        let Self { simd, layers, bases } = self;
+        let Self { simd, layers, bases, turning, turning_back } = self;
+        let simd = *simd;
         let adam = Elementwise::new(Optimizer::Soap, coefficients, step, learning_rate);
         let share = (1.0 - coefficients.square_memory) as f32;
-        for (layer, bases) in layers.iter_mut().zip(bases.as_chunks_mut::<2>().0) {
-            layer.take_up(gradient);
-            layer.turn_gradient(*simd, team, share, adam, bases);
-            layer.turn_back(*simd, team, adam, bases, parameters);
+        // the layers together, so that the members of the team wait for each other three times only
+        for_all(team, layers, |layer| layer.take_up(gradient));
+        {
+            let pairs = layers.iter_mut().zip(bases.as_chunks_mut::<2>().0);
+            let layers: Vec<Turning> = pairs.map(|(layer, bases)| Turning::new(layer, bases)).collect();
+            team.for_each(turning.len(), |_, index| {
+                let (layer, item) = turning[index];
+                // SAFETY: each item once
+                unsafe { layers[layer].run(simd, share, adam, item) };
+            });
+        }
+        {
+            let pairs = layers.iter_mut().zip(bases.as_chunks::<2>().0);
+            let layers: Vec<TurningBack> = pairs.map(|(layer, bases)| TurningBack::new(layer, bases)).collect();
+            let parameters = Divided::new(parameters);
+            team.for_each(turning_back.len(), |_, index| {
+                let (layer, item) = turning_back[index];
+                // SAFETY: each item once
+                unsafe { layers[layer].run(simd, adam, item, &parameters) };
+            });
         }
         // the covariance of the first step alone says little about the eigenvectors
         if step > 1 && (step - 1).is_multiple_of(coefficients.refresh) {
-            let count = bases.len();
-            let divided = Divided::new(bases);
-            // SAFETY: one basis for each item
-            team.for_each(count, |_, index| unsafe { divided.range(index..index + 1)[0].refresh() });
-            for (layer, [left, right]) in layers.iter_mut().zip(bases.as_chunks::<2>().0) {
-                layer.turn_mean(*simd, left, right);
-            }
+            for_all(team, bases, Eigenbasis::refresh);
+            let bases = bases.as_chunks::<2>().0;
+            for_all(team, layers, |layer| layer.turn_mean(simd, &bases[layer.index]));
         }
     }
 
@@ -108,11 +130,19 @@ impl Soap {
     }
 }
 
+/// Calls `work` once with each of the values, on all members of the team.
+fn for_all<T: Send>(team: &mut Team, values: &mut [T], work: impl Fn(&mut T) + Sync) {
+    let (count, values) = (values.len(), Divided::new(values));
+    // SAFETY: one value for each item
+    team.for_each(count, |_, index| work(unsafe { &mut values.range(index..index + 1)[0] }));
+}
+
 impl Layer {
-    fn new(shape: &Shape) -> Self {
+    fn new((index, shape): (usize, &Shape)) -> Self {
         let (rows, columns) = shape.matrix_size();
         let zeros = || Matrix::zeros(rows, columns);
         Self {
+            index,
             shape: shape.clone(),
             gradient: zeros(),
             gradient_turned: Matrix::zeros(columns, rows),
@@ -134,29 +164,60 @@ impl Layer {
         self.gradient_turned.set_transpose(&self.gradient);
     }
 
-    /// Both covariances, `G'`, and with it Adam's means and `D'`.
-    fn turn_gradient(
-        &mut self,
-        simd: Simd,
-        team: &mut Team,
-        share: f32,
-        adam: Elementwise,
-        [left, right]: &mut [Eigenbasis; 2],
-    ) {
-        let Self { gradient, gradient_turned, mean, square, direction, product, .. } = self;
-        let (gradient, turned) = (&*gradient, &*gradient_turned);
-        let left_chunks = gradient.rows.div_ceil(CHUNK);
-        let left_covariance = Rows::new(&mut left.covariance);
-        let right_covariance = Rows::new(&mut right.covariance);
+    /// How many times [`CHUNK`] rows.
+    fn row_chunks(&self) -> usize {
+        self.gradient.rows.div_ceil(CHUNK)
+    }
+
+    /// Adam's mean in the new eigenbasis.
+    fn turn_mean(&mut self, simd: Simd, [left, right]: &[Eigenbasis; 2]) {
+        multiply(simd, all(&left.turn), &self.mean, Store::Replace, &mut self.product.values);
+        multiply(simd, all(&self.product), &right.turn_back, Store::Replace, &mut self.mean.values);
+    }
+}
+
+/// Both covariances, `G'`, and with it Adam's means and `D'`, of a layer.
+struct Turning<'a> {
+    gradient: &'a Matrix,
+    gradient_turned: &'a Matrix,
+    left_rows: &'a Matrix,
+    right_columns: &'a Matrix,
+    left_covariance: Rows<'a>,
+    right_covariance: Rows<'a>,
+    mean: Rows<'a>,
+    square: Rows<'a>,
+    direction: Rows<'a>,
+    product: Rows<'a>,
+}
+
+impl<'a> Turning<'a> {
+    fn new(layer: &'a mut Layer, [left, right]: &'a mut [Eigenbasis; 2]) -> Self {
+        let Layer { gradient, gradient_turned, mean, square, direction, product, .. } = layer;
         let [mean, square, direction, product] = [mean, square, direction, product].map(Rows::new);
-        team.for_each(left_chunks + gradient.columns.div_ceil(CHUNK), |_, index| {
-            if index >= left_chunks {
-                let rows = right_covariance.chunk(index - left_chunks);
-                // SAFETY: one chunk for each item
-                let to = unsafe { right_covariance.get(rows.clone()) };
-                return multiply(simd, some(turned, rows), gradient, Store::Blend(share), to);
-            }
-            let rows = left_covariance.chunk(index);
+        Self {
+            gradient,
+            gradient_turned,
+            left_rows: &left.rows,
+            right_columns: &right.columns,
+            left_covariance: Rows::new(&mut left.covariance),
+            right_covariance: Rows::new(&mut right.covariance),
+            mean,
+            square,
+            direction,
+            product,
+        }
+    }
+
+    /// Some rows of the left covariance and of what follows from the gradient, then some rows of the right covariance.
+    ///
+    /// # Safety
+    /// No item overlaps with another call for the same one.
+    unsafe fn run(&self, simd: Simd, share: f32, adam: Elementwise, item: usize) {
+        let Self {
+            gradient, gradient_turned, left_covariance, right_covariance, mean, square, direction, product, ..
+        } = self;
+        let Some(index) = item.checked_sub(gradient.rows.div_ceil(CHUNK)) else {
+            let rows = left_covariance.chunk(item);
             // SAFETY: one chunk for each item
             let (covariance, mean, square, direction, product) = unsafe {
                 (
@@ -167,50 +228,57 @@ impl Layer {
                     product.get(rows.clone()),
                 )
             };
-            multiply(simd, some(gradient, rows.clone()), turned, Store::Blend(share), covariance);
-            multiply(simd, some(&left.rows, rows.clone()), gradient, Store::Replace, product);
+            multiply(simd, some(gradient, rows.clone()), gradient_turned, Store::Blend(share), covariance);
+            multiply(simd, some(self.left_rows, rows.clone()), gradient, Store::Replace, product);
             let half = Left { values: product, inner: gradient.columns, ..some(gradient, rows) };
-            multiply(simd, half, &right.columns, Store::Replace, direction);
-            simd.run(Direction { adam, mean, square, direction });
-        });
+            multiply(simd, half, self.right_columns, Store::Replace, direction);
+            return simd.run(Direction { adam, mean, square, direction });
+        };
+        let rows = right_covariance.chunk(index);
+        // SAFETY: one chunk for each item
+        let to = unsafe { right_covariance.get(rows.clone()) };
+        multiply(simd, some(gradient_turned, rows), gradient, Store::Blend(share), to);
     }
+}
 
-    /// `D = U D' V^T`, and with it the new parameters.
-    fn turn_back(
-        &mut self,
-        simd: Simd,
-        team: &mut Team,
-        adam: Elementwise,
-        [left, right]: &[Eigenbasis; 2],
-        parameters: &mut [f32],
-    ) {
-        let Self { shape, gradient, direction, product, .. } = self;
-        let direction = &*direction;
-        // the gradient is not needed any more: its place is taken by D
+/// `D = U D' V^T`, and with it the new parameters, of a layer.
+struct TurningBack<'a> {
+    shape: &'a Shape,
+    direction: &'a Matrix,
+    left_columns: &'a Matrix,
+    right_rows: &'a Matrix,
+    /// The gradient is not needed any more: its place is taken by `D`.
+    result: Rows<'a>,
+    product: Rows<'a>,
+}
+
+impl<'a> TurningBack<'a> {
+    fn new(layer: &'a mut Layer, [left, right]: &'a [Eigenbasis; 2]) -> Self {
+        let Layer { shape, gradient, direction, product, .. } = layer;
         let (result, product) = (Rows::new(gradient), Rows::new(product));
-        let parameters = Divided::new(parameters);
-        team.for_each(result.rows.div_ceil(CHUNK), |_, index| {
-            let rows = result.chunk(index);
-            // SAFETY: one chunk for each item
-            let (result, product) = unsafe { (result.get(rows.clone()), product.get(rows.clone())) };
-            multiply(simd, some(&left.columns, rows.clone()), direction, Store::Replace, product);
-            let half = Left { values: product, inner: direction.columns, ..some(direction, rows.clone()) };
-            multiply(simd, half, &right.rows, Store::Replace, result);
-            for (row, direction) in rows.zip(result.chunks(direction.stride())) {
-                for (range, column) in shape.matrix_row(row) {
-                    let direction = &direction[column..column + range.len()];
-                    // SAFETY: the rows of the matrix do not overlap in the parameters
-                    let parameters = unsafe { parameters.range(range) };
-                    parameters.iter_mut().zip(direction).for_each(|(p, d)| *p = adam.applied(*d, *p));
-                }
-            }
-        });
+        Self { shape, direction, left_columns: &left.columns, right_rows: &right.rows, result, product }
     }
 
-    /// Adam's mean in the new eigenbasis.
-    fn turn_mean(&mut self, simd: Simd, left: &Eigenbasis, right: &Eigenbasis) {
-        multiply(simd, all(&left.turn), &self.mean, Store::Replace, &mut self.product.values);
-        multiply(simd, all(&self.product), &right.turn_back, Store::Replace, &mut self.mean.values);
+    /// Some rows.
+    ///
+    /// # Safety
+    /// No item overlaps with another call for the same one.
+    unsafe fn run(&self, simd: Simd, adam: Elementwise, item: usize, parameters: &Divided<f32>) {
+        let Self { shape, direction, left_columns, right_rows, result, product } = self;
+        let rows = result.chunk(item);
+        // SAFETY: one chunk for each item
+        let (result, product) = unsafe { (result.get(rows.clone()), product.get(rows.clone())) };
+        multiply(simd, some(left_columns, rows.clone()), direction, Store::Replace, product);
+        let half = Left { values: product, inner: direction.columns, ..some(direction, rows.clone()) };
+        multiply(simd, half, right_rows, Store::Replace, result);
+        for (row, direction) in rows.zip(result.chunks(direction.stride())) {
+            for (range, column) in shape.matrix_row(row) {
+                let direction = &direction[column..column + range.len()];
+                // SAFETY: the rows of the matrix do not overlap in the parameters
+                let parameters = unsafe { parameters.range(range) };
+                parameters.iter_mut().zip(direction).for_each(|(p, d)| *p = adam.applied(*d, *p));
+            }
+        }
     }
 }
 
