@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use metafmu::{
     network::Network,
-    study::{NetworkOptions, TrainingOptions},
+    study::{NetworkOptions, Optimizer, TrainingOptions},
     training::{Rows, Trainer},
 };
 use metafmu_runtime::Activation;
@@ -30,9 +30,14 @@ fn optimizer_step(criterion: &mut Criterion) {
 /// On as many threads as a training takes.
 fn time_steps(network: &Network, rows: &Rows, batch: usize, steps: u64) -> std::time::Duration {
     let numbers: Vec<u32> = (0..rows.len() as u32).collect();
-    let mut trainer =
-        Trainer::new(network.clone(), &TrainingOptions::default(), batch, rayon::current_num_threads(), 1)
-            .expect("the defaults are good");
+    let mut trainer = Trainer::new(
+        network.clone(),
+        &TrainingOptions { optimizer: Optimizer::Adam, ..TrainingOptions::default() },
+        batch,
+        rayon::current_num_threads(),
+        1,
+    )
+    .expect("the defaults are good");
     let started = Instant::now();
     for (_, numbers) in (0..steps).zip(numbers.chunks_exact(batch).cycle()) {
         black_box(trainer.step(rows, numbers, 1e-3));

@@ -6,7 +6,7 @@
 
 use metafmu::{
     network::Network,
-    study::{NetworkOptions, TrainingOptions},
+    study::{NetworkOptions, Optimizer, TrainingOptions},
     training::{Rows, Trainer},
 };
 use metafmu_runtime::Activation;
@@ -32,7 +32,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = NetworkOptions { hidden: hidden.into(), activation, ..NetworkOptions::default() };
     let network = Network::new(inputs, outputs, &options, 1)?;
     let rows = read(file, inputs, outputs)?;
-    let mut trainer = Trainer::new(network, &TrainingOptions::default(), batch, threads.parse()?, 1)?;
+    // as the peers do
+    let options = TrainingOptions { optimizer: Optimizer::Adam, ..TrainingOptions::default() };
+    let mut trainer = Trainer::new(network, &options, batch, threads.parse()?, 1)?;
     let mut order: Vec<u32> = (0..rows.len() as u32).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(1));
     let mut batches = order.chunks_exact(batch).cycle();

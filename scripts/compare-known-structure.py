@@ -114,6 +114,10 @@ def sampled(options, system, seed, kind, without):
     text = (ROOT / "examples" / f"{system}.toml").read_text()
     for key, value in {"seed": seed, "runs": options.runs, "epochs": options.epochs}.items():
         text = re.sub(rf"(?m)^{key} = \d+", f"{key} = {value}", text, count=1)
+    # the same number of epochs for all, inside the ranges and the time
+    text = re.sub(r"(?m)^(margin|faces|enough) = .*\n", "", text)
+    for key, value in {"hidden": "[128, 128]", "learning_rate": "0.003", "schedule": '"cosine"'}.items():
+        text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
     text = re.sub(r"(?ms)^\[bounds\].*?\n\n", "", text)
     for output in without:
         text = re.sub(rf"(?m)^{output} = .*\n", "", text)

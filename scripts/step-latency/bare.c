@@ -1,4 +1,4 @@
-/* Bare C: a 4-128-128-3 tanh network in AVX-512 intrinsics, in single precision or, with -DDOUBLE, in double.
+/* Bare C: a tanh network of 4 inputs, LAYERS hidden layers of HIDDEN nodes and 3 outputs in AVX-512 intrinsics, in single precision or, with -DDOUBLE, in double.
  *
  * RESOURCES is a folder with `bare.f32` or `bare.f64`: for each layer the weights, inputs by outputs, then the biases.
  */
@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define HIDDEN 128
 #ifdef DOUBLE
 typedef double Number;
 typedef __m512d Vector;
@@ -22,28 +21,37 @@ typedef __m512 Vector;
 #define LANES 16
 #endif
 #define GROUPS (HIDDEN / LANES)
+/* sixteen accumulators, as many as two multiply-add units and their latency ask for: of so many groups, so many inputs at a time */
+#define WIDE (GROUPS < 8 ? GROUPS : 8)
+#define CHAINS (16 / WIDE)
+_Static_assert(HIDDEN % CHAINS == 0 && GROUPS % WIDE == 0 && LAYERS > 0, "a multiple");
 
 typedef struct {
-    Number first[4][HIDDEN], first_bias[HIDDEN], second[HIDDEN][HIDDEN], second_bias[HIDDEN], third[3][HIDDEN], third_bias[3];
+    Number weight[HIDDEN][HIDDEN], bias[HIDDEN];
+} Inner;
+typedef struct {
+    Number first[4][HIDDEN], first_bias[HIDDEN];
+    Inner inner[LAYERS];
+    Number last[3][HIDDEN], last_bias[3];
 } Network;
+/* one inner layer less than hidden layers; the array has one more, as C has no empty ones */
 static Network network __attribute__((aligned(64)));
 
 static void *prepare(const char *folder)
 {
-    static Number third[HIDDEN][3];
+    static Number last[HIDDEN][3];
     char path[4096];
     snprintf(path, sizeof path, "%s/" FILE_NAME, folder);
     FILE *file = fopen(path, "rb");
     if (!file) return NULL;
     int fine = fread(network.first, sizeof network.first, 1, file) == 1;
     fine = fine && fread(network.first_bias, sizeof network.first_bias, 1, file) == 1;
-    fine = fine && fread(network.second, sizeof network.second, 1, file) == 1;
-    fine = fine && fread(network.second_bias, sizeof network.second_bias, 1, file) == 1;
-    fine = fine && fread(third, sizeof third, 1, file) == 1;
-    fine = fine && fread(network.third_bias, sizeof network.third_bias, 1, file) == 1;
+    fine = fine && fread(network.inner, sizeof *network.inner, LAYERS - 1, file) == LAYERS - 1;
+    fine = fine && fread(last, sizeof last, 1, file) == 1;
+    fine = fine && fread(network.last_bias, sizeof network.last_bias, 1, file) == 1;
     fclose(file);
     for (int i = 0; i < HIDDEN; i++)
-        for (int o = 0; o < 3; o++) network.third[o][i] = third[i][o];
+        for (int o = 0; o < 3; o++) network.last[o][i] = last[i][o];
     return fine ? &network : NULL;
 }
 
@@ -68,36 +76,44 @@ static inline Vector activation(Vector x)
 
 static int evaluate(void *unused, const double *inputs, double *outputs)
 {
-    Number hidden[HIDDEN] __attribute__((aligned(64)));
-    Vector last[GROUPS];
+    Number values[2][HIDDEN] __attribute__((aligned(64)));
     (void)unused;
-    /* eight accumulators at a time, as many as the latency of two multiply-add units asks for */
-    for (int group = 0; group < GROUPS; group += 8) {
-        Vector sum[8];
-        for (int j = 0; j < 8; j++) sum[j] = V(load)(network.first_bias + LANES * (group + j));
+    for (int group = 0; group < GROUPS; group += WIDE) {
+        Vector sum[WIDE];
+        for (int j = 0; j < WIDE; j++) sum[j] = V(load)(network.first_bias + LANES * (group + j));
         for (int i = 0; i < 4; i++) {
             Vector x = V(set1)((Number)inputs[i]);
-            for (int j = 0; j < 8; j++) sum[j] = V(fmadd)(x, V(load)(&network.first[i][LANES * (group + j)]), sum[j]);
+            for (int j = 0; j < WIDE; j++) sum[j] = V(fmadd)(x, V(load)(&network.first[i][LANES * (group + j)]), sum[j]);
         }
-        for (int j = 0; j < 8; j++) V(store)(hidden + LANES * (group + j), activation(sum[j]));
+        for (int j = 0; j < WIDE; j++) V(store)(values[0] + LANES * (group + j), activation(sum[j]));
     }
-    for (int group = 0; group < GROUPS; group += 8) {
-        Vector even[8], odd[8];
-        for (int j = 0; j < 8; j++) {
-            even[j] = V(load)(network.second_bias + LANES * (group + j));
-            odd[j] = V(setzero)();
+    for (int layer = 0; layer + 1 < LAYERS; layer++) {
+        const Inner *inner = &network.inner[layer];
+        const Number *from = values[layer % 2];
+        Number *to = values[1 - layer % 2];
+        for (int group = 0; group < GROUPS; group += WIDE) {
+            Vector sum[CHAINS][WIDE];
+            for (int j = 0; j < WIDE; j++) {
+                sum[0][j] = V(load)(inner->bias + LANES * (group + j));
+                for (int c = 1; c < CHAINS; c++) sum[c][j] = V(setzero)();
+            }
+            for (int i = 0; i < HIDDEN; i += CHAINS)
+                for (int c = 0; c < CHAINS; c++) {
+                    Vector x = V(set1)(from[i + c]);
+                    for (int j = 0; j < WIDE; j++)
+                        sum[c][j] = V(fmadd)(x, V(load)(&inner->weight[i + c][LANES * (group + j)]), sum[c][j]);
+                }
+            for (int j = 0; j < WIDE; j++) {
+                for (int c = 1; c < CHAINS; c++) sum[0][j] = V(add)(sum[0][j], sum[c][j]);
+                V(store)(to + LANES * (group + j), activation(sum[0][j]));
+            }
         }
-        for (int i = 0; i < HIDDEN; i += 2) {
-            Vector x = V(set1)(hidden[i]), y = V(set1)(hidden[i + 1]);
-            for (int j = 0; j < 8; j++) even[j] = V(fmadd)(x, V(load)(&network.second[i][LANES * (group + j)]), even[j]);
-            for (int j = 0; j < 8; j++) odd[j] = V(fmadd)(y, V(load)(&network.second[i + 1][LANES * (group + j)]), odd[j]);
-        }
-        for (int j = 0; j < 8; j++) last[group + j] = activation(V(add)(even[j], odd[j]));
     }
+    const Number *hidden = values[(LAYERS - 1) % 2];
     for (int o = 0; o < 3; o++) {
         Vector sum = V(setzero)();
-        for (int j = 0; j < GROUPS; j++) sum = V(fmadd)(last[j], V(load)(&network.third[o][LANES * j]), sum);
-        outputs[o] = (double)(V(reduce_add)(sum) + network.third_bias[o]);
+        for (int j = 0; j < GROUPS; j++) sum = V(fmadd)(V(load)(hidden + LANES * j), V(load)(&network.last[o][LANES * j]), sum);
+        outputs[o] = (double)(V(reduce_add)(sum) + network.last_bias[o]);
     }
     return 0;
 }

@@ -113,7 +113,7 @@ impl Comparison {
             models.iter().flat_map(|row| row.outputs.keys()).collect::<IndexSet<_>>().into_iter().collect();
         let mut text = format!("{name} on {test_runs} unseen runs, {test_rows} rows\n\n{:<18}", "R² of");
         // writing to a string does not fail
-        let _ = outputs.iter().try_for_each(|output| write!(text, " {output:>9.9}"));
+        let _ = outputs.iter().try_for_each(|output| write!(text, " {output:>11.11}"));
         let _ = writeln!(text, " {:>9} {:>11} {:>9}  note", "fit", "prediction", "memory");
         for row in models {
             let _ = write!(text, "{:<18}", row.model);
@@ -123,7 +123,7 @@ impl Comparison {
             }
             for output in &outputs {
                 let r2 = row.outputs.get(*output).and_then(|accuracy| accuracy.r2);
-                let _ = write!(text, " {:>9}", r2.map_or("constant".into(), |r2| format!("{r2:.6}")));
+                let _ = write!(text, " {:>11}", r2.map_or("constant".into(), |r2| format!("{r2:.9}")));
             }
             let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2} s"));
             let point =

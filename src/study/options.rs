@@ -495,8 +495,8 @@ pub struct TrainingOptions {
     pub validation: f64,
     /// Stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
-    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is the second of two
-    /// cycles in a row that are less than a quarter better than the one before, although they were twice as long.
+    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle, from the
+    /// third on, that is hardly better than the one before: less than a quarter, if it was twice as long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.
@@ -553,7 +553,7 @@ pub enum Schedule {
     Cosine,
     /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, first over a thirtieth of the
     /// epochs, then over a fifteenth, then over as many as it takes until the validation loss is [`TrainingOptions::enough`], as far
-    /// as those before tell. The training ends when it is, when cycles gain nothing any more, or with the epochs.
+    /// as those before tell. The training ends when it is, when a cycle gains nothing any more, or with the epochs.
     Restarts,
     /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
     OneCycle,
@@ -561,7 +561,7 @@ pub enum Schedule {
 
 impl Default for NetworkOptions {
     fn default() -> Self {
-        Self { structure: Structure::Full, hidden: vec![128, 128], activation: Activation::Tanh }
+        Self { structure: Structure::Full, hidden: vec![64; 6], activation: Activation::Tanh }
     }
 }
 
@@ -571,15 +571,15 @@ impl Default for TrainingOptions {
             loss: Loss::Mse,
             huber_delta: 1.0,
             output_weights: Vec::new(),
-            optimizer: Optimizer::Adam,
+            optimizer: Optimizer::Soap,
             momentum: None,
             square_memory: None,
             refresh: 10,
             learning_rate: 5e-3,
-            schedule: Schedule::Cosine,
+            schedule: Schedule::Restarts,
             warm_up: None,
             batch: 1024,
-            epochs: 40,
+            epochs: 150,
             validation: 0.1,
             patience: 0,
             enough: None,

@@ -6,9 +6,16 @@ use super::{
     schedule::{cycle, relative_rate},
     trainer::{Trainer, sums},
 };
-use crate::{network::Network, study::TrainingOptions};
+use crate::{
+    network::Network,
+    study::{Schedule, TrainingOptions},
+};
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use std::{ops::Range, time::Instant};
+
+/// Factor by which the validation loss exceeds the best one, and number of epochs in a row, that show a network to learn its rows by
+/// heart.
+const OVERFITTED: (f64, usize) = (1.5, 5);
 
 /// Trains a network, on as many threads as the current rayon pool has. The outcome does not depend on their number.
 ///
@@ -148,11 +155,30 @@ impl<'a> Run<'a> {
 
     /// The cycle of the next epoch, or why there is none.
     fn enter_cycle(&mut self) -> Result<(), StopReason> {
+        if self.overfits() {
+            return Err(StopReason::Patience);
+        }
         if !self.cycle.contains(&self.history.len()) {
             let losses: Vec<f64> = self.history.iter().map(|record| record.validation_loss).collect();
             self.cycle = cycle(self.options, &losses)?;
         }
         Ok(())
+    }
+
+    /// Whether the last epochs of a schedule with restarts fit the training rows better than the best epoch did, and the held-out ones
+    /// much worse. A high learning rate makes both worse.
+    fn overfits(&self) -> bool {
+        let (factor, count) = OVERFITTED;
+        let (Schedule::Restarts, Some(best), Some(first)) =
+            (self.options.schedule, self.best_epoch.checked_sub(1), self.history.len().checked_sub(count))
+        else {
+            return false;
+        };
+        let best = self.history[best];
+        let overfits = |record: &EpochRecord| {
+            record.train_loss < best.train_loss && record.validation_loss > factor * best.validation_loss
+        };
+        self.history[first..].iter().all(overfits)
     }
 
     /// All training rows once, then the validation.

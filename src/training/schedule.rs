@@ -17,8 +17,12 @@ const ENOUGH: f64 = 1e-7;
 /// little.
 const FIRST_CYCLE: f64 = 1.0 / 30.0;
 
-/// A cycle has gained something if its validation loss is at most this share of that of the cycle before.
-const GAIN: f64 = 0.75;
+/// A cycle has gained something if the validation loss fell at least as this power of the cycles' epochs: by a quarter, if it is twice
+/// as long as the one before.
+const GAIN: f64 = 0.4;
+
+/// A cycle may be much longer than the one before if the loss fell at least as this power.
+const STEADY: f64 = 0.75;
 
 /// How much longer a cycle is than the validation loss says, which falls a little slower than in inverse proportion to the epochs.
 const SAFETY: f64 = 1.25;
@@ -26,10 +30,9 @@ const SAFETY: f64 = 1.25;
 /// The epochs, counted from 0, of the cycle that a training is in, or why it ends here; `losses` are the validation losses of its
 /// epochs so far.
 ///
-/// Only a schedule with restarts has more than one cycle. The second is twice as long as the first. As long as
-/// cycles gain something, the next is as long as it takes to reach [`TrainingOptions::enough`] if the loss falls in inverse
-/// proportion to the epochs of a cycle, but at least twice as long as the one before. Two cycles in a row that gained nothing are
-/// the last ones.
+/// Only a schedule with restarts has more than one cycle. Each is twice as long as the one before, or, where the loss falls steadily, as
+/// long as it takes to reach [`TrainingOptions::enough`] in inverse proportion to the epochs of a cycle. The last is one that gained
+/// nothing, unless it is the second.
 pub(super) fn cycle(options: &TrainingOptions, losses: &[f64]) -> Result<Range<usize>, StopReason> {
     let epochs = options.epochs;
     if losses.len() >= epochs {
@@ -40,27 +43,31 @@ pub(super) fn cycle(options: &TrainingOptions, losses: &[f64]) -> Result<Range<u
     }
     let enough = options.enough.unwrap_or(ENOUGH);
     let mut cycle = 0..((FIRST_CYCLE * epochs as f64).round() as usize).max(1);
-    let (mut before, mut gained_before) = (f64::INFINITY, true);
+    // of the cycle before: its length and its loss
+    let mut before: Option<(f64, f64)> = None;
+    let mut number = 1;
     while losses.len() >= cycle.end {
-        let loss = losses[cycle.end - 1];
-        let gained = loss <= GAIN * before;
+        let (length, loss) = (cycle.len() as f64, losses[cycle.end - 1]);
+        let power = before.map(|(shorter, larger)| (larger / loss).ln() / (length / shorter).ln());
         if loss <= enough {
             return Err(StopReason::Enough);
         }
-        if !(gained || gained_before) {
+        if number > 2 && power.is_none_or(|power| power < GAIN) {
             return Err(StopReason::Patience);
         }
         // a shorter cycle than the last would gain nothing
         if epochs - cycle.end < cycle.len() {
             return Err(StopReason::TooFewLeft);
         }
-        let expected = SAFETY * cycle.len() as f64 * loss / enough;
-        let twice = 2 * cycle.len();
-        let first = before == f64::INFINITY;
+        let needed = match power {
+            Some(power) if power >= STEADY => SAFETY * length * loss / enough,
+            _ => 0.0,
+        };
         // an infinite number becomes the largest
-        let length = if gained && !first { (expected.ceil() as usize).max(twice) } else { twice };
-        (before, gained_before) = (loss, gained);
-        cycle = cycle.end..cycle.end.saturating_add(length).min(epochs);
+        let next = (needed.ceil() as usize).max(2 * cycle.len());
+        cycle = cycle.end..cycle.end.saturating_add(next).min(epochs);
+        before = Some((length, loss));
+        number += 1;
     }
     Ok(cycle)
 }
@@ -152,6 +159,9 @@ mod tests {
         // the second cycle alone says nothing
         let late = |cycle: usize, _| [1e-3, 1e-3, 1e-5, 1e-7][cycle];
         assert_eq!(cycles(3000, 1e-7, late), (vec![100, 200, 400, 2300], StopReason::Finished));
+        // so slowly that there is no telling how long it takes
+        let slowly = |cycle: usize, _| [1e-3, 7e-4, 5e-4, 4.5e-4][cycle];
+        assert_eq!(cycles(3000, 1e-7, slowly), (vec![100, 200, 400, 800], StopReason::Patience));
         // what is left is shorter than the last cycle
         let short = |cycle: usize, _| [1e-3, 1e-4, 2e-5][cycle];
         assert_eq!(cycles(150, 1.5e-5, short), (vec![5, 10, 84], StopReason::TooFewLeft));

@@ -69,7 +69,7 @@ def flat(tensors):
 def optimizer_of(options, network, linear):
     rate, parameters = options["learning_rate"], network.parameters()
     decay, l2 = options.get("weight_decay", 0), options.get("l2", 0)
-    match options.get("optimizer", "adam"):
+    match options["optimizer"]:
         case "sgd":
             return torch.optim.SGD(parameters, rate, momentum=options.get("momentum", 0.9), weight_decay=l2)
         case "rmsprop":
@@ -93,7 +93,7 @@ def loss_of(options, outputs, targets):
 
 def case(name, activation="tanh", steps=STEPS, tolerance=2e-7, **options):
     torch.manual_seed(7)
-    options = {"learning_rate": 0.01, **options}
+    options = {"learning_rate": 0.01, "optimizer": "adam", **options}
     normalized = options.get("batch_norm", False)
     modules, linear, norms = [], [], []
     for index, (fan_in, fan_out) in enumerate(zip(SIZES, SIZES[1:])):

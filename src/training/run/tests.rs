@@ -1,9 +1,10 @@
 use super::*;
 use crate::{
     network::{BLOCK_ROWS, Packed},
-    study::{NetworkOptions, Optimizer, Schedule},
+    study::{NetworkOptions, Optimizer},
     training::{gradient::Gradients, team::Team},
 };
+use rand::RngExt;
 use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
 
@@ -22,7 +23,14 @@ fn network(hidden: &[usize]) -> Network {
 }
 
 fn options(epochs: usize, batch: usize) -> TrainingOptions {
-    TrainingOptions { epochs, batch, learning_rate: 1e-2, ..TrainingOptions::default() }
+    TrainingOptions {
+        optimizer: Optimizer::Adam,
+        learning_rate: 1e-2,
+        schedule: Schedule::Cosine,
+        batch,
+        epochs,
+        ..TrainingOptions::default()
+    }
 }
 
 fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -358,4 +366,18 @@ fn a_training_with_restarts_ends_with_the_cycle_that_is_good_enough_or_gained_li
         Rows::new(2, 2, vec![0.5; 200], (0..200).map(|i| (f64::from(i) * 7.3).sin() as f32).collect()).unwrap();
     let hopeless = outcome(0.0, 31, &unrelated);
     assert_eq!((hopeless.reason, hopeless.history.len()), (StopReason::Patience, 7));
+}
+
+#[test]
+fn a_training_with_restarts_ends_when_it_learns_noise_by_heart() {
+    let noisy = |seed: usize, count: usize| {
+        let mut random = ChaCha8Rng::seed_from_u64(seed as u64);
+        let mut number = || random.random::<f32>() - 0.5;
+        let inputs: Vec<f32> = (0..2 * count).map(|_| 4.0 * number()).collect();
+        Rows::new(2, 2, inputs, (0..2 * count).map(|_| number()).collect()).unwrap()
+    };
+    let options = TrainingOptions { schedule: Schedule::Restarts, ..options(3000, 64) };
+    let outcome = train(network(&[64]), &noisy(1, 64), &noisy(2, 64), &options, 1, &mut ()).unwrap();
+    assert_eq!(outcome.reason, StopReason::Patience);
+    assert!(outcome.history.len() < 2000 && outcome.best_epoch < 1000, "{} epochs", outcome.history.len());
 }
