@@ -127,16 +127,17 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         page,
         &format!(
             "<p>Measured on {test_runs} runs of the original model ({test_rows} rows) that took no part in training.</p>\n\
-             <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error</th><th>of the range</th><th>Unit</th></tr>"
+             <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error, of the range</th><th>Unit</th></tr>"
         ),
     );
     for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
     {
-        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.9}"));
+        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.6}"));
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
         let (name, unit) = (escape(&output.name), escape(if output.unit.is_empty() { "-" } else { &output.unit }));
-        let share = metrics.relative_max_error.map_or("-".into(), |share| format!("{} %", number(100.0 * share)));
-        let cells = [r2, rms, largest, share].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
+        let share =
+            metrics.relative_max_error.map_or(String::new(), |share| format!("<br>{} %", number(100.0 * share)));
+        let cells = [r2, rms, largest + &share].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
         line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
     }
     line(page, "</table>");
@@ -271,7 +272,7 @@ mod tests {
         let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
         for piece in [
             "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
-            "<td><code>angle</code></td><td class=\"n\">0.999870000</td><td class=\"n\">0.002</td><td class=\"n\">0.0125</td><td class=\"n\">0.5 %</td>",
+            "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
             "20 runs of the original model (4020 rows)",
             "constant output",
             "as long as its inputs and parameters stay what they are at the start of a run",

@@ -199,6 +199,6 @@ def test_what_cannot_stand_beside_is_refused(reports):
     points = [line.split(",")[2:5] for line in (page.parent / "test.csv").read_text().splitlines()]
     (page.parent / "points.csv").write_text("\n".join(sorted({",".join(row) for row in points}, reverse=True)))
     text = study.read_text().replace('method = "sobol"', 'method = "list"\nfile = "points.csv"')
-    seen.write_text(re.sub(r"(?m)^runs = \d+.*\n", "", text))
+    seen.write_text(re.sub(r"(?m)^(runs|faces) = .*\n", "", text))
     result = metafmu("report", study, "--out", page.parent, "--beside", seen, check=False)
     assert result.returncode == 2 and "was trained on 200 of the test runs of single-pendulum" in result.stderr

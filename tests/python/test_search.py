@@ -10,7 +10,7 @@ import time
 import tomllib
 
 import pytest
-from conftest import METAFMU, changed, metafmu
+from conftest import ALL_EPOCHS, METAFMU, changed, metafmu
 
 KILLS = 20
 SEARCH = """
@@ -35,6 +35,7 @@ def study(tmp_path_factory):
         ("step = 0.01", "step = 0.05"),
         ("batch = 1024", "batch = 64"),
         ("epochs = 150", "epochs = 30"),
+        *ALL_EPOCHS,
     )
     path = tmp_path_factory.mktemp("search") / "study.toml"
     path.write_text(text + SEARCH)

@@ -123,7 +123,7 @@ fn unit(unit: &str) -> String {
 
 /// `R²` as people read it: as many digits as there are nines, and a few more.
 fn r2(value: Option<f64>) -> String {
-    value.map_or("constant output".into(), |r2| format!("{r2:.9}"))
+    value.map_or("constant output".into(), |r2| format!("{r2:.7}"))
 }
 
 fn percent(share: f64) -> String {

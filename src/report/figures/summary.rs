@@ -25,7 +25,7 @@ pub fn summary(material: &Material) -> Section {
         evaluated.test.parameters.len(),
         metadata.provenance.train_rows,
     )));
-    let headings = ["output", "unit", "R²", "RMS error", "of the range", "largest error", "of the range", "where"];
+    let headings = ["output", "unit", "R²", "RMS error, of the range", "largest error, of the range", "where"];
     let rows = outputs.values().enumerate().map(|(index, metrics)| {
         let OutputMetrics { r2: score, mse, max_abs_error, relative_max_error, worst_run, worst_time, .. } = metrics;
         let variable = &evaluated.test.outputs[index];
@@ -34,10 +34,8 @@ pub fn summary(material: &Material) -> Section {
             code(&variable.name),
             unit(&variable.unit),
             r2(*score),
-            number(rms),
-            percent(rms / evaluated.range(index)),
-            number(*max_abs_error),
-            relative_max_error.map_or("-".into(), percent),
+            both(rms, Some(rms / evaluated.range(index))),
+            both(*max_abs_error, *relative_max_error),
             format!("test run {worst_run}, t = {} s", number(*worst_time)),
         ]
     });
@@ -55,6 +53,11 @@ pub fn summary(material: &Material) -> Section {
     });
     blocks.push(table(&["variable", "kind", "from", "to", "unit", "meaning"], rows));
     Section { id: "summary", title: "Summary".into(), blocks }
+}
+
+/// An error in the output's unit and, below it, as a share of the output's range.
+fn both(error: f64, share: Option<f64>) -> String {
+    number(error) + &share.map_or(String::new(), |share| format!("<br>{}", percent(share)))
 }
 
 /// Nodes and activation in words.
