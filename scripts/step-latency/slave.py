@@ -10,7 +10,7 @@ class Network(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         arrays = np.load(Path(self.resources) / "network.npz")
-        self.layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(3)]
+        self.layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(len(arrays.files) // 2)]
         self.L, self.c, self.thetad0 = 0.15, 0.075, 2.5
         self.theta = self.thetad = self.thetadd = 0.0
         for name in ("L", "c", "thetad0"):

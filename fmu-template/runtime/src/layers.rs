@@ -5,12 +5,14 @@ use crate::{
     simd::{Lanes, Real, flat, flat_mut, flush, fma},
 };
 
-/// `W x + b` with the rows of `W` padded to whole blocks of [`BLOCK`] lanes.
+/// `W x + b` with the rows of `W` padded to whole blocks of lanes.
 ///
-/// `weights[(block * inputs + column) * BLOCK + lane]`: a product reads them from first to last.
+/// `weights[(number * inputs + column) * block + lane]`: a product reads them from first to last.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense<T, const WIDTH: usize> {
     inputs: usize,
+    /// Lanes of a block: [`NARROW`] or [`WIDE`].
+    block: usize,
     weights: Vec<Lanes<T, WIDTH>>,
     bias: Vec<Lanes<T, WIDTH>>,
 }
@@ -27,7 +29,9 @@ pub(crate) struct Rows<T, const WIDTH: usize> {
 }
 
 /// Lanes of rows computed at a time: few, so that a block of weights is small beside the first cache.
-const BLOCK: usize = 2;
+const NARROW: usize = 2;
+/// The same of a layer that needs no more padding with it: an input that is read serves more products.
+const WIDE: usize = 4;
 
 /// From which end the blocks of a layer are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,19 +48,20 @@ impl Order {
 
 impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     pub(crate) fn new(layer: &Layer) -> Self {
-        let rows_per_block = BLOCK * WIDTH;
-        let blocks = layer.outputs.div_ceil(rows_per_block);
-        let mut weights = vec![Lanes::ZERO; blocks * layer.inputs * BLOCK];
-        let mut bias = vec![Lanes::ZERO; blocks * BLOCK];
+        let lanes = layer.outputs.div_ceil(WIDTH).next_multiple_of(NARROW);
+        let block = if lanes.is_multiple_of(WIDE) { WIDE } else { NARROW };
+        let rows_per_block = block * WIDTH;
+        let mut weights = vec![Lanes::ZERO; lanes * layer.inputs];
+        let mut bias = vec![Lanes::ZERO; lanes];
         flat_mut(&mut bias).iter_mut().zip(&layer.bias).for_each(|(to, &from)| *to = flush(from.into()));
         for (row, values) in layer.weight.chunks_exact(layer.inputs).enumerate() {
-            let (block, within) = (row / rows_per_block, row % rows_per_block);
+            let (number, within) = (row / rows_per_block, row % rows_per_block);
             for (column, &value) in values.iter().enumerate() {
-                let lanes = (block * layer.inputs + column) * BLOCK + within / WIDTH;
+                let lanes = (number * layer.inputs + column) * block + within / WIDTH;
                 weights[lanes].0[within % WIDTH] = flush(value.into());
             }
         }
-        Self { inputs: layer.inputs, weights, bias }
+        Self { inputs: layer.inputs, block, weights, bias }
     }
 
     /// Number of lanes of the result.
@@ -75,16 +80,69 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         output: &mut [Lanes<T, WIDTH>],
         order: Order,
     ) {
+        match self.block {
+            WIDE => self.apply_wide::<FMA, BIAS>(input, output, order),
+            _ => self.apply_narrow::<FMA, BIAS>(input, output, order),
+        }
+    }
+
+    /// [`WIDE`] lanes and two columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add.
+    #[inline(always)]
+    fn apply_wide<const FMA: bool, const BIAS: bool>(
+        &self,
+        input: &[Lanes<T, WIDTH>],
+        output: &mut [Lanes<T, WIDTH>],
+        order: Order,
+    ) {
         let input = &flat(input)[..self.inputs];
-        let weights = self.weights.as_chunks::<BLOCK>().0;
-        let bias = self.bias.as_chunks::<BLOCK>().0;
-        let output = &mut output.as_chunks_mut::<BLOCK>().0[..bias.len()];
+        let weights = self.weights.as_chunks::<WIDE>().0;
+        let bias = self.bias.as_chunks::<WIDE>().0;
+        let output = &mut output.as_chunks_mut::<WIDE>().0[..bias.len()];
         for step in 0..bias.len() {
             let block = if order == Order::Forward { step } else { bias.len() - 1 - step };
             let columns = &weights[block * self.inputs..][..self.inputs];
-            // four columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add
-            let mut a = if BIAS { bias[block] } else { [Lanes::ZERO; BLOCK] };
-            let [mut b, mut c, mut d] = [[Lanes::ZERO; BLOCK]; 3];
+            // arrays of accumulators would be too large for the compiler to keep them in registers
+            let [mut a0, mut a1, mut a2, mut a3] = if BIAS { bias[block] } else { [Lanes::ZERO; WIDE] };
+            let [mut b0, mut b1, mut b2, mut b3] = [Lanes::ZERO; WIDE];
+            let (pairs, rest) = input.as_chunks::<2>();
+            let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
+            for (x, w) in pairs.iter().zip(weight_pairs) {
+                for (sum, w) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip(&w[0]) {
+                    scale_add::<T, FMA, WIDTH>(sum, w, x[0]);
+                }
+                for (sum, w) in [&mut b0, &mut b1, &mut b2, &mut b3].into_iter().zip(&w[1]) {
+                    scale_add::<T, FMA, WIDTH>(sum, w, x[1]);
+                }
+            }
+            for (x, w) in rest.iter().zip(weight_rest) {
+                for (sum, w) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip(w) {
+                    scale_add::<T, FMA, WIDTH>(sum, w, *x);
+                }
+            }
+            for (sum, other) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip([b0, b1, b2, b3]) {
+                scale_add::<T, FMA, WIDTH>(sum, &other, T::ONE);
+            }
+            output[block] = [a0, a1, a2, a3];
+        }
+    }
+
+    /// [`NARROW`] lanes and four columns at a time, likewise.
+    #[inline(always)]
+    fn apply_narrow<const FMA: bool, const BIAS: bool>(
+        &self,
+        input: &[Lanes<T, WIDTH>],
+        output: &mut [Lanes<T, WIDTH>],
+        order: Order,
+    ) {
+        let input = &flat(input)[..self.inputs];
+        let weights = self.weights.as_chunks::<NARROW>().0;
+        let bias = self.bias.as_chunks::<NARROW>().0;
+        let output = &mut output.as_chunks_mut::<NARROW>().0[..bias.len()];
+        for step in 0..bias.len() {
+            let block = if order == Order::Forward { step } else { bias.len() - 1 - step };
+            let columns = &weights[block * self.inputs..][..self.inputs];
+            let mut a = if BIAS { bias[block] } else { [Lanes::ZERO; NARROW] };
+            let [mut b, mut c, mut d] = [[Lanes::ZERO; NARROW]; 3];
             let (groups, rest) = input.as_chunks::<4>();
             let (weight_groups, weight_rest) = columns.as_chunks::<4>();
             for (x, w) in groups.iter().zip(weight_groups) {
@@ -107,6 +165,18 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     #[inline(always)]
     pub(crate) fn apply_transposed<const FMA: bool>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
         output.fill(Lanes::ZERO);
+        match self.block {
+            WIDE => self.apply_transposed_blocks::<FMA, WIDE>(input, output),
+            _ => self.apply_transposed_blocks::<FMA, NARROW>(input, output),
+        }
+    }
+
+    #[inline(always)]
+    fn apply_transposed_blocks<const FMA: bool, const BLOCK: usize>(
+        &self,
+        input: &[Lanes<T, WIDTH>],
+        output: &mut [Lanes<T, WIDTH>],
+    ) {
         let output = &mut flat_mut(output)[..self.inputs];
         let weights = self.weights.as_chunks::<BLOCK>().0.chunks_exact(self.inputs);
         for (y, weights) in input.as_chunks::<BLOCK>().0.iter().zip(weights) {
@@ -163,14 +233,20 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
 /// `sum + column * x`
 #[inline(always)]
 fn accumulate<T: Real, const FMA: bool, const WIDTH: usize>(
-    sum: &mut [Lanes<T, WIDTH>; BLOCK],
-    column: &[Lanes<T, WIDTH>; BLOCK],
+    sum: &mut [Lanes<T, WIDTH>; NARROW],
+    column: &[Lanes<T, WIDTH>; NARROW],
     x: T,
 ) {
     for (sum, column) in sum.iter_mut().zip(column) {
-        for (sum, w) in sum.0.iter_mut().zip(&column.0) {
-            *sum = fma::<T, FMA>(*w, x, *sum);
-        }
+        scale_add::<T, FMA, WIDTH>(sum, column, x);
+    }
+}
+
+/// `sum + column * x`
+#[inline(always)]
+fn scale_add<T: Real, const FMA: bool, const WIDTH: usize>(sum: &mut Lanes<T, WIDTH>, column: &Lanes<T, WIDTH>, x: T) {
+    for (sum, w) in sum.0.iter_mut().zip(&column.0) {
+        *sum = fma::<T, FMA>(*w, x, *sum);
     }
 }
 
