@@ -63,7 +63,7 @@ mechanism = {}    # relative to this file
 [time]                      # rows of a run: 0, step, 2 step, ..., stop
 stop = 2.0                  # s
 step = 0.01                 # s
-margin = 0.05               # training runs are longer by this share of `stop`: errors are largest at the end else
+margin = 0.05               # training runs are longer by this share of `stop`; without it, errors are largest at the end
 
 [parameters]                # `variability` is \"fixed\" (default), \"tunable\" or \"continuous\" (an input); README, \"Using the FMU\"
 ",
@@ -100,7 +100,7 @@ fn sampling() -> String {
         "[sampling]
 method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
 runs = {RUNS}
-faces = 0.1                 # share of the training runs on the ends of each range, where errors are largest else
+faces = 0.1                 # share of the training runs on the ends of each range; without it, errors are largest there
 test_runs = 200             # random runs that are never part of training
 
 "

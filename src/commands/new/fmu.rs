@@ -66,7 +66,7 @@ fmu = {}    # relative to this file
 [time]                      # rows of a run: 0, step, 2 step, ..., stop
 stop = {stop:?}                  # s
 step = {step:?}                 # s
-margin = 0.05               # training runs are longer by this share of `stop`: errors are largest at the end else
+margin = 0.05               # training runs are longer by this share of `stop`; without it, errors are largest at the end
 
 # Parameters and inputs of the FMU, constant during a run: fixed parameters of the surrogate. `variability = \"tunable\"` lets a
 # host change one during a run, \"continuous\" makes it an input; then outputs are as if it had been so from the start.
