@@ -124,28 +124,33 @@ pub(crate) unsafe fn call<C: Call>(
     }
     // SAFETY: not null and the host's promise; only the instance is borrowed, so that the logger stays free
     let instance = unsafe { &mut (*component).instance };
-    let answer = guard(|| {
-        instance.begin(call.legal())?;
-        body(instance)
+    let mut refusal = None;
+    // a result that is looked at before it is moved: to move a refusal that is none takes as long as the call itself
+    let answer = guard(|| match instance.begin(call.legal()).and_then(|()| body(instance)) {
+        Ok(()) => true,
+        Err(reason) => {
+            refusal = Some(reason);
+            false
+        }
     });
     match answer {
-        Ok(Ok(())) if !instance.has_warnings() => Status::Ok,
+        Ok(true) if !instance.has_warnings() => Status::Ok,
         // SAFETY: as above
-        _ => unsafe { tell(component, call, answer) },
+        _ => unsafe { tell(component, call, answer.map(|_| refusal)) },
     }
 }
 
 /// # Safety
 /// The host's promise, and the component is not null.
 #[cold]
-unsafe fn tell<C: Call>(component: *mut Component, call: C, answer: Result<Result<(), Refusal>, String>) -> Status {
+unsafe fn tell<C: Call>(component: *mut Component, call: C, answer: Result<Option<Refusal>, String>) -> Status {
     // SAFETY: the caller's promise
     let instance = unsafe { &mut (*component).instance };
     let mut messages: Vec<String> = instance.take_warnings().iter().map(ToString::to_string).collect();
     let mut status = Status::Warning;
     match answer {
-        Ok(Ok(())) => {}
-        Ok(Err(refusal)) => {
+        Ok(None) => {}
+        Ok(Some(refusal)) => {
             status = refusal.status();
             messages.push(refusal.to_string());
         }

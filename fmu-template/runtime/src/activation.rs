@@ -1,6 +1,6 @@
 //! Activation functions and their derivatives, written so that the compiler turns them into SIMD code.
 
-use crate::simd::{Real, fma};
+use crate::simd::{Lanes, Real, flat_mut, fma};
 use serde::{Deserialize, Serialize};
 
 /// Activation of the hidden layers.
@@ -24,6 +24,31 @@ pub enum Activation {
     Identity,
 }
 
+/// Passes numbers through an activation.
+#[inline(always)]
+pub(crate) fn activate<T: Real, const FMA: bool, const WIDTH: usize>(
+    activation: Activation,
+    values: &mut [Lanes<T, WIDTH>],
+) {
+    match activation {
+        Activation::Tanh => map(values, tanh::<T, FMA>),
+        Activation::Sigmoid => map(values, sigmoid::<T, FMA>),
+        Activation::Relu => map(values, relu),
+        Activation::Gelu => map(values, gelu::<T, FMA>),
+        Activation::Silu => map(values, silu::<T, FMA>),
+        Activation::Sine => map(values, sine::<T, FMA>),
+        Activation::Identity => {}
+    }
+}
+
+#[inline(always)]
+fn map<T: Real, const WIDTH: usize>(values: &mut [Lanes<T, WIDTH>], function: impl Fn(T) -> T) {
+    // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
+    for value in flat_mut(values) {
+        *value = function(*value);
+    }
+}
+
 /// `tanh x`, NaN for NaN; absolute error below 3e-16 in double and 1.2e-7 in single precision.
 ///
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero. What is negligible becomes zero.
@@ -33,7 +58,8 @@ pub(crate) fn tanh<T: Real, const FMA: bool>(x: T) -> T {
     if T::IS_SINGLE && FMA {
         return short_tanh(x);
     }
-    let e = exp_minus_one::<T, FMA>(magnitude(x, T::TANH_ONE));
+    let magnitude = magnitude(x, T::TANH_ONE);
+    let e = if FMA { fused_exp_minus_one(magnitude) } else { exp_minus_one::<T, FMA>(magnitude) };
     let y = e / (e + 2.0.into());
     if x.abs() < T::NEGLIGIBLE { T::ZERO } else { y.copysign(x) }
 }
@@ -67,16 +93,31 @@ pub(crate) fn tanh_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
 /// with fused multiply-add, and either zero or not negligible.
 #[inline(always)]
 fn short_tanh<T: Real>(x: T) -> T {
-    let magnitude = magnitude(x, T::TANH_ONE);
-    let shifted = magnitude.mul_add(-T::TWO_LOG2_E, T::ROUND);
-    let r = magnitude.mul_add(-T::TWO_LOG2_E, T::ROUND - shifted);
-    // 2^r, fitted at Chebyshev nodes: off by 8e-9 at the most, and one at zero
-    let mut sum: T = 1.546_144_8e-4.into();
-    for coefficient in [1.339_086_7e-3, 9.618_057e-3, 5.550_357e-2, 0.240_226_5, std::f32::consts::LN_2, 1.0] {
-        sum = sum.mul_add(r, coefficient.into());
-    }
-    let t = sum * T::two_to_the(shifted);
+    let (two_to_k, r) = powers(-magnitude(x, T::TANH_ONE));
+    let t = two_to_k * exp2_quotient(r).mul_add(r, T::ONE);
     ((T::ONE - t) / (T::ONE + t)).copysign(x)
+}
+
+/// `exp(2 x) - 1` for `0 <= x <= TANH_ONE`, as [`exp_minus_one`] with fewer operations. Fused multiply-adds are what makes
+/// it exact: the product with `2 log2 e` is not rounded.
+#[inline(always)]
+fn fused_exp_minus_one<T: Real>(x: T) -> T {
+    let (two_to_k, r) = powers(x);
+    two_to_k.mul_add(r * exp2_quotient(r), two_to_k - T::ONE)
+}
+
+/// `2^k` and `r` of `2 x log2 e = k + r`, `|r| <= 1/2`.
+#[inline(always)]
+fn powers<T: Real>(x: T) -> (T, T) {
+    let shifted = x.mul_add(T::TWO_LOG2_E, T::ROUND);
+    (T::two_to_the(shifted), x.mul_add(T::TWO_LOG2_E, T::ROUND - shifted))
+}
+
+/// `(2^r - 1) / r` for `|r| <= 1/2`.
+#[inline(always)]
+fn exp2_quotient<T: Real>(r: T) -> T {
+    let (first, others) = T::EXP2;
+    others.iter().fold(first, |sum, &coefficient| sum.mul_add(r, coefficient))
 }
 
 /// The sigmoid with its first and second derivative, from those of `tanh(x / 2)`.

@@ -1,7 +1,8 @@
 //! Layers laid out for fast products with a vector.
 
 use crate::{
-    Layer,
+    Activation, Layer,
+    activation::activate,
     simd::{Lanes, Real, flat, flat_mut, flush, fma},
 };
 
@@ -69,7 +70,8 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         self.bias.len()
     }
 
-    /// `W x + b`, or `W x` without `BIAS`.
+    /// The activation of `W x + b`, or of `W x` without `BIAS`. It is computed block by block: the processor does so while
+    /// it begins with the products of the next one.
     ///
     /// `order` is that of the blocks; the result is the same. A layer larger than the first cache is read faster if it
     /// is read from the end where the last reading stopped.
@@ -79,10 +81,11 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
         order: Order,
+        activation: Activation,
     ) {
         match self.block {
-            WIDE => self.apply_wide::<FMA, BIAS>(input, output, order),
-            _ => self.apply_narrow::<FMA, BIAS>(input, output, order),
+            WIDE => self.apply_wide::<FMA, BIAS>(input, output, order, activation),
+            _ => self.apply_narrow::<FMA, BIAS>(input, output, order, activation),
         }
     }
 
@@ -93,6 +96,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
         order: Order,
+        activation: Activation,
     ) {
         let input = &flat(input)[..self.inputs];
         let weights = self.weights.as_chunks::<WIDE>().0;
@@ -123,6 +127,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
                 scale_add::<T, FMA, WIDTH>(sum, &other, T::ONE);
             }
             output[block] = [a0, a1, a2, a3];
+            activate::<T, FMA, WIDTH>(activation, &mut output[block]);
         }
     }
 
@@ -133,6 +138,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
         order: Order,
+        activation: Activation,
     ) {
         let input = &flat(input)[..self.inputs];
         let weights = self.weights.as_chunks::<NARROW>().0;
@@ -158,6 +164,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
             accumulate::<T, FMA, WIDTH>(&mut c, &d, T::ONE);
             accumulate::<T, FMA, WIDTH>(&mut a, &c, T::ONE);
             output[block] = a;
+            activate::<T, FMA, WIDTH>(activation, &mut output[block]);
         }
     }
 
@@ -199,15 +206,27 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         Self { inputs: layer.inputs, lanes, weights, bias }
     }
 
-    /// `W x + b`, or `W x` without `BIAS`.
+    pub(crate) fn outputs(&self) -> usize {
+        self.bias.len()
+    }
+
+    /// `W x + b`, or `W x` without `BIAS`; `sums` is working memory of a lane a row.
     #[inline(always)]
-    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(&self, input: &mut [Lanes<T, WIDTH>], output: &mut [f64]) {
+    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(
+        &self,
+        input: &mut [Lanes<T, WIDTH>],
+        output: &mut [f64],
+        sums: &mut [Lanes<T, WIDTH>],
+    ) {
         let input = &mut input[..self.lanes];
         // what an earlier evaluation left behind the last column may be NaN, which no weight of zero takes away
         flat_mut(input)[self.inputs..].fill(T::ZERO);
-        let rows = self.weights.chunks_exact(self.lanes);
-        for ((y, &bias), row) in output.iter_mut().zip(&self.bias).zip(rows) {
-            let product = dot::<T, FMA, WIDTH>(input, row);
+        // in two loops: in one, the compiler would take the vectors apart before they are complete
+        for (sum, row) in sums.iter_mut().zip(self.weights.chunks_exact(self.lanes)) {
+            *sum = products::<T, FMA, WIDTH>(input, row);
+        }
+        for ((y, &bias), sum) in output.iter_mut().zip(&self.bias).zip(sums) {
+            let product = total(sum);
             *y = if BIAS { bias + product } else { product }.into();
         }
     }
@@ -252,6 +271,15 @@ fn scale_add<T: Real, const FMA: bool, const WIDTH: usize>(sum: &mut Lanes<T, WI
 
 #[inline(always)]
 fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
+    total(&products::<T, FMA, WIDTH>(a, b))
+}
+
+/// The products lane by lane, added up over all vectors.
+#[inline(always)]
+fn products<T: Real, const FMA: bool, const WIDTH: usize>(
+    a: &[Lanes<T, WIDTH>],
+    b: &[Lanes<T, WIDTH>],
+) -> Lanes<T, WIDTH> {
     let (mut even, mut odd) = (Lanes::ZERO, Lanes::ZERO);
     let ((a_pairs, a_rest), (b_pairs, b_rest)) = (a.as_chunks::<2>(), b.as_chunks::<2>());
     for (a, b) in a_pairs.iter().zip(b_pairs) {
@@ -261,8 +289,13 @@ fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &
     for (a, b) in a_rest.iter().zip(b_rest) {
         multiply_add::<T, FMA, WIDTH>(&mut even, a, b);
     }
-    let mut sum: [T; WIDTH] = std::array::from_fn(|lane| even.0[lane] + odd.0[lane]);
-    // by halves: one lane after the other would wait for each addition
+    Lanes(std::array::from_fn(|lane| even.0[lane] + odd.0[lane]))
+}
+
+/// The sum of the lanes, by halves: one lane after the other would wait for each addition.
+#[inline(always)]
+fn total<T: Real, const WIDTH: usize>(lanes: &Lanes<T, WIDTH>) -> T {
+    let mut sum = lanes.0;
     let mut width = WIDTH;
     while width > 1 {
         width /= 2;

@@ -86,7 +86,8 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     }
 
     pub(crate) fn buffers(&self, inputs: usize) -> Buffers<T, WIDTH> {
-        let widest = self.hidden.iter().map(Dense::lanes).fold(inputs.div_ceil(WIDTH), usize::max);
+        let widest =
+            self.hidden.iter().map(Dense::lanes).fold(inputs.div_ceil(WIDTH).max(self.last.outputs()), usize::max);
         let slopes = self.hidden.iter().map(|layer| vec![Lanes::ZERO; layer.lanes()]).collect();
         Buffers { current: Series::new(widest), next: Series::new(widest), slopes, order: Order::Forward }
     }
@@ -96,11 +97,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     pub(crate) fn forward<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, outputs: &mut [f64]) {
         let (current, next) = (&mut buffers.current.value, &mut buffers.next.value);
         for layer in &self.hidden {
-            layer.apply::<FMA, true>(current, next, buffers.order);
-            activate::<T, FMA, WIDTH>(self.activation, &mut next[..layer.lanes()]);
+            layer.apply::<FMA, true>(current, next, buffers.order, self.activation);
             std::mem::swap(current, next);
         }
-        self.last.apply::<FMA, true>(current, outputs);
+        self.last.apply::<FMA, true>(current, outputs, next);
         buffers.order.reverse();
     }
 
@@ -115,10 +115,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     ) {
         let Buffers { current, next, .. } = buffers;
         for layer in &self.hidden {
-            layer.apply::<FMA, true>(&current.value, &mut next.value, Order::Forward);
-            layer.apply::<FMA, false>(&current.first, &mut next.first, Order::Forward);
+            layer.apply::<FMA, true>(&current.value, &mut next.value, Order::Forward, Activation::Identity);
+            layer.apply::<FMA, false>(&current.first, &mut next.first, Order::Forward, Activation::Identity);
             if second.is_some() {
-                layer.apply::<FMA, false>(&current.second, &mut next.second, Order::Forward);
+                layer.apply::<FMA, false>(&current.second, &mut next.second, Order::Forward, Activation::Identity);
             }
             match self.activation {
                 Activation::Tanh => next.pass(layer.lanes(), activation::tanh_series::<T, FMA>),
@@ -131,9 +131,9 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             }
             std::mem::swap(current, next);
         }
-        self.last.apply::<FMA, false>(&mut current.first, first);
+        self.last.apply::<FMA, false>(&mut current.first, first, &mut next.first);
         if let Some(second) = second {
-            self.last.apply::<FMA, false>(&mut current.second, second);
+            self.last.apply::<FMA, false>(&mut current.second, second, &mut next.second);
         }
     }
 
@@ -143,7 +143,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
         let Buffers { current, next, slopes, .. } = buffers;
         let (current, next) = (&mut current.value, &mut next.value);
         for (layer, slopes) in self.hidden.iter().zip(&mut *slopes) {
-            layer.apply::<FMA, true>(current, next, Order::Forward);
+            layer.apply::<FMA, true>(current, next, Order::Forward, Activation::Identity);
             match self.activation {
                 Activation::Tanh => record(next, slopes, activation::tanh_series::<T, FMA>),
                 Activation::Sigmoid => record(next, slopes, activation::sigmoid_series::<T, FMA>),
@@ -161,27 +161,6 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             layer.apply_transposed::<FMA>(&current[..layer.lanes()], next);
             std::mem::swap(current, next);
         }
-    }
-}
-
-#[inline(always)]
-fn activate<T: Real, const FMA: bool, const WIDTH: usize>(activation: Activation, values: &mut [Lanes<T, WIDTH>]) {
-    match activation {
-        Activation::Tanh => map(values, activation::tanh::<T, FMA>),
-        Activation::Sigmoid => map(values, activation::sigmoid::<T, FMA>),
-        Activation::Relu => map(values, activation::relu),
-        Activation::Gelu => map(values, activation::gelu::<T, FMA>),
-        Activation::Silu => map(values, activation::silu::<T, FMA>),
-        Activation::Sine => map(values, activation::sine::<T, FMA>),
-        Activation::Identity => {}
-    }
-}
-
-#[inline(always)]
-fn map<T: Real, const WIDTH: usize>(values: &mut [Lanes<T, WIDTH>], function: impl Fn(T) -> T) {
-    // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
-    for value in flat_mut(values) {
-        *value = function(*value);
     }
 }
 

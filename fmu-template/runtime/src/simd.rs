@@ -36,6 +36,9 @@ pub(crate) trait Real:
     const LN2_HIGH: Self;
     /// The rest of ln 2, where it counts.
     const LN2_LOW: Option<Self>;
+    /// The polynomial for `(2^r - 1) / r`, `|r| <= 1/2`, fitted at Chebyshev nodes: coefficients of falling powers, the
+    /// first one apart.
+    const EXP2: (Self, &'static [Self]);
     /// 1/n! for falling n down to 2, the first one apart; as many as count for arguments up to ln(2) / 2.
     const TAYLOR: (Self, &'static [Self]);
     /// From here on `tanh` rounds to one.
@@ -74,6 +77,22 @@ impl Real for f64 {
     const ROUND: Self = 6_755_399_441_055_744.0;
     const LN2_HIGH: Self = 0.693_147_180_369_123_8;
     const LN2_LOW: Option<Self> = Some(1.908_214_929_270_587_7e-10);
+    // off by 5e-17 at the most
+    const EXP2: (Self, &'static [Self]) = (
+        4.454_960_598_186_519e-10,
+        &[
+            7.072_585_949_269_223e-9,
+            1.017_806_244_584_577_4e-7,
+            1.321_544_258_792_169e-6,
+            1.525_273_382_983_612e-5,
+            1.540_353_044_173_605e-4,
+            1.333_355_814_641_693_6e-3,
+            9.618_129_107_606_888e-3,
+            5.550_410_866_482_16e-2,
+            0.240_226_506_959_100_97,
+            std::f64::consts::LN_2,
+        ],
+    );
     // the first omitted term is below 1e-18 of the sum
     const TAYLOR: (Self, &'static [Self]) = (
         1.0 / 87_178_291_200.0,
@@ -168,6 +187,9 @@ impl Real for f32 {
     const ROUND: Self = 12_582_912.0;
     const LN2_HIGH: Self = std::f32::consts::LN_2;
     const LN2_LOW: Option<Self> = None;
+    // off by 8e-9 at the most
+    const EXP2: (Self, &'static [Self]) =
+        (1.546_144_8e-4, &[1.339_086_7e-3, 9.618_057e-3, 5.550_357e-2, 0.240_226_5, std::f32::consts::LN_2]);
     // the first omitted term is below 2e-8 of the sum
     const TAYLOR: (Self, &'static [Self]) =
         (1.0 / 5_040.0, &[1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0]);
