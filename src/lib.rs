@@ -1,4 +1,55 @@
 //! metafmu turns a multibody model into a small, fast, trustworthy FMU.
+//!
+//! The whole way, from a study file to the FMU and a step of it:
+//!
+//! ```standalone_crate
+//! use metafmu::{
+//!     fmu::Fmu,
+//!     pipeline::{Control, Project, Silent, build, export::{ExportOptions, Plan}, serve_workers},
+//! };
+//! use std::sync::atomic::AtomicBool;
+//!
+//! # const STUDY: &str = r#"
+//! # name = "pendulum"
+//! # source = { system = "single-pendulum", constants = { m = 0.3, g = 9.81, theta0 = 1.5, c = 0.1, thetad0 = 0.0 } }
+//! # time = { stop = 0.5, step = 0.05 }
+//! # parameters.L = { min = 0.1, max = 0.2, unit = "m" }
+//! # outputs.theta = { unit = "rad" }
+//! # sampling = { method = "mesh", levels = 9, test_runs = 4 }
+//! # network = { hidden = [16, 16] }
+//! # training = { epochs = 200, batch = 16, learning_rate = 0.01 }
+//! # "#;
+//! fn main() -> Result<(), Box<dyn std::error::Error>> {
+//!     if serve_workers()? {
+//!         return Ok(()); // this process runs an FMU for the one that started it
+//!     }
+//!     let (stop, program) = (AtomicBool::new(false), std::env::current_exe()?);
+//!     let control = Control { observer: &Silent, stop: &stop, program: &program, heard: |_| {} };
+//! #   let folder = tempfile::tempdir()?;
+//! #   let study = folder.path().join("study.toml");
+//! #   std::fs::write(&study, STUDY)?;
+//! #   let results = folder.path().join("out");
+//!     // sample, train, compare, evaluate, export, validate, report
+//!     let project = Project::open(&study, Some(&results), control)?;
+//!     let built = build(&project, &Plan::new(&project, &ExportOptions::default())?, false)?;
+//!     assert!(built.verdict.accepted, "{}", built.verdict.text());
+//!
+//!     let (written, validation) = &built.fmus[0];
+//!     assert!(validation.problems.is_empty(), "{validation}");
+//!     let fmu = Fmu::open(&written.fmu)?;
+//!     let theta = fmu.description().variable("theta").ok_or("no theta")?.value_reference;
+//!     let pendulum = fmu.instantiate("pendulum", false)?;
+//!     pendulum.enter_initialization_mode(0.0, None)?;
+//!     pendulum.exit_initialization_mode()?;
+//!     pendulum.do_step(0.0, 0.1)?;
+//!     let mut value = [0.0];
+//!     pendulum.get_real(&[theta], &mut value)?;
+//!     assert!(value[0] < 1.5, "it falls: {value:?}");
+//!     Ok(())
+//! }
+//! ```
+//!
+//! [`pipeline`] has the stages one by one.
 
 // only commands print
 #![warn(clippy::print_stdout, clippy::print_stderr)]
@@ -17,6 +68,7 @@ pub mod multibody;
 mod names;
 pub mod network;
 pub mod origin;
+pub mod pipeline;
 pub mod refinement;
 pub mod report;
 pub mod sampling;

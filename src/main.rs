@@ -8,7 +8,7 @@ mod commands;
 
 use clap::Parser;
 use cli::Command;
-use metafmu::fmu::worker;
+use metafmu::{fmu::worker, pipeline};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -20,7 +20,7 @@ fn main() -> ExitCode {
         Command::Search(args) => commands::search::run(&args),
         Command::Evaluate(args) => commands::evaluate::run(&args),
         Command::Compare(args) => commands::compare::run(&args),
-        Command::FitBaseline => commands::compare::work(),
+        Command::FitBaseline => pipeline::compare::work().map(|()| commands::Outcome::Fine),
         Command::Report(args) => commands::report::run(&args),
         Command::Export(args) => commands::export::run(&args),
         Command::Validate(args) => commands::validate::run(&args),

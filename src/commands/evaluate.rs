@@ -1,101 +1,19 @@
 //! `metafmu evaluate`: compares the surrogate with the unseen test runs.
 
-use super::{
-    Outcome,
-    job::{Job, SamplesRecord},
-    print, print_json,
-    train::{TrainingRecord, conclude},
-};
+use super::{Outcome, conclude, print, print_json, project};
 use crate::cli::StudyArgs;
 use metafmu::{
     Result,
-    acceptance::Verdict,
-    baseline::Comparison,
-    evaluation::{Accuracy, OutputMetrics},
-    files,
+    pipeline::evaluate::{evaluate, table},
 };
-use metafmu_runtime::Surrogate;
-use serde::Serialize;
-use std::fmt::Write;
-
-/// What `metrics.json` holds.
-#[derive(Debug, Serialize)]
-pub struct Metrics {
-    name: String,
-    #[serde(flatten)]
-    pub accuracy: Accuracy,
-    train_runs: usize,
-    sample_seconds: f64,
-    #[serde(flatten)]
-    pub training: TrainingRecord,
-    seed: u64,
-    study_digest: String,
-    tool: String,
-}
 
 pub fn run(args: &StudyArgs) -> Result<Outcome> {
-    let job = Job::new(args)?;
-    let (surrogate, training) = (job.load_model()?, job.load_training_record()?);
-    let (test, samples) = (job.load_table("test")?, job.load_samples_record()?);
-    job.prepare_folder()?;
-    let accuracy = Accuracy::of(&surrogate, &test);
-    let comparison = job.load_comparison(&accuracy)?;
-    let (metrics, verdict) = stage(&job, &surrogate, accuracy, comparison.as_ref(), &samples, &training)?;
-    if job.json {
+    let project = project(args)?;
+    let (metrics, verdict) = evaluate(&project)?;
+    if args.json {
         print_json(&metrics)?;
     } else {
-        print(&format!("{}\n{}\n", table(&job, &metrics), job.metrics().display()))?;
+        print(&format!("{}\n{}\n", table(&project, &metrics), project.metrics().display()))?;
     }
-    conclude(&job, &verdict)
-}
-
-/// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
-pub fn stage(
-    job: &Job,
-    surrogate: &Surrogate,
-    accuracy: Accuracy,
-    comparison: Option<&Comparison>,
-    samples: &SamplesRecord,
-    training: &TrainingRecord,
-) -> Result<(Metrics, Verdict)> {
-    let provenance = &surrogate.metadata().provenance;
-    let verdict = job.judge(surrogate, training, &accuracy, comparison);
-    let metrics = Metrics {
-        name: job.study.name.clone(),
-        accuracy: Accuracy { verdict: Some(verdict.clone()), ..accuracy },
-        train_runs: samples.train_runs + training.added_runs,
-        sample_seconds: samples.sample_seconds,
-        training: training.clone(),
-        seed: provenance.seed,
-        study_digest: provenance.study_digest.clone(),
-        tool: provenance.tool.clone(),
-    };
-    files::write_json(&job.metrics(), &metrics)?;
-    Ok((metrics, verdict))
-}
-
-/// The results as a table for people: errors in the outputs' units.
-pub fn table(job: &Job, metrics: &Metrics) -> String {
-    let Accuracy { outputs, test_runs, test_rows, .. } = &metrics.accuracy;
-    let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
-    let coverage = job.study.bounds.map(|bounds| 100.0 * bounds.coverage);
-    let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
-    let header =
-        format!("{:<12} {:<8} {:>11} {:>12}{bounds}  largest error, of the range", "output", "unit", "R²", "MSE");
-    let _ = writeln!(text, "{header}");
-    for ((name, metrics), variable) in outputs.iter().zip(job.source.outputs()) {
-        let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = metrics;
-        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.9}"));
-        let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
-        let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
-        let worst = format!("{max_abs_error:.3e}{share} (test run {worst_run}, t = {worst_time:.3} s)");
-        let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
-        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
-    }
-    if outputs.values().any(|metrics| metrics.bound.is_some()) {
-        let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
-        let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
-        let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
-    }
-    text
+    conclude(&verdict, args.json)
 }

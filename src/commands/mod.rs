@@ -4,24 +4,19 @@ pub mod build;
 pub mod compare;
 pub mod evaluate;
 pub mod export;
-mod improve;
-mod instants;
 mod interrupt;
-mod job;
 pub mod new;
-mod prepare;
-mod progress;
 pub mod report;
-mod rescue;
 pub mod sample;
 pub mod search;
-mod side_by_side;
 pub mod simulate;
 mod stdout;
+mod terminal;
 pub mod train;
 pub mod validate;
 
-use metafmu::{Error, Result};
+use crate::cli::StudyArgs;
+use metafmu::{Error, Result, acceptance::Verdict, pipeline::Project};
 use std::{
     borrow::Cow,
     fmt::Display,
@@ -38,6 +33,21 @@ pub enum Outcome {
     ProblemsFound,
     /// Ctrl-C shortened the training; everything was made of the best network so far.
     Interrupted,
+}
+
+/// The project of a study file and its folder of results.
+fn project(args: &StudyArgs) -> Result<Project<'static>> {
+    Project::open(&args.study, args.out.as_deref(), terminal::control()?)
+}
+
+/// The last lines of a command that has made or measured a surrogate, and how it ends.
+fn conclude(verdict: &Verdict, json: bool) -> Result<Outcome> {
+    if json {
+        verdict.text().lines().for_each(say);
+    } else {
+        print(&verdict.text())?;
+    }
+    Ok(if verdict.accepted { Outcome::Fine } else { Outcome::ProblemsFound })
 }
 
 /// Prints to stdout; a reader that has seen enough (`| head`) is no error, a stdout that is closed (`>&-`) is one.

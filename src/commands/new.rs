@@ -3,9 +3,11 @@
 mod fmu;
 mod table;
 
-use super::{Outcome, job::describe, print};
+use super::{Outcome, print, terminal::control};
 use crate::cli::NewArgs;
-use metafmu::{Error, Result, files, multibody::Mechanism, source::systems::SYSTEMS, study::Study};
+use metafmu::{
+    Error, Result, files, multibody::Mechanism, pipeline::project::describe, source::systems::SYSTEMS, study::Study,
+};
 use std::{
     fmt::Write,
     path::{Path, PathBuf},
@@ -45,7 +47,7 @@ fn of_mechanism(name: &str, file: &Path) -> Result<String> {
         let message = "none has a range, expected `min` and `max` of each that the study is to vary".into();
         mechanism.refuse(vec![("parameters".into(), message)])?;
     }
-    describe(&mechanism);
+    describe(&mechanism, control()?);
     let file = file.display().to_string();
     let mut text = format!(
         "# Made by `metafmu new {name} --mechanism {file}`; build it with `metafmu build {name}.toml`.

@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{Outcome, heard, interrupt, say, visible, write};
+use super::{Outcome, heard, say, terminal::workers, visible, write};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
@@ -37,7 +37,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         InterfaceArg::Cs => InterfaceKind::CoSimulation,
         InterfaceArg::Me => InterfaceKind::ModelExchange,
     });
-    let watch = Watch { limit: args.time_limit, stop: interrupt::flag(), heard };
+    let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let unpacked = Unpacked::open(&args.fmu, wanted)?;
     let (mut table, mut domain) = (args.plot.as_ref().map(|_| Table::default()), Domain::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));

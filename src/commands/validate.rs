@@ -1,6 +1,6 @@
 //! `metafmu validate`: lists every problem of an FMU.
 
-use super::{Outcome, heard, interrupt, print, print_json};
+use super::{Outcome, heard, print, print_json, terminal::workers};
 use crate::cli::ValidateArgs;
 use metafmu::{
     Result,
@@ -8,7 +8,7 @@ use metafmu::{
 };
 
 pub fn run(args: &ValidateArgs) -> Result<Outcome> {
-    let watch = Watch { limit: Some(args.time_limit), stop: interrupt::flag(), heard };
+    let watch = Watch { workers: workers()?, limit: Some(args.time_limit), heard };
     let report = validate_apart(&args.fmu, watch)?;
     if args.json {
         print_json(&report)?;

@@ -33,4 +33,4 @@ pub use package::{Contents, MODEL_FILE, pack};
 pub use platform::Platform;
 pub use reference::ReferenceOptions;
 pub use validate::{Report, validate, validate_apart};
-pub use worker::{Watch, simulate_apart};
+pub use worker::{Watch, Workers, simulate_apart};

@@ -11,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
+    fmu::Workers,
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
     names::expected_one_of,
@@ -103,10 +104,11 @@ impl Simulation {
         &self.times
     }
 
-    /// Simulates one run.
+    /// Simulates one run of a system or a mechanism.
     ///
     /// # Errors
-    /// [`Error::Run`] with the parameter values if the simulation fails; of an FMU as [`FmuModel::run_all`].
+    /// [`Error::Run`] with the parameter values if the simulation fails, [`Error::Worker`] for an FMU: its runs need worker
+    /// processes, see [`Simulation::run_all`].
     pub fn run(&self, parameters: &[f64]) -> Result<Run> {
         match &self.model {
             Model::Equations(equations) => {
@@ -114,11 +116,9 @@ impl Simulation {
                 let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
                 Ok(self.run_of(parameters, outputs))
             }
-            Model::Fmu(model) => {
-                let (never, ignored) = (AtomicBool::new(false), |_: &[f64], _: &str| Ok(()));
-                let mut outcomes = model.run_all(&[parameters.to_vec()], None, &never, &ignored, || ())?;
-                let outputs = outcomes.pop().unwrap_or_else(|| Err("no run".into()));
-                Ok(self.run_of(parameters, outputs.map_err(|message| self.failure("the FMU", parameters, message))?))
+            Model::Fmu(_) => {
+                let message = "runs of an FMU need worker processes".into();
+                Err(Error::Worker { message })
             }
         }
     }
@@ -147,7 +147,7 @@ impl Simulation {
     }
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
-    /// from there. `done` is called after each run; when `stop` turns true, what is under way is given up. A share of the `total`
+    /// from there. `done` is called after each run; when the token of `workers` turns true, what is under way is given up. A share of the `total`
     /// that the points are all or part of may fail.
     ///
     /// # Errors
@@ -158,17 +158,17 @@ impl Simulation {
         points: &[Vec<f64>],
         total: usize,
         journal: &Journal,
-        stop: &AtomicBool,
+        workers: Workers<'_>,
         done: impl Fn() + Sync,
     ) -> Result<Vec<Outcome>> {
         let outcomes = match &self.model {
-            Model::Equations(equations) => self.solve_all(equations, points, total, journal, stop, done)?,
+            Model::Equations(equations) => self.solve_all(equations, points, total, journal, workers.stop, done)?,
             Model::Fmu(model) => {
                 let failed = AtomicUsize::new(0);
                 let failure = |point: &[f64], reason: &str| {
                     self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, reason)
                 };
-                model.run_all(points, Some(journal), stop, &failure, done)?
+                model.run_all(points, Some(journal), workers, &failure, done)?
             }
         };
         let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
@@ -513,6 +513,11 @@ mod tests {
         (study, (0..20).map(point).collect())
     }
 
+    /// Equations are solved in this process.
+    fn no_workers(stop: &AtomicBool) -> Workers<'_> {
+        Workers { program: Path::new(""), stop }
+    }
+
     #[test]
     fn runs_of_a_mechanism_may_fail_as_long_as_they_are_few() {
         let folder = tempfile::tempdir().unwrap();
@@ -520,7 +525,7 @@ mod tests {
             let (study, points) = short_rods(options);
             let simulation = Simulation::new(&study).unwrap();
             let journal = simulation.journal(&folder.path().join("runs"), &study).unwrap();
-            let outcomes = simulation.run_all(&points, total, &journal, &AtomicBool::new(false), || ())?;
+            let outcomes = simulation.run_all(&points, total, &journal, no_workers(&AtomicBool::new(false)), || ())?;
             simulation.check_failures(&points, &outcomes)?;
             Ok::<_, Error>((outcomes.iter().map(std::result::Result::is_ok).collect(), simulation.dataset(outcomes)))
         };
@@ -559,7 +564,7 @@ mod tests {
         let journal = simulation.journal(&folder.path().join("runs"), &study).unwrap();
         let stop = AtomicBool::new(false);
         let outcome = std::thread::scope(|scope| {
-            let outcome = scope.spawn(|| simulation.run_all(&points, 1, &journal, &stop, || ()));
+            let outcome = scope.spawn(|| simulation.run_all(&points, 1, &journal, no_workers(&stop), || ()));
             std::thread::sleep(Duration::from_millis(200));
             stop.store(true, Ordering::Relaxed);
             outcome.join().unwrap()

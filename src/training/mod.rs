@@ -23,7 +23,8 @@ pub use run::{resume, train};
 pub use trainer::Trainer;
 
 use crate::network::Network;
-use std::ops::ControlFlow;
+use serde::{Deserialize, Serialize};
+use std::{fmt, ops::ControlFlow};
 
 /// Follows a training, and may end it.
 pub trait Observer: Send {
@@ -88,20 +89,32 @@ pub struct EpochRecord {
 }
 
 /// Why a training ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StopReason {
     /// All epochs are done.
+    #[serde(rename = "all epochs done")]
     Finished,
     /// Too many epochs without a better validation loss, or a cycle that gained little.
+    #[serde(rename = "no more improvement")]
     Patience,
     /// The validation loss at the end of a cycle is as small as is asked for.
+    #[serde(rename = "good enough")]
     Enough,
     /// Too few epochs are left for another cycle.
+    #[serde(rename = "too few epochs left to gain anything")]
     TooFewLeft,
     /// The observer asked for it.
+    #[serde(rename = "stopped by Ctrl-C")]
     Interrupted,
     /// A loss was infinite or not a number.
+    #[serde(rename = "the loss became infinite: lower the learning rate")]
     Diverged,
+}
+
+impl fmt::Display for StopReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
 }
 
 /// What a training gives.

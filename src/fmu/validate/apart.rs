@@ -44,10 +44,10 @@ pub fn validate_apart(path: impl AsRef<Path>, watch: Watch) -> Result<Report> {
 fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<()> {
     let (path, interface) = (unpacked.path(), unpacked.interface());
     let job = Job::Validate(Cow::Owned(Task { path: path.to_owned(), interface }));
-    let mut worker = Worker::start(path, unpacked.folder(), &job, watch.heard)?;
+    let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
     let mut doing = "loading the FMU".to_owned();
     let problem = loop {
-        match worker.answer(watch.limit, watch.stop) {
+        match worker.answer(watch.limit, watch.workers.stop) {
             Answer::Reply(Reply::Note(Note::Doing(what)), _) => doing = what,
             Answer::Reply(Reply::Note(note), _) => report.add(note),
             Answer::Reply(Reply::Done, _) => {

@@ -9,7 +9,7 @@ mod process;
 pub mod sampling;
 mod simulation;
 
-pub use process::{Answer, Watch, Worker};
+pub use process::{Answer, Watch, Worker, Workers};
 pub use simulation::simulate_apart;
 
 use super::{

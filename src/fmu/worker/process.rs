@@ -31,13 +31,22 @@ const LONGEST_LINE: u64 = 4096;
 /// Replies that wait to be taken; a worker that has more has to wait.
 const WAITING: usize = 16;
 
+/// What worker processes need.
+#[derive(Clone, Copy, Debug)]
+pub struct Workers<'a> {
+    /// The program that is started, with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) then.
+    pub program: &'a Path,
+    /// Ends them when it turns true.
+    pub stop: &'a AtomicBool,
+}
+
 /// How an FMU is watched over while it runs in a process of its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch<'a> {
+    /// What its process needs.
+    pub workers: Workers<'a>,
     /// How long it may take.
     pub limit: Option<Duration>,
-    /// Ends it when it turns true.
-    pub stop: &'a AtomicBool,
     /// Takes each line that it prints.
     pub heard: fn(&str),
 }
@@ -67,17 +76,17 @@ pub enum Answer<R> {
 }
 
 impl<R: DeserializeOwned + Send + 'static> Worker<R> {
-    /// Starts a process for the FMU at `path` that is unpacked into a folder; `heard` takes each line that it prints.
+    /// Starts `program` for the FMU at `path` that is unpacked into a folder; `heard` takes each line that it prints.
     ///
     /// # Errors
     /// [`Error::Io`] with the system's reason.
-    pub fn start(path: &Path, folder: &Path, job: &Job, heard: fn(&str)) -> Result<Self> {
+    pub fn start(program: &Path, path: &Path, folder: &Path, job: &Job, heard: fn(&str)) -> Result<Self> {
         let failed = |source| Error::io(path, "start a process for")(source);
         if std::env::var_os(FOLDER).is_some() {
             let other = "a worker cannot start another: does the program call `worker::serve`?";
             return Err(failed(std::io::Error::other(other)));
         }
-        let mut command = Command::new(std::env::current_exe().map_err(failed)?);
+        let mut command = Command::new(program);
         command.arg(ARGUMENT).env(FOLDER, folder);
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         in_own_group(&mut command);

@@ -64,7 +64,7 @@ pub fn simulate_apart(
     let (path, begin) = (unpacked.path(), Instant::now());
     let task = Task { path: path.to_owned(), interface: unpacked.interface(), options: options.clone() };
     let job = Job::Simulate(Cow::Owned(task));
-    let mut worker = Worker::start(path, unpacked.folder(), &job, watch.heard)?;
+    let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
     let (mut width, mut reached) = (None, None);
     let failed = |reached: Option<f64>, begun: bool, reason: String| {
         let when = match (reached, begun) {
@@ -76,9 +76,9 @@ pub fn simulate_apart(
     };
     loop {
         let left = watch.limit.map(|limit| limit.saturating_sub(begin.elapsed()));
-        let (reply, numbers) = match worker.answer(left, watch.stop) {
+        let (reply, numbers) = match worker.answer(left, watch.workers.stop) {
             // replies may follow each other without end
-            _ if watch.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
+            _ if watch.workers.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
             Answer::Reply(Reply::Rows, _) | Answer::TimedOut if left.is_some_and(|left| left.is_zero()) => {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
                 return Err(failed(

@@ -13,7 +13,7 @@ use crate::{
     fmu::{
         host::{Unpacked, describe},
         worker::{
-            Answer, Job, Worker,
+            Answer, Job, Worker, Workers,
             sampling::{Reply, Task},
         },
     },
@@ -83,7 +83,7 @@ impl FmuModel {
     }
 
     /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when `stop` turns true, what is under way is given up. `failure` is called with
+    /// there. `done` is called after each run; when the token of `workers` turns true, what is under way is given up. `failure` is called with
     /// the point and the reason of each run that failed; its error ends everything.
     ///
     /// # Errors
@@ -93,7 +93,7 @@ impl FmuModel {
         &self,
         points: &[Vec<f64>],
         journal: Option<&Journal>,
-        stop: &AtomicBool,
+        workers: Workers<'_>,
         failure: &(dyn Fn(&[f64], &str) -> Result<()> + Sync),
         done: impl Fn() + Sync,
     ) -> Result<Vec<Outcome>> {
@@ -111,7 +111,7 @@ impl FmuModel {
                 next: AtomicUsize::new(0),
                 failure,
                 journal,
-                stop,
+                workers,
                 halt: AtomicBool::new(false),
                 done: &done,
             };
@@ -134,7 +134,7 @@ struct Campaign<'a> {
     next: AtomicUsize,
     failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
     journal: Option<&'a Journal>,
-    stop: &'a AtomicBool,
+    workers: Workers<'a>,
     /// Another thread met an error.
     halt: AtomicBool,
     done: &'a (dyn Fn() + Sync),
@@ -152,7 +152,7 @@ impl Campaign<'_> {
         for result in results {
             outcomes.extend(result?);
         }
-        if self.stop.load(Ordering::Relaxed) && outcomes.len() < self.missing.len() {
+        if self.workers.stop.load(Ordering::Relaxed) && outcomes.len() < self.missing.len() {
             return Err(Error::Interrupted);
         }
         Ok(outcomes)
@@ -161,7 +161,7 @@ impl Campaign<'_> {
     /// Makes one run after the other with a process of its own.
     fn work(&self) -> Result<Vec<(usize, Outcome)>> {
         let (mut outcomes, mut worker) = (Vec::new(), None);
-        while !self.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
+        while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
             let Some(&index) = self.missing.get(self.next.fetch_add(1, Ordering::Relaxed)) else { break };
             match self.attempt(&self.points[index], &mut worker) {
                 Ok(Some(outcome)) => outcomes.push((index, outcome)),
@@ -183,7 +183,7 @@ impl Campaign<'_> {
             let begin = Instant::now();
             let Some(process) = self.ready(worker)? else { return Ok(None) };
             process.ask(&point);
-            let mut answer = process.answer(Some(self.model.time_limit), self.stop);
+            let mut answer = process.answer(Some(self.model.time_limit), self.workers.stop);
             let complete = |outputs: &[f64]| outputs.len() == self.model.values;
             if !matches!(&answer, Answer::Reply(Reply::Done, outputs) if complete(outputs))
                 || self.model.one_run_per_process
@@ -214,9 +214,15 @@ impl Campaign<'_> {
         let path = &self.model.task.path;
         let mut process = match worker.take() {
             Some(process) => return Ok(Some(worker.insert(process))),
-            None => Worker::start(path, self.folder, &Job::Sample(Cow::Borrowed(&self.model.task)), |_| {})?,
+            None => Worker::start(
+                self.workers.program,
+                path,
+                self.folder,
+                &Job::Sample(Cow::Borrowed(&self.model.task)),
+                |_| {},
+            )?,
         };
-        let message = match process.answer(Some(self.model.time_limit), self.stop) {
+        let message = match process.answer(Some(self.model.time_limit), self.workers.stop) {
             Answer::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
             Answer::Stopped => return Ok(None),
             // it names the FMU

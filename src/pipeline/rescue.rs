@@ -1,7 +1,7 @@
 //! What a training gave is not lost where its folder takes no file: a full disk, or a folder that is gone.
 
-use super::{interrupt, job::Job, say};
-use metafmu::{Error, Result, files};
+use super::project::Project;
+use crate::{Error, Result, files};
 use std::{
     path::PathBuf,
     sync::atomic::Ordering,
@@ -13,48 +13,48 @@ const PATIENCE: Duration = Duration::from_secs(3600);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_secs(2);
 
-/// Has results written to the job's folder. If that fails, they go to a new folder beside other temporary files, which the error
+/// Has results written to the project's folder. If that fails, they go to a new folder beside other temporary files, which the error
 /// names. If that is full as well, they are kept in memory and tried again, for an hour or until Ctrl-C.
-pub fn write(job: &Job, write: impl Fn(&Job) -> Result<()>) -> Result<()> {
-    let Err(mut error) = write(job) else { return Ok(()) };
+pub fn write(project: &Project, write: impl Fn(&Project) -> Result<()>) -> Result<()> {
+    let Err(mut error) = write(project) else { return Ok(()) };
     if !matches!(error, Error::Io { .. }) {
         return Err(error);
     }
-    match elsewhere(job, &write) {
+    match elsewhere(project, &write) {
         Ok(folder) => {
-            let place = job.folder().display();
+            let place = project.folder().display();
             return Err(beside(error, &format!("the results are in {}: move them to {place}", folder.display())));
         }
         Err(_) if !files::is_full(&error) => return Err(error),
-        Err(other) => say(format_args!("{error}\n{other}")),
+        Err(other) => project.say(format_args!("{error}\n{other}")),
     }
-    say("the trained network is in memory, waiting for room; Ctrl-C gives it up");
+    project.say("the trained network is in memory, waiting for room; Ctrl-C gives it up");
     let began = Instant::now();
-    while began.elapsed() < PATIENCE && pause() {
-        match write(job) {
+    while began.elapsed() < PATIENCE && pause(project) {
+        match write(project) {
             Err(again) if files::is_full(&again) => error = again,
             done => return done,
         }
     }
-    let unfinished = job.checkpoint().exists() || job.unfinished_networks().exists();
+    let unfinished = project.checkpoint().exists() || project.unfinished_networks().exists();
     let left = if unfinished { ": --resume goes on from the last checkpoint" } else { "" };
     Err(beside(error, &format!("the trained network is lost{left}")))
 }
 
 /// Writes into a new folder among the temporary files.
-fn elsewhere(job: &Job, write: impl Fn(&Job) -> Result<()>) -> Result<PathBuf> {
+fn elsewhere(project: &Project, write: impl Fn(&Project) -> Result<()>) -> Result<PathBuf> {
     let all = std::env::temp_dir();
-    let folder = tempfile::Builder::new().prefix(&format!("metafmu-{}-", job.study.name)).tempdir_in(&all);
+    let folder = tempfile::Builder::new().prefix(&format!("metafmu-{}-", project.study.name)).tempdir_in(&all);
     let folder = folder.map_err(Error::io(&all, "write into the folder"))?;
-    write(&job.with_folder(folder.path().to_owned()))?;
+    write(&project.with_folder(folder.path().to_owned()))?;
     Ok(folder.keep())
 }
 
 /// Waits for the next attempt; false at a Ctrl-C.
-fn pause() -> bool {
+fn pause(project: &Project) -> bool {
     let began = Instant::now();
     while began.elapsed() < PAUSE {
-        if interrupt::flag().swap(false, Ordering::Relaxed) {
+        if project.control().stop.swap(false, Ordering::Relaxed) {
             return false;
         }
         std::thread::sleep(Duration::from_millis(50));

@@ -1,6 +1,6 @@
 //! From a study and its runs to what a training begins with.
 
-use metafmu::{
+use crate::{
     Result, baseline,
     dataset::{Dataset, Run},
     network::Network,

@@ -1,12 +1,12 @@
 //! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
 
 use super::{
-    job::Job,
     prepare::held_out,
-    rescue, sample, say,
+    project::Project,
+    rescue, sample,
     train::{self, TrainingRecord},
 };
-use metafmu::{
+use crate::{
     Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, sampling::Plan,
     study::TargetOptions, surrogate, table::header_field,
 };
@@ -32,69 +32,69 @@ impl Round {
 /// for each round, and `added.csv` with the runs that were added. Every round has a folder of its own, from which `resume` goes
 /// on; they are removed at the end.
 pub fn stage(
-    job: &Job,
+    project: &Project,
     target: &TargetOptions,
     planned: &Dataset,
     calibration: &Dataset,
     resume: bool,
 ) -> Result<(Surrogate, TrainingRecord)> {
-    if resume && let Some(finished) = train::finished(job)? {
+    if resume && let Some(finished) = train::finished(project)? {
         return Ok(finished);
     }
     if !resume {
-        files::remove_folder(&job.rounds())?;
+        files::remove_folder(&project.rounds())?;
     }
-    let validation = held_out(&job.study, planned);
+    let validation = held_out(&project.study, planned);
     let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::new(), None, 0);
-    let mut failed = failures(Plan::new(&job.study).train, planned);
+    let mut failed = failures(Plan::new(&project.study).train, planned);
     let trained = loop {
-        let round = job.round(rounds.len());
+        let round = project.round(rounds.len());
         round.prepare_folder()?;
         let added = dataset.runs.len() - planned.runs.len();
         let (trained, record) = train::once(&round, &dataset, added, start.as_ref(), None, resume)?;
         let r2 = Accuracy::of(&trained, &validation).outputs.values().map(|metrics| metrics.r2).collect();
         let finished = Round { runs: dataset.runs.len(), r2, record };
         let is_met = finished.worst().is_none_or(|worst| worst >= target.r2);
-        let is_last = is_met || train::was_interrupted(&finished.record) || dataset.runs.len() >= target.max_runs;
-        report(&rounds, &finished, target, validation.runs.len());
+        let is_last = is_met || finished.record.was_interrupted() || dataset.runs.len() >= target.max_runs;
+        report(project, &rounds, &finished, target, validation.runs.len());
         rounds.push(finished);
-        write_table(job, &rounds)?;
+        write_table(project, &rounds)?;
         if is_last {
             break trained;
         }
-        let points = next_points(&job.study, target, &trained, &dataset, &failed, asked);
+        let points = next_points(&project.study, target, &trained, &dataset, &failed, asked);
         asked += points.len();
         let added = simulate(&round, &points, dataset.runs.len() + points.len())?;
         if added.runs.is_empty() {
-            say("no further run can be added: the training ends short of the target");
+            project.say("no further run can be added: the training ends short of the target");
             break trained;
         }
         failed.extend(failures(points, &added));
         dataset.runs.extend(added.runs);
         start = Some(trained);
     };
-    let trained = train::with_bounds(trained, Some(calibration), &job.study)?;
+    let trained = train::with_bounds(trained, Some(calibration), &project.study)?;
     let record = total(&rounds, dataset.runs.len() - planned.runs.len(), target);
     let added = Dataset { runs: dataset.runs.split_off(planned.runs.len()), ..dataset };
-    rescue::write(job, |to| {
+    rescue::write(project, |to| {
         if added.runs.is_empty() {
             files::remove(&to.table("added"))?;
         } else {
             added.write_csv(&to.table("added"))?;
         }
         surrogate::save(&trained, &to.model())?;
-        files::write_whole(&to.history(), join_histories(job, rounds.len())?.as_bytes())?;
+        files::write_whole(&to.history(), join_histories(project, rounds.len())?.as_bytes())?;
         files::write_json(&to.training_record(), &record)
     })?;
-    if !train::was_interrupted(&record) {
-        files::remove_folder(&job.rounds())?;
+    if !record.was_interrupted() {
+        files::remove_folder(&project.rounds())?;
     }
     Ok((trained, record))
 }
 
 /// The runs of these points: those a killed training has simulated already, or new ones. There will be `total` with those
 /// before.
-fn simulate(round: &Job, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
+fn simulate(round: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let (path, digest) = (round.table("added"), round.folder().join("added.sha256"));
     let (parameters, outputs) = (round.source.parameters(), round.source.outputs());
     if let Ok(digest) = std::fs::read_to_string(&digest)
@@ -115,7 +115,7 @@ fn failures(points: Vec<Vec<f64>>, made: &Dataset) -> Vec<Vec<f64>> {
     points.into_iter().filter(|point| made.next_if(|run| run.parameters == *point).is_none()).collect()
 }
 
-fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {
+fn report(project: &Project, before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {
     let worst = round.worst().map_or("none".into(), |worst| format!("{worst:.7}"));
     let went = match round.worst() {
         Some(worst) if worst < target.r2 && round.runs >= target.max_runs => {
@@ -124,7 +124,7 @@ fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_ru
         Some(worst) if worst < target.r2 => "short of the target",
         _ => "the target is met",
     };
-    say(format_args!(
+    project.say(format_args!(
         "round {} with {} runs: smallest R² {worst} on {validation_runs} held-out runs, {went} ({})",
         before.len() + 1,
         round.runs,
@@ -133,10 +133,10 @@ fn report(before: &[Round], round: &Round, target: &TargetOptions, validation_ru
 }
 
 /// `rounds.csv`
-fn write_table(job: &Job, rounds: &[Round]) -> Result<()> {
+fn write_table(project: &Project, rounds: &[Round]) -> Result<()> {
     let outputs: Vec<String> =
-        job.source.outputs().iter().map(|output| header_field(&format!("r2_{}", output.name))).collect();
-    files::write_with(&job.table("rounds"), |file| {
+        project.source.outputs().iter().map(|output| header_field(&format!("r2_{}", output.name))).collect();
+    files::write_with(&project.table("rounds"), |file| {
         writeln!(file, "round,runs,epochs,seconds,{}", outputs.join(","))?;
         for (index, Round { runs, r2, record }) in rounds.iter().enumerate() {
             let r2: Vec<String> = r2.iter().map(|r2| r2.map_or(String::new(), |r2| r2.to_string())).collect();
@@ -162,11 +162,11 @@ fn total(rounds: &[Round], added_runs: usize, target: &TargetOptions) -> Trainin
 }
 
 /// `history.csv`: the rounds' own one after the other, epochs and seconds counted on.
-fn join_histories(job: &Job, rounds: usize) -> Result<String> {
+fn join_histories(project: &Project, rounds: usize) -> Result<String> {
     let mut lines: Vec<String> = Vec::new();
     let (mut epochs, mut seconds) = (0, 0.0);
     for round in 0..rounds {
-        let path = job.round(round).history();
+        let path = project.round(round).history();
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
         let mut rows = text.lines();
         let header = rows.next().unwrap_or_default();

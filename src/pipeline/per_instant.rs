@@ -1,15 +1,13 @@
 //! A network for each instant, trained side by side: `network.structure = "fixed"`.
 
 use super::{
-    interrupt,
-    job::Job,
+    observer::{Event, Work},
+    parallel::side_by_side,
     prepare::{Prepared, prepare_instants},
-    progress::Progress,
-    say,
-    side_by_side::side_by_side,
-    train::{Trained, TrainingRecord, describe},
+    project::Project,
+    train::{Trained, TrainingRecord},
 };
-use metafmu::{
+use crate::{
     Error, Result,
     dataset::Dataset,
     files,
@@ -21,7 +19,7 @@ use metafmu::{
 use metafmu_runtime::{Model, ScaledNetwork};
 use std::{
     ops::ControlFlow,
-    sync::{Mutex, PoisonError, atomic::Ordering},
+    sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
 
@@ -29,38 +27,36 @@ use std::{
 const CONSTANT: f32 = 1e-6;
 
 /// Trains the networks; with `resume` those that an earlier training has finished are taken as they are.
-pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
-    let (instants, prepared) = prepare_instants(&job.study, dataset)?;
+pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> {
+    let (instants, prepared) = prepare_instants(&project.study, dataset)?;
     if !resume {
         // of whatever training it is: this one begins anew
-        files::remove(&job.checkpoint())?;
-        files::remove(&job.unfinished_networks())?;
+        files::remove(&project.checkpoint())?;
+        files::remove(&project.unfinished_networks())?;
     }
-    let kept = Finished::open(job, &prepared)?;
+    let kept = Finished::open(project, &prepared)?;
     if resume {
-        say(format_args!("{} of {} networks are finished already", kept.journal.len(), prepared.len()));
+        project.say(format_args!("{} of {} networks are finished already", kept.journal.len(), prepared.len()));
     }
     let began = Instant::now();
-    let progress = Mutex::new(Progress::networks(prepared.len()));
-    let outcomes = train_all(&job.study, &prepared, job.study.training.epochs, |instant, train| {
+    let (total, finished) = (prepared.len(), AtomicUsize::new(0));
+    project.begin(Work::Networks, total);
+    let outcomes = train_all(project, &project.study, &prepared, project.study.training.epochs, |instant, train| {
         let outcome = kept.get(instant).map_or_else(train, Ok)?;
         if outcome.reason == StopReason::Interrupted {
             return Err(Error::Interrupted);
         }
-        let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
         // a full disk is no reason to lose the training
         if let Err(error) = kept.keep(instant, &outcome) {
-            progress.warn(&format!("no checkpoint: {error}"));
+            project.warn(format_args!("no checkpoint: {error}"));
         }
-        progress.network(&outcome);
+        tell(project, &outcome, finished.fetch_add(1, Ordering::Relaxed) + 1, total, began);
         Ok(outcome)
     });
-    let progress = progress.into_inner().unwrap_or_else(PoisonError::into_inner);
     let outcomes = outcomes.inspect_err(|_| {
-        progress.clear();
-        say(format_args!(
+        project.finish(format_args!(
             "networks that are finished are kept in {}: go on with --resume",
-            job.unfinished_networks().display()
+            project.unfinished_networks().display()
         ));
     })?;
     let record = TrainingRecord {
@@ -68,12 +64,12 @@ pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
         validation_runs: prepared.first().map_or(0, |prepared| prepared.validation_runs),
         epochs: epochs(&outcomes),
         best_epoch: best_epoch(&outcomes),
-        stopped: describe(reason(&outcomes)).into(),
+        stopped: reason(&outcomes),
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
     };
-    progress.finish(&format!(
+    project.finish(format_args!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",
         outcomes.len(),
         record.train_rows,
@@ -91,9 +87,21 @@ pub fn train(job: &Job, dataset: &Dataset, resume: bool) -> Result<Trained> {
     Ok(Trained { model: Model::Series { instants: instants.to_vec(), networks }, history, record })
 }
 
+/// Tells that so many of all networks are finished, this one the last.
+fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: Instant) {
+    let loss = outcome.history.iter().map(|epoch| epoch.validation_loss).fold(f64::INFINITY, f64::min);
+    let about = format_args!("the last one's loss on held-out runs {loss:.2e}");
+    project.event(Event::Progress { done, about });
+    if done.is_multiple_of(total.div_ceil(10).max(1)) || done == total {
+        let left = began.elapsed().as_secs_f64() / done as f64 * (total - done) as f64;
+        project.note(format_args!("network {done}/{total}: loss on held-out runs {loss:.2e}, {left:.0} s left"));
+    }
+}
+
 /// The trainings of all networks up to epoch `goal`, side by side; each on one thread, so that the number of threads
 /// changes nothing. `each` is called for every instant with the function that trains its network.
 pub fn train_all(
+    project: &Project,
     study: &Study,
     prepared: &[Prepared],
     goal: usize,
@@ -102,18 +110,18 @@ pub fn train_all(
     let numbers: Vec<usize> = (0..prepared.len()).collect();
     let mut outcomes = side_by_side(&numbers, |instant| {
         // those that have not begun yet
-        if interrupt::flag().load(Ordering::Relaxed) {
+        if project.is_stopped() {
             return Err(Error::Interrupted);
         }
-        each(instant, &|| train_one(study, &prepared[instant], goal))
+        each(instant, &|| train_one(project, study, &prepared[instant], goal))
     });
     outcomes.sort_by_key(|(instant, _)| *instant);
     outcomes.into_iter().map(|(_, outcome)| outcome).collect()
 }
 
-fn train_one(study: &Study, prepared: &Prepared, goal: usize) -> Result<Outcome> {
+fn train_one(project: &Project, study: &Study, prepared: &Prepared, goal: usize) -> Result<Outcome> {
     let Prepared { network, training, validation, .. } = prepared;
-    let mut follower = Follower { goal, epochs: 0 };
+    let mut follower = Follower { project, goal, epochs: 0 };
     let outcome = training::train(network.clone(), training, validation, &study.training, study.seed, &mut follower)?;
     if outcome.reason == StopReason::Interrupted && outcome.history.len() < goal {
         return Err(Error::Interrupted);
@@ -135,15 +143,16 @@ pub fn without_constants(network: &Network, rows: &Rows) -> Result<Network> {
 }
 
 /// Ends a training at its goal, or at Ctrl-C.
-struct Follower {
+struct Follower<'a> {
+    project: &'a Project<'a>,
     goal: usize,
     /// Epochs that are done.
     epochs: usize,
 }
 
-impl Observer for Follower {
+impl Observer for Follower<'_> {
     fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
-        let stop = self.epochs >= self.goal || interrupt::flag().load(Ordering::Relaxed);
+        let stop = self.epochs >= self.goal || self.project.is_stopped();
         if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
@@ -198,13 +207,13 @@ struct Finished<'a> {
 }
 
 impl<'a> Finished<'a> {
-    fn open(job: &Job, prepared: &'a [Prepared]) -> Result<Self> {
+    fn open(project: &Project, prepared: &'a [Prepared]) -> Result<Self> {
         let rows = prepared.iter().flat_map(|prepared| [&prepared.training, &prepared.validation]);
         let digests: String = rows.map(|rows| format!(" {:016x}", rows.digest())).collect();
-        let epochs = job.study.training.epochs;
+        let epochs = project.study.training.epochs;
         let parameters = prepared.first().map_or(0, |prepared| prepared.network.parameters().len());
-        let of = format!("networks of {}{digests}", job.study.digest());
-        let journal = Journal::open(&job.unfinished_networks(), &of, 1, 2 + 4 * epochs + parameters)?;
+        let of = format!("networks of {}{digests}", project.study.digest());
+        let journal = Journal::open(&project.unfinished_networks(), &of, 1, 2 + 4 * epochs + parameters)?;
         Ok(Self { journal, prepared, epochs })
     }
 

@@ -1,15 +1,17 @@
-//! What the verbs on a study share: the study, its source, and where results go.
+//! A study, its source, and its folder of results.
 
-use super::{say, train::TrainingRecord};
-use crate::cli::StudyArgs;
-use indexmap::IndexMap;
-use metafmu::{
+use super::{
+    observer::{Control, Event, Work},
+    train::TrainingRecord,
+};
+use crate::{
     Error, Result,
     acceptance::{self, Verdict},
     baseline::{Comparison, Kind, comparison::NETWORK},
     dataset::Dataset,
     evaluation::Accuracy,
     files,
+    fmu::{Watch, Workers},
     multibody::Mechanism,
     sampling::Sets,
     scaling,
@@ -17,17 +19,25 @@ use metafmu::{
     study::Study,
     surrogate,
 };
+use indexmap::IndexMap;
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Display,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
 
-/// A study with its source resolved and its folder of results.
-pub struct Job {
+/// A study with its source resolved, its folder of results, and the program around it.
+#[derive(Debug)]
+pub struct Project<'a> {
+    /// The study.
     pub study: Study,
+    /// What gives its runs.
     pub source: Source,
     folder: PathBuf,
-    pub json: bool,
+    control: Control<'a>,
 }
 
 /// Of which study the tables are, and what making them took: `samples.json`.
@@ -35,9 +45,13 @@ pub struct Job {
 pub struct SamplesRecord {
     /// [`Study::sampling_digest`] of the study they were sampled from.
     pub sampling_digest: String,
+    /// Training and validation runs.
     pub train_runs: usize,
+    /// Their rows.
     pub train_rows: usize,
+    /// Test runs.
     pub test_runs: usize,
+    /// Their rows.
     pub test_rows: usize,
     /// Runs that error bounds are measured on.
     #[serde(default)]
@@ -45,10 +59,12 @@ pub struct SamplesRecord {
     /// SHA-256 of each table, by its set.
     #[serde(default)]
     pub tables: IndexMap<String, String>,
+    /// Wall time of the sampling.
     pub sample_seconds: f64,
     /// Runs of the plan that failed and are not in the tables.
     #[serde(default)]
     pub failed_runs: usize,
+    /// These runs.
     #[serde(default)]
     pub failed: Vec<FailedRun>,
 }
@@ -60,35 +76,95 @@ pub struct FailedRun {
     pub set: String,
     /// Its number in that part of the plan, as `sample --dry-run` prints it.
     pub run: usize,
+    /// Its parameters.
     pub parameters: IndexMap<String, f64>,
+    /// Why it failed.
     pub reason: String,
 }
 
-/// Says on stderr what a mechanism consists of and what is odd about it.
-pub fn describe(mechanism: &Mechanism) {
+/// Tells what a mechanism consists of and what is odd about it.
+pub fn describe(mechanism: &Mechanism, control: Control<'_>) {
     for warning in mechanism.warnings() {
-        say(format!("warning: {warning}"));
+        control.observer.event(Event::Warning(format_args!("{warning}")));
     }
-    say(mechanism.summary());
+    control.observer.event(Event::Message(format_args!("{}", mechanism.summary())));
 }
 
-impl Job {
-    /// Reads the study and finds its folder; writes nothing.
-    pub fn new(args: &StudyArgs) -> Result<Self> {
-        let study = Study::load(&args.study)?;
+impl<'a> Project<'a> {
+    /// Reads the study file and finds its source; writes nothing. Results go to `folder`, unless given to `out/NAME` with the
+    /// study's name.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every mistake in the file, the errors of the source.
+    pub fn open(study: &Path, folder: Option<&Path>, control: Control<'a>) -> Result<Self> {
+        let study = Study::load(study)?;
         let source = Source::new(&study)?;
-        let folder = args.out.clone().unwrap_or_else(|| Path::new("out").join(&study.name));
-        Ok(Self { study, source, folder, json: args.json })
+        let folder = folder.map_or_else(|| Path::new("out").join(&study.name), Path::to_owned);
+        Ok(Self { study, source, folder, control })
     }
 
-    /// Says on stderr what the study's mechanism consists of and what is odd about it.
+    /// What the program around it gave.
+    pub fn control(&self) -> Control<'a> {
+        self.control
+    }
+
+    /// Whether the work is to end.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.control.stop.load(Ordering::Relaxed)
+    }
+
+    /// What worker processes need.
+    pub(super) fn workers(&self) -> Workers<'a> {
+        Workers { program: self.control.program, stop: self.control.stop }
+    }
+
+    /// How an FMU is watched over that runs in a process of its own.
+    pub(super) fn watch(&self) -> Watch<'a> {
+        Watch { workers: self.workers(), limit: None, heard: self.control.heard }
+    }
+
+    /// Tells the observer what happens.
+    pub(super) fn event(&self, event: Event<'_>) {
+        self.control.observer.event(event);
+    }
+
+    /// Tells the observer a result or a decision.
+    pub(super) fn say(&self, line: impl Display) {
+        self.event(Event::Message(format_args!("{line}")));
+    }
+
+    /// Tells the observer what the user should look at.
+    pub(super) fn warn(&self, line: impl Display) {
+        self.event(Event::Warning(format_args!("{line}")));
+    }
+
+    /// Tells the observer how the work goes.
+    pub(super) fn note(&self, line: impl Display) {
+        self.event(Event::Note(format_args!("{line}")));
+    }
+
+    /// Tells the observer that work of so many units begins.
+    pub(super) fn begin(&self, work: Work, total: usize) {
+        self.event(Event::Begin { work, total });
+    }
+
+    /// Tells the observer that the work has ended, and how.
+    pub(super) fn finish(&self, line: impl Display) {
+        self.event(Event::End);
+        self.say(line);
+    }
+
+    /// Tells what the study's mechanism consists of and what is odd about it.
     pub fn describe_mechanism(&self) {
         if let Some(mechanism) = self.study.mechanism() {
-            describe(mechanism);
+            describe(mechanism, self.control);
         }
     }
 
     /// Makes the folder of results, so that one that cannot be written is found before the work and not after it.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the system's reason.
     pub fn prepare_folder(&self) -> Result<()> {
         files::writable_folder(&self.folder)
     }
@@ -98,17 +174,17 @@ impl Job {
         self.folder.join(format!("{set}.csv"))
     }
 
-    pub fn samples_record(&self) -> PathBuf {
+    pub(super) fn samples_record(&self) -> PathBuf {
         self.folder.join("samples.json")
     }
 
     /// Runs of a sampling that is not finished.
-    pub fn journal(&self) -> PathBuf {
+    pub(super) fn journal(&self) -> PathBuf {
         self.folder.join("unfinished-runs.bin")
     }
 
     /// The same of one shard of it.
-    pub fn shard_journal(&self, Shard { number, of }: Shard) -> PathBuf {
+    pub(super) fn shard_journal(&self, Shard { number, of }: Shard) -> PathBuf {
         self.folder.join(format!("unfinished-runs-{number}-of-{of}.bin"))
     }
 
@@ -117,81 +193,91 @@ impl Job {
         &self.folder
     }
 
+    /// The network, as it goes into the FMU.
     pub fn model(&self) -> PathBuf {
         self.folder.join(format!("{}.safetensors", self.study.name))
     }
 
     /// Where the trials of a search keep what they have.
-    pub fn search_folder(&self) -> PathBuf {
+    pub(super) fn search_folder(&self) -> PathBuf {
         self.folder.join("search")
     }
 
-    pub fn search_table(&self) -> PathBuf {
+    pub(super) fn search_table(&self) -> PathBuf {
         self.folder.join("search.csv")
     }
 
-    pub fn best_study(&self) -> PathBuf {
+    pub(super) fn best_study(&self) -> PathBuf {
         self.folder.join(format!("{}-best.toml", self.study.name))
     }
 
+    /// Loss of each epoch.
     pub fn history(&self) -> PathBuf {
         self.folder.join("history.csv")
     }
 
     /// Where a training that is under way, or was stopped, goes on from.
-    pub fn checkpoint(&self) -> PathBuf {
+    pub(super) fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint.safetensors")
     }
 
     /// Networks of a training that is under way or was stopped, where there is one for each instant.
-    pub fn unfinished_networks(&self) -> PathBuf {
+    pub(super) fn unfinished_networks(&self) -> PathBuf {
         self.folder.join("unfinished-networks.bin")
     }
 
     /// Where the rounds of a training with a target keep what they have.
-    pub fn rounds(&self) -> PathBuf {
+    pub(super) fn rounds(&self) -> PathBuf {
         self.folder.join("rounds")
     }
 
-    /// The same job, with the folder of a round for its results.
-    pub fn round(&self, number: usize) -> Self {
+    /// The same project, with the folder of a round for its results.
+    pub(super) fn round(&self, number: usize) -> Self {
         self.with_folder(self.rounds().join(number.to_string()))
     }
 
-    /// The same job, with another folder for its results.
-    pub fn with_folder(&self, folder: PathBuf) -> Self {
-        Self { study: self.study.clone(), source: self.source.clone(), folder, json: self.json }
+    /// The same project, with another folder for its results.
+    pub(super) fn with_folder(&self, folder: PathBuf) -> Self {
+        Self { study: self.study.clone(), source: self.source.clone(), folder, control: self.control }
     }
 
-    pub fn training_record(&self) -> PathBuf {
+    pub(super) fn training_record(&self) -> PathBuf {
         self.folder.join("training.json")
     }
 
+    /// Accuracy on the test runs.
     pub fn metrics(&self) -> PathBuf {
         self.folder.join("metrics.json")
     }
 
-    pub fn baseline_model(&self, kind: Kind) -> PathBuf {
+    pub(super) fn baseline_model(&self, kind: Kind) -> PathBuf {
         self.folder.join(format!("{}-{}.safetensors", self.study.name, kind.name()))
     }
 
+    /// The network beside simpler models.
     pub fn comparison(&self) -> PathBuf {
         self.folder.join("comparison.json")
     }
 
+    /// The same as a table.
     pub fn comparison_table(&self) -> PathBuf {
         self.folder.join("comparison.csv")
     }
 
+    /// The surrogate beside the truth, for people.
     pub fn report(&self) -> PathBuf {
         self.folder.join("report.html")
     }
 
+    /// The FMU whose name ends so, for instance `-fmi3`.
     pub fn fmu(&self, suffix: &str) -> PathBuf {
         self.folder.join(format!("{}{suffix}.fmu", self.study.name))
     }
 
     /// Reads the record of the sampled tables and checks that they are this study's.
+    ///
+    /// # Errors
+    /// [`Error::Stale`] if it is missing, damaged or of another study.
     pub fn load_samples_record(&self) -> Result<SamplesRecord> {
         let path = self.samples_record();
         let record: SamplesRecord = self.load_json(&path, "metafmu sample")?;
@@ -203,12 +289,15 @@ impl Job {
     }
 
     /// Reads how the training went.
+    ///
+    /// # Errors
+    /// [`Error::Stale`] if the record is missing or damaged.
     pub fn load_training_record(&self) -> Result<TrainingRecord> {
         self.load_json(&self.training_record(), "metafmu train")
     }
 
     /// Reads the accuracy of a surrogate from `metrics.json`; none if that has not been measured.
-    pub fn load_accuracy(&self, surrogate: &Surrogate) -> Result<Option<Accuracy>> {
+    pub(super) fn load_accuracy(&self, surrogate: &Surrogate) -> Result<Option<Accuracy>> {
         let path = self.metrics();
         if !path.exists() {
             return Ok(None);
@@ -220,7 +309,7 @@ impl Job {
     }
 
     /// What is to be thought of a surrogate with this accuracy on the test runs.
-    pub fn judge(
+    pub(super) fn judge(
         &self,
         surrogate: &Surrogate,
         training: &TrainingRecord,
@@ -232,7 +321,7 @@ impl Job {
     }
 
     /// Reads the comparison with other models; none if there is none of these test runs.
-    pub fn load_comparison(&self, measured: &Accuracy) -> Result<Option<Comparison>> {
+    pub(super) fn load_comparison(&self, measured: &Accuracy) -> Result<Option<Comparison>> {
         let path = self.comparison();
         if !path.exists() {
             return Ok(None);
@@ -247,7 +336,7 @@ impl Job {
                 })
         });
         if !same {
-            say(format_args!("{} is of another network: it is left out", path.display()));
+            self.say(format_args!("{} is of another network: it is left out", path.display()));
         }
         Ok(Some(comparison).filter(|_| same))
     }
@@ -264,12 +353,19 @@ impl Job {
         })
     }
 
+    /// Reads the tables of all sets.
+    ///
+    /// # Errors
+    /// As [`Project::load_table`].
     pub fn load_tables(&self) -> Result<Sets<Dataset>> {
         let set = |set| self.load_table(set);
         Ok(Sets { train: set("train")?, test: set("test")?, calibration: set("calibration")? })
     }
 
-    /// Reads a table of runs of this study; a set without runs has none.
+    /// Reads the table of a set of runs of this study; a set without runs has none.
+    ///
+    /// # Errors
+    /// [`Error::Stale`] if it is missing, of another study or changed, [`Error::Study`] if it cannot be scaled.
     pub fn load_table(&self, set: &str) -> Result<Dataset> {
         let record = self.load_samples_record()?;
         let (parameters, outputs) = (self.source.parameters(), self.source.outputs());
@@ -286,6 +382,9 @@ impl Job {
     }
 
     /// Reads the trained surrogate and checks that it is this study's.
+    ///
+    /// # Errors
+    /// [`Error::Stale`] if it is missing or of another study, the errors of a damaged file.
     pub fn load_model(&self) -> Result<Surrogate> {
         let path = self.model();
         if !path.exists() {

@@ -1,0 +1,138 @@
+//! What a pipeline tells, on stderr: a bar on a terminal, a few lines elsewhere.
+
+use super::{heard, interrupt, say};
+use indicatif::{HumanDuration, HumanFloatCount, ProgressBar, ProgressState, ProgressStyle};
+use metafmu::{
+    Error, Result,
+    fmu::Workers,
+    pipeline::{Control, Event, Observer, Work},
+};
+use std::{
+    fmt::{Arguments, Write},
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    sync::{Mutex, OnceLock, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// Time between two messages of a bar.
+const BETWEEN: Duration = Duration::from_millis(100);
+
+/// What a pipeline gets from this command.
+pub fn control() -> Result<Control<'static>> {
+    static TERMINAL: OnceLock<Terminal> = OnceLock::new();
+    let observer = TERMINAL.get_or_init(Terminal::default);
+    Ok(Control { observer, stop: interrupt::flag(), program: program()?, heard })
+}
+
+/// What worker processes get from this command.
+pub fn workers() -> Result<Workers<'static>> {
+    Ok(Workers { program: program()?, stop: interrupt::flag() })
+}
+
+/// This program.
+fn program() -> Result<&'static Path> {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    if let Some(program) = PROGRAM.get() {
+        return Ok(program);
+    }
+    let program = std::env::current_exe().map_err(Error::io(Path::new("metafmu"), "find"))?;
+    Ok(PROGRAM.get_or_init(|| program))
+}
+
+/// Shows one stage after the other.
+#[derive(Default)]
+struct Terminal {
+    shown: Mutex<Shown>,
+}
+
+/// The bar of the work at hand.
+#[derive(Default)]
+struct Shown {
+    bar: Option<ProgressBar>,
+    on_terminal: bool,
+    /// When its message was changed.
+    at: Option<Instant>,
+}
+
+impl Observer for Terminal {
+    fn event(&self, event: Event<'_>) {
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            Event::Begin { work, total } => {
+                shown.end();
+                *shown = Shown::begin(work, total);
+            }
+            Event::Advance => shown.bar.iter().for_each(|bar| bar.inc(1)),
+            Event::Progress { done, about } => shown.set(done, about),
+            Event::End => shown.end(),
+            Event::Note(line) if !shown.on_terminal => shown.say(line),
+            Event::Note(_) => {}
+            Event::Message(line) => shown.say(line),
+            Event::Warning(line) => shown.say(format_args!("warning: {line}")),
+        }
+    }
+}
+
+impl Shown {
+    fn begin(work: Work, total: usize) -> Self {
+        let template = match work {
+            Work::Runs => "sampling {bar:30} {pos}/{len} runs, {speed}, {left} left",
+            Work::Steps => "training {bar:30} {percent}%, {msg}",
+            Work::Networks => "training {bar:30} {pos}/{len} networks, {msg}, {left} left",
+            Work::Trials { rung, rungs } => {
+                &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{left}} left")
+            }
+            Work::Models => "comparing {bar:30} {pos}/{len} models, {msg}, {elapsed}",
+        };
+        let length = total as u64;
+        let bar = ProgressBar::new(length);
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style = style.with_key("speed", |state: &ProgressState, text: &mut dyn Write| {
+            let _ = write!(text, "{}/s", HumanFloatCount(speed(state)));
+        });
+        bar.set_style(style.with_key("left", move |state: &ProgressState, text: &mut dyn Write| {
+            // nothing is known before the first is done
+            let left = Duration::try_from_secs_f64(length.saturating_sub(state.pos()) as f64 / speed(state));
+            let _ = match left {
+                Ok(left) => write!(text, "{:#}", HumanDuration(left)),
+                Err(_) => text.write_char('?'),
+            };
+        }));
+        let on_terminal = std::io::stderr().is_terminal();
+        if on_terminal {
+            // speed and time left go on while nothing is done
+            bar.enable_steady_tick(Duration::from_millis(500));
+        }
+        Self { bar: Some(bar), on_terminal, at: None }
+    }
+
+    /// Moves the bar, if a person could read a new message by now.
+    fn set(&mut self, done: usize, about: Arguments<'_>) {
+        let Some(bar) = self.bar.as_ref().filter(|_| self.on_terminal) else { return };
+        if self.at.is_none_or(|at| at.elapsed() > BETWEEN) {
+            self.at = Some(Instant::now());
+            bar.set_message(about.to_string());
+            bar.set_position(done as u64);
+        }
+    }
+
+    /// A line that stays.
+    fn say(&self, line: Arguments<'_>) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| say(line)),
+            None => say(line),
+        }
+    }
+
+    fn end(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// What is done in a second: of late, or from the beginning if that is less, so that it falls at once when nothing moves.
+fn speed(state: &ProgressState) -> f64 {
+    state.per_sec().min(state.pos() as f64 / state.elapsed().as_secs_f64())
+}

@@ -1,0 +1,78 @@
+//! The whole way from a study to validated FMUs.
+
+use super::{
+    compare, evaluate,
+    evaluate::Metrics,
+    export::{self, Plan, Written},
+    project::Project,
+    report, sample,
+    train::{self, TrainingRecord},
+};
+use crate::{
+    Result,
+    acceptance::Verdict,
+    baseline::Comparison,
+    dataset::Dataset,
+    evaluation::Accuracy,
+    fmu::{Report, validate_apart},
+    report::Evaluated,
+    sampling::Sets,
+};
+use metafmu_runtime::Surrogate;
+
+/// What a build has made; the files are in the project's folder.
+#[derive(Debug)]
+pub struct Built {
+    /// What `metrics.json` holds.
+    pub metrics: Metrics,
+    /// What is to be thought of the surrogate.
+    pub verdict: Verdict,
+    /// The network beside the baselines that the study wants in a build.
+    pub comparison: Option<Comparison>,
+    /// The FMUs, each with what its validation found.
+    pub fmus: Vec<(Written, Report)>,
+}
+
+/// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep what a stopped build of the
+/// same study has finished.
+///
+/// # Errors
+/// Those of the stages. A poor surrogate and the problems of an FMU are none: see [`Built`].
+pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
+    project.describe_mechanism();
+    project.prepare_folder()?;
+    let kept = if resume { sample::kept(project)? } else { None };
+    let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
+    let (surrogate, training) = train::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
+    let evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    let accuracy = evaluated.accuracy.clone();
+    let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
+    let (metrics, verdict) =
+        evaluate::stage(project, &surrogate, accuracy, comparison.as_ref(), &samples.record, &training)?;
+    let figures = export::figures(&evaluated)?;
+    let written = export::stage(project, plan, &surrogate, Some(&metrics.accuracy), &figures)?;
+    let validate = |written: Written| {
+        let report = validate_apart(&written.fmu, project.watch())?;
+        project.say(format_args!("validated {}: {}", written.fmu.display(), report.to_string().trim_end()));
+        Ok((written, report))
+    };
+    let fmus = written.into_iter().map(validate).collect::<Result<_>>()?;
+    report::stage(project, &evaluated, &samples.record, &training, None, None)?;
+    Ok(Built { metrics, verdict, comparison, fmus })
+}
+
+/// The network beside the baselines that the study wants in a build.
+fn compare_in_build(
+    project: &Project,
+    surrogate: &Surrogate,
+    accuracy: &Accuracy,
+    training: &TrainingRecord,
+    sets: &Sets<Dataset>,
+) -> Result<Option<Comparison>> {
+    let kinds = &project.study.baselines.build;
+    if kinds.is_empty() {
+        return Ok(None);
+    }
+    let network = compare::network_row(surrogate, accuracy, training, &sets.test);
+    compare::stage(project, kinds, network, &sets.train, &sets.test).map(Some)
+}

@@ -1,0 +1,224 @@
+//! The network beside simpler models.
+
+use super::{
+    observer::{Event, Work},
+    prepare::baseline_rows,
+    project::Project,
+    train::TrainingRecord,
+};
+use crate::{
+    Error, Result,
+    baseline::{
+        Comparison, Kind, ModelRow, Rows, Status, choose_rows,
+        comparison::NETWORK,
+        worker::{self, Answer, Fit, Task},
+    },
+    dataset::{Dataset, Run},
+    evaluation::{self, Accuracy, OutputMetrics},
+    files,
+    scaling::encoded,
+    study::Study,
+};
+use metafmu_runtime::{Evaluator, Surrogate};
+use std::{
+    io::{BufWriter, Read},
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
+    time::{Duration, Instant},
+};
+
+/// The argument that makes `metafmu` a process which fits one baseline: it calls [`work`].
+pub const FIT_BASELINE: &str = "fit-baseline";
+
+/// The network beside the baselines `kinds`, as far as there is a network: without one its row says why.
+///
+/// # Errors
+/// As [`stage`].
+pub fn compare(project: &Project, kinds: &[Kind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
+    let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
+    let network = match &network {
+        Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
+        Err(error) => row(NETWORK, Status::Failed, error.to_string()),
+    };
+    stage(project, kinds, network, train, test)
+}
+
+/// Does the task on stdin and writes its answer to stdout: what a process with the argument [`FIT_BASELINE`] does.
+///
+/// # Errors
+/// [`Error::Io`] of the streams.
+pub fn work() -> Result<()> {
+    let served = worker::serve(std::io::stdin().lock(), std::io::stdout().lock());
+    served.map_err(Error::io(Path::new("stdin"), "do the task from"))
+}
+
+/// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done.
+pub(super) fn stage(
+    project: &Project,
+    kinds: &[Kind],
+    network: ModelRow,
+    train: &Dataset,
+    test: &Dataset,
+) -> Result<Comparison> {
+    let rows = baseline_rows(&project.study, train);
+    project.begin(Work::Models, kinds.len());
+    let mut models = vec![network];
+    for &kind in kinds {
+        project.event(Event::Progress { done: models.len() - 1, about: format_args!("{}", kind.name()) });
+        let row = measure(project, &project.study, kind, &rows, test)?;
+        project.note(row.summary());
+        models.push(row);
+    }
+    project.event(Event::End);
+    let name = project.study.name.clone();
+    let comparison = Comparison { name, test_runs: test.runs.len(), test_rows: test.row_count(), models };
+    files::write_json(&project.comparison(), &comparison)?;
+    files::write_whole(&project.comparison_table(), comparison.csv().as_bytes())?;
+    Ok(comparison)
+}
+
+/// The network's row, with its predictions timed one after the other on one core.
+pub(super) fn network_row(
+    surrogate: &Surrogate,
+    accuracy: &Accuracy,
+    training: &TrainingRecord,
+    test: &Dataset,
+) -> ModelRow {
+    let evaluator = Evaluator::new(surrogate);
+    let began = Instant::now();
+    for run in &test.runs {
+        std::hint::black_box(evaluation::predict(surrogate, &evaluator, run));
+    }
+    let seconds = began.elapsed().as_secs_f64();
+    ModelRow {
+        rows: training.train_rows,
+        fit_seconds: Some(training.train_seconds),
+        predict_seconds_per_point: Some(seconds / test.row_count().max(1) as f64),
+        memory_bytes: surrogate.to_bytes().ok().map(|bytes| bytes.len() as u64),
+        exportable: true,
+        outputs: accuracy.outputs.iter().map(|(name, metrics)| (name.clone(), metrics.into())).collect(),
+        ..row(NETWORK, Status::Fine, String::new())
+    }
+}
+
+fn row(model: &str, status: Status, note: String) -> ModelRow {
+    ModelRow {
+        model: model.into(),
+        status,
+        note,
+        rows: 0,
+        fit_seconds: None,
+        predict_seconds_per_point: None,
+        memory_bytes: None,
+        exportable: false,
+        outputs: [].into(),
+    }
+}
+
+/// Fits a baseline of the study and measures it on some runs.
+pub(super) fn measure(project: &Project, study: &Study, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRow> {
+    let name = kind.name();
+    if project.is_stopped() {
+        return Ok(row(name, Status::Stopped, "stopped by Ctrl-C".into()));
+    }
+    let all = rows.len();
+    let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
+    let encoder = study.encoder();
+    let of_run = |run: &Run| {
+        let parameters = encoded(&encoder, run);
+        run.times.iter().flat_map(|&time| [&parameters[..], &[time]].concat()).collect::<Vec<f64>>()
+    };
+    let points: Vec<f64> = test.runs.iter().flat_map(of_run).collect();
+    let options = study.baselines.clone();
+    let count = rows.len();
+    let task = Task { kind, options, seed: study.seed, rows, test: points };
+    Ok(match fit(project, &task)? {
+        Ended::Answered(Answer { result: Ok(fit), predictions }) => {
+            let metrics = evaluation::compare(test, &by_run(test, &predictions), None);
+            fitted_row(kind, &fit, count, all, test, &metrics)
+        }
+        Ended::Answered(Answer { result: Err(message), .. }) => row(name, Status::Failed, message),
+        Ended::TooSlow => {
+            let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
+            row(name, Status::TooSlow, note)
+        }
+        Ended::Stopped => row(name, Status::Stopped, "stopped by Ctrl-C".into()),
+        Ended::Died(status) => row(name, Status::Failed, format!("its process ended with {status}")),
+    })
+}
+
+fn fitted_row(kind: Kind, fit: &Fit, count: usize, all: usize, test: &Dataset, metrics: &[OutputMetrics]) -> ModelRow {
+    let some = (count < all).then(|| format!("on {count} of {all} rows"));
+    let not_exportable = fit.not_exportable.as_ref().map(|reason| format!("cannot be exported: {reason}"));
+    let names = test.outputs.iter().map(|output| output.name.clone());
+    ModelRow {
+        rows: count,
+        fit_seconds: Some(fit.fit_seconds),
+        predict_seconds_per_point: Some(fit.predict_seconds_per_point),
+        memory_bytes: Some(fit.memory_bytes),
+        exportable: fit.not_exportable.is_none(),
+        outputs: names.zip(metrics.iter().map(Into::into)).collect(),
+        ..row(kind.name(), Status::Fine, some.into_iter().chain(not_exportable).collect::<Vec<_>>().join("; "))
+    }
+}
+
+/// The predictions of each run.
+fn by_run(test: &Dataset, predictions: &[f64]) -> Vec<Vec<f64>> {
+    let mut left = predictions;
+    let mut take = |count: usize| {
+        let (these, others) = left.split_at(count);
+        left = others;
+        these.to_vec()
+    };
+    test.runs.iter().map(|run| take(run.outputs.len())).collect()
+}
+
+/// How a worker ended.
+enum Ended {
+    Answered(Answer),
+    TooSlow,
+    Stopped,
+    Died(ExitStatus),
+}
+
+/// Has a process of its own do a task. It ends itself after the time budget; a Ctrl-C ends it here.
+fn fit(project: &Project, task: &Task) -> Result<Ended> {
+    let program = project.control().program;
+    let failed = |source| Error::io(program, "run")(source);
+    let mut command = Command::new(program);
+    command.arg(FIT_BASELINE).stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().map_err(failed)?;
+    let (to, from) = (child.stdin.take(), child.stdout.take());
+    std::thread::scope(|scope| {
+        // a worker that ended early does not listen: how it ended says why
+        scope.spawn(|| to.map(|to| task.write(BufWriter::with_capacity(1 << 16, to))));
+        let answer = scope.spawn(|| {
+            let mut bytes = Vec::new();
+            from.map(|mut from| from.read_to_end(&mut bytes));
+            bytes
+        });
+        let status = wait(project, &mut child).map_err(failed)?;
+        let bytes = answer.join().unwrap_or_default();
+        Ok(match status {
+            None => Ended::Stopped,
+            Some(status) if status.code() == Some(worker::TOO_SLOW) => Ended::TooSlow,
+            Some(status) if !status.success() && project.is_stopped() => Ended::Stopped,
+            Some(status) => Answer::read(&bytes).map_or(Ended::Died(status), Ended::Answered),
+        })
+    })
+}
+
+/// Waits for a process; ends it and gives nothing at a Ctrl-C.
+fn wait(project: &Project, child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if project.is_stopped() {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}

@@ -1,0 +1,97 @@
+//! Compares the surrogate with the unseen test runs.
+
+use super::{
+    project::{Project, SamplesRecord},
+    train::TrainingRecord,
+};
+use crate::{
+    Result,
+    acceptance::Verdict,
+    baseline::Comparison,
+    evaluation::{Accuracy, OutputMetrics},
+    files,
+};
+use metafmu_runtime::Surrogate;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What `metrics.json` holds.
+#[derive(Debug, Serialize)]
+pub struct Metrics {
+    name: String,
+    /// Accuracy on the test runs, with the verdict.
+    #[serde(flatten)]
+    pub accuracy: Accuracy,
+    train_runs: usize,
+    sample_seconds: f64,
+    /// How the training went.
+    #[serde(flatten)]
+    pub training: TrainingRecord,
+    seed: u64,
+    study_digest: String,
+    tool: String,
+}
+
+/// Measures the surrogate that is there on the test runs that are there.
+///
+/// # Errors
+/// [`Error::Stale`](crate::Error::Stale) if one of them is missing or of another study, [`Error::Io`](crate::Error::Io).
+pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
+    let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
+    let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
+    project.prepare_folder()?;
+    let accuracy = Accuracy::of(&surrogate, &test);
+    let comparison = project.load_comparison(&accuracy)?;
+    stage(project, &surrogate, accuracy, comparison.as_ref(), &samples, &training)
+}
+
+/// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
+pub(super) fn stage(
+    project: &Project,
+    surrogate: &Surrogate,
+    accuracy: Accuracy,
+    comparison: Option<&Comparison>,
+    samples: &SamplesRecord,
+    training: &TrainingRecord,
+) -> Result<(Metrics, Verdict)> {
+    let provenance = &surrogate.metadata().provenance;
+    let verdict = project.judge(surrogate, training, &accuracy, comparison);
+    let metrics = Metrics {
+        name: project.study.name.clone(),
+        accuracy: Accuracy { verdict: Some(verdict.clone()), ..accuracy },
+        train_runs: samples.train_runs + training.added_runs,
+        sample_seconds: samples.sample_seconds,
+        training: training.clone(),
+        seed: provenance.seed,
+        study_digest: provenance.study_digest.clone(),
+        tool: provenance.tool.clone(),
+    };
+    files::write_json(&project.metrics(), &metrics)?;
+    Ok((metrics, verdict))
+}
+
+/// The results as a table for people: errors in the outputs' units.
+pub fn table(project: &Project, metrics: &Metrics) -> String {
+    let Accuracy { outputs, test_runs, test_rows, .. } = &metrics.accuracy;
+    let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
+    let coverage = project.study.bounds.map(|bounds| 100.0 * bounds.coverage);
+    let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
+    let header =
+        format!("{:<12} {:<8} {:>11} {:>12}{bounds}  largest error, of the range", "output", "unit", "R²", "MSE");
+    let _ = writeln!(text, "{header}");
+    for ((name, metrics), variable) in outputs.iter().zip(project.source.outputs()) {
+        let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = metrics;
+        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.9}"));
+        let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
+        let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
+        let worst = format!("{max_abs_error:.3e}{share} (test run {worst_run}, t = {worst_time:.3} s)");
+        let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
+        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
+    }
+    if outputs.values().any(|metrics| metrics.bound.is_some()) {
+        let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
+        let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
+        let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
+    }
+    text
+}

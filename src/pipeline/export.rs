@@ -1,0 +1,189 @@
+//! Packages the surrogate, or a baseline, as FMUs.
+
+use super::{prepare::baseline_rows, project::Project};
+use crate::{
+    Error, Result,
+    acceptance::{self, Verdict},
+    baseline::{Fitted, Kind, choose_rows},
+    evaluation::Accuracy,
+    files,
+    fmu::{self, Archive, Binary, Contents, FmiVersion},
+    report::{Drawn, Evaluated, Figure, card_figures},
+    study::{FmiChoice, ParameterOptions, Structure},
+    surrogate,
+};
+use metafmu_runtime::Surrogate;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What is asked for; by default what the study says, with every library that is embedded in this one.
+#[derive(Clone, Debug, Default)]
+pub struct ExportOptions {
+    /// Versions of FMI.
+    pub fmi: Option<FmiChoice>,
+    /// Platforms with a binary, of those embedded; all if there is none.
+    pub platforms: Vec<String>,
+    /// Further libraries, by platform tuple.
+    pub binaries: Vec<(String, PathBuf)>,
+    /// Whether the FMU has C sources.
+    pub sources: bool,
+}
+
+/// What is to be made.
+#[derive(Debug)]
+pub struct Plan {
+    choice: FmiChoice,
+    binaries: Vec<Binary>,
+    sources: bool,
+}
+
+/// An FMU that was written.
+#[derive(Debug, Serialize)]
+pub struct Written {
+    /// Its file.
+    pub fmu: PathBuf,
+    /// Size of the file.
+    pub bytes: usize,
+    /// Version of FMI.
+    #[serde(skip)]
+    pub version: FmiVersion,
+}
+
+impl Plan {
+    /// Finds the libraries, so that one that is missing is found before the work and not after it.
+    ///
+    /// # Errors
+    /// [`Error::NoSources`], [`Error::NoEncodedSources`], [`Error::Io`] of a library, the error of an unknown platform.
+    pub fn new(project: &Project, options: &ExportOptions) -> Result<Self> {
+        if options.sources && project.study.network.structure == Structure::Fixed {
+            return Err(Error::NoSources);
+        }
+        let encoded = |parameter: &ParameterOptions| !parameter.encoding().is_plain();
+        let encoded = project.study.parameters.iter().find(|(_, parameter)| encoded(parameter));
+        if let Some((name, _)) = encoded.filter(|_| options.sources) {
+            return Err(Error::NoEncodedSources { parameter: name.clone() });
+        }
+        let choice = options.fmi.unwrap_or(project.study.export.fmi);
+        let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
+        let added = added.collect::<Result<Vec<Binary>>>()?;
+        let mut binaries = if options.platforms.is_empty() {
+            Binary::embedded()
+        } else {
+            options.platforms.iter().map(|tuple| Binary::of_platform(tuple.trim())).collect::<Result<_>>()?
+        };
+        // a library given by name goes before the embedded one
+        binaries.retain(|binary| added.iter().all(|added| added.platform != binary.platform));
+        binaries.extend(added);
+        Ok(Self { choice, binaries, sources: options.sources })
+    }
+}
+
+/// Pictures for the model card.
+pub(super) fn figures(evaluated: &Evaluated) -> Result<Vec<Drawn>> {
+    card_figures(evaluated).iter().map(Figure::draw).collect()
+}
+
+/// The network's FMUs.
+///
+/// # Errors
+/// [`Error::Stale`] if there is no network of this study, those of the files.
+pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
+    let surrogate = project.load_model()?;
+    let accuracy = project.load_accuracy(&surrogate)?.map(|accuracy| {
+        let (training, comparison) = (project.load_training_record()?, project.load_comparison(&accuracy)?);
+        let verdict = project.judge(&surrogate, &training, &accuracy, comparison.as_ref());
+        Ok::<_, Error>(with_verdict(project, accuracy, verdict))
+    });
+    let accuracy = accuracy.transpose()?;
+    project.prepare_folder()?;
+    let figures = match &accuracy {
+        Some(_) if project.table("test").exists() => {
+            figures(&Evaluated::new(&surrogate, &project.load_table("test")?))?
+        }
+        _ => Vec::new(),
+    };
+    stage(project, plan, &surrogate, accuracy.as_ref(), &figures)
+}
+
+/// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.
+///
+/// # Errors
+/// [`Error::Baseline`] if it cannot be fitted or exported, [`Error::Stale`] if there are no runs of this study, [`Error::Io`].
+pub fn export_baseline(project: &Project, plan: &Plan, kind: Kind) -> Result<Vec<Written>> {
+    let (study, model) = (&project.study, kind.name());
+    let (train, test) = (project.load_table("train")?, project.load_table("test")?);
+    project.prepare_folder()?;
+    let baseline = study.baselines.get(kind);
+    let rows = baseline_rows(study, &train);
+    let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
+    let failed = |problem| Error::Baseline { model, problem };
+    let regression = match baseline.fit(&rows, study.seed).map_err(failed)? {
+        Fitted::Formula(regression) => regression,
+        Fitted::Library(library) => return Err(failed(format!("cannot be exported: {}", library.not_exportable))),
+    };
+    let surrogate = surrogate::assemble_baseline(study, &train, rows.len(), kind, regression)?;
+    surrogate::save(&surrogate, &project.baseline_model(kind))?;
+    let evaluated = Evaluated::new(&surrogate, &test);
+    // the network's own: a baseline is not compared with baselines
+    let verdict = Verdict::of(acceptance::problems(study, &surrogate, &evaluated.accuracy, None, "test runs"));
+    let accuracy = with_verdict(project, evaluated.accuracy.clone(), verdict);
+    write(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
+}
+
+/// An FMU of a rejected surrogate is made all the same, and says so.
+fn with_verdict(project: &Project, accuracy: Accuracy, verdict: Verdict) -> Accuracy {
+    verdict.text().lines().for_each(|line| project.say(line));
+    Accuracy { verdict: Some(verdict), ..accuracy }
+}
+
+/// Writes the network's FMUs.
+pub(super) fn stage(
+    project: &Project,
+    plan: &Plan,
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    figures: &[Drawn],
+) -> Result<Vec<Written>> {
+    write(project, plan, surrogate, accuracy, figures, "")
+}
+
+fn write(
+    project: &Project,
+    plan: &Plan,
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    figures: &[Drawn],
+    model: &str,
+) -> Result<Vec<Written>> {
+    let (wanted, others) = match plan.choice {
+        FmiChoice::V2 => (vec![FmiVersion::V2], vec![FmiVersion::V3]),
+        FmiChoice::V3 => (vec![FmiVersion::V3], vec![FmiVersion::V2]),
+        FmiChoice::Both => (vec![FmiVersion::V2, FmiVersion::V3], vec![]),
+    };
+    let path = |version| {
+        let suffix = if version == FmiVersion::V3 { "-fmi3" } else { "" };
+        project.fmu(&format!("{model}{suffix}"))
+    };
+    let write = |version| {
+        let Plan { binaries, sources, .. } = plan;
+        let contents =
+            Contents { version, about: &project.study.export, binaries, accuracy, figures, sources: *sources };
+        let (path, bytes) = (path(version), fmu::pack(surrogate, &contents)?);
+        files::write_whole(&path, &bytes)?;
+        Ok(Written { fmu: path, bytes: bytes.len(), version })
+    };
+    let written = wanted.into_iter().map(write).collect::<Result<_>>()?;
+    for path in others.into_iter().map(path) {
+        if path.exists() && !is_of(surrogate, &path) {
+            files::remove(&path)?;
+            project.say(format_args!("removed {}, which an earlier export made of another model", path.display()));
+        }
+    }
+    Ok(written)
+}
+
+/// Whether an FMU was made of this surrogate.
+fn is_of(surrogate: &Surrogate, fmu: &Path) -> bool {
+    let document = Archive::open(fmu).and_then(|mut archive| archive.document());
+    document.is_ok_and(|document| document.description.token == surrogate.instantiation_token())
+}

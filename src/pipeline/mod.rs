@@ -1,0 +1,45 @@
+//! What the verbs of the command do, without a terminal: from a study file to validated FMUs, for every program.
+//!
+//! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
+//! folder, tells an [`Observer`] how it goes, and ends when a token says so. Nothing here prints, reads the command line, or
+//! asks which program runs.
+
+pub mod build;
+pub mod compare;
+pub mod evaluate;
+pub mod export;
+pub mod observer;
+mod parallel;
+mod per_instant;
+mod prepare;
+pub mod project;
+pub mod report;
+mod rescue;
+mod rounds;
+pub mod sample;
+pub mod search;
+pub mod train;
+
+pub use build::{Built, build};
+pub use compare::compare;
+pub use evaluate::evaluate;
+pub use observer::{Control, Event, Observer, Silent, Work};
+pub use project::Project;
+pub use report::report;
+pub use search::search;
+
+use crate::{Result, fmu::worker};
+
+/// Does the work of a worker process if this process was started as one; then the program is to end. Programs that name
+/// themselves in [`Control::program`] call it first thing.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if nobody has started it.
+pub fn serve_workers() -> Result<bool> {
+    match std::env::args().nth(1).as_deref() {
+        Some(worker::ARGUMENT) => worker::serve()?,
+        Some(compare::FIT_BASELINE) => compare::work()?,
+        _ => return Ok(false),
+    }
+    Ok(true)
+}

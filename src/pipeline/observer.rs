@@ -1,0 +1,92 @@
+//! Who is told what a pipeline does, how it is stopped, and what runs its worker processes.
+
+use std::{
+    fmt::{Arguments, Debug},
+    path::Path,
+    sync::atomic::AtomicBool,
+};
+
+/// Work that is counted while it is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Simulated runs.
+    Runs,
+    /// Optimizer steps of a training.
+    Steps,
+    /// Networks, one per instant.
+    Networks,
+    /// Trials of a rung of a search; rungs are counted from one.
+    Trials {
+        /// The rung at hand.
+        rung: usize,
+        /// How many there are.
+        rungs: usize,
+    },
+    /// Models of a comparison.
+    Models,
+}
+
+/// What happens in a pipeline. Texts are formatted only by those who show them.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// Work of so many units begins.
+    Begin {
+        /// What is counted.
+        work: Work,
+        /// Number of units.
+        total: usize,
+    },
+    /// One more unit is done.
+    Advance,
+    /// So many units are done in all.
+    Progress {
+        /// Number of units.
+        done: usize,
+        /// The state of the work, for instance the loss.
+        about: Arguments<'a>,
+    },
+    /// The work has ended.
+    End,
+    /// A line about the progress, for those who do not show every [`Event::Progress`].
+    Note(Arguments<'a>),
+    /// A result or a decision.
+    Message(Arguments<'a>),
+    /// Something that the user should look at.
+    Warning(Arguments<'a>),
+}
+
+/// Is told what happens; from any thread.
+pub trait Observer: Sync {
+    /// Something happens.
+    fn event(&self, event: Event<'_>);
+}
+
+/// Tells nobody.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Observer for Silent {
+    fn event(&self, _: Event<'_>) {}
+}
+
+/// What a pipeline gets from the program around it.
+#[derive(Clone, Copy)]
+pub struct Control<'a> {
+    /// Is told what happens.
+    pub observer: &'a dyn Observer,
+    /// Ends the work when it turns true: a training keeps its best network and clears it, everything else is an
+    /// [`Error::Interrupted`](crate::Error::Interrupted).
+    pub stop: &'a AtomicBool,
+    /// The program that is started for each worker process: `metafmu`, or one that does what it does when its argument is
+    /// [`worker::ARGUMENT`](crate::fmu::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as sources,
+    /// the validation of FMUs and baselines need it.
+    pub program: &'a Path,
+    /// Takes each line that an FMU prints.
+    pub heard: fn(&str),
+}
+
+impl Debug for Control<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Control").field("stop", self.stop).field("program", &self.program).finish_non_exhaustive()
+    }
+}

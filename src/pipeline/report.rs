@@ -1,0 +1,239 @@
+//! The surrogate beside the truth, on one page for people.
+
+use super::{
+    project::{Project, SamplesRecord},
+    train::TrainingRecord,
+};
+use crate::{
+    Error, Result, files,
+    report::{Beside, Epoch, Evaluated, Material, page},
+    sampling::Plan,
+    source::Source,
+    study::{Method, Structure, Study},
+};
+use metafmu_runtime::Surrogate;
+use serde::Serialize;
+use std::{
+    collections::HashSet,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+/// What was written.
+#[derive(Debug, Serialize)]
+pub struct Written {
+    /// The page.
+    pub report: PathBuf,
+    /// Its size.
+    pub bytes: usize,
+    /// Number of figures on it.
+    pub figures: usize,
+}
+
+/// Another study whose surrogate is shown beside the project's, and its folder of results unless that is the usual one.
+#[derive(Clone, Copy, Debug)]
+pub struct BesideStudy<'a> {
+    /// Its file.
+    pub study: &'a Path,
+    /// Its folder of results.
+    pub folder: Option<&'a Path>,
+}
+
+/// Writes `report.html` of the surrogate and the test runs that are there, and on request its plots.
+///
+/// # Errors
+/// [`Error::Stale`] if something is missing or does not belong together, [`Error::Io`].
+pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Path>) -> Result<Written> {
+    let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
+    let other = beside.map(|beside| Other::load(project, beside)).transpose()?;
+    let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
+    project.prepare_folder()?;
+    plots.map_or(Ok(()), files::writable_folder)?;
+    let evaluated = Evaluated::new(&surrogate, &test);
+    stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
+}
+
+/// Writes `report.html`, and on request its plots.
+pub(super) fn stage(
+    project: &Project,
+    evaluated: &Evaluated,
+    samples: &SamplesRecord,
+    training: &TrainingRecord,
+    other: Option<&Other>,
+    plots: Option<&Path>,
+) -> Result<Written> {
+    let history = if project.history().exists() { Epoch::read_csv(&project.history())? } else { Vec::new() };
+    let beside = other.map(|other| Evaluated::new(&other.surrogate, evaluated.test));
+    let beside = other.zip(beside.as_ref()).map(|(other, beside)| other.beside(project, evaluated, beside, training));
+    let comparison = project.load_comparison(&evaluated.accuracy)?;
+    let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref());
+    let points = project.source.points(&project.study);
+    let facts = facts(project, samples, training);
+    let material = Material {
+        study: &project.study,
+        evaluated,
+        verdict: &verdict,
+        points: &points,
+        history: &history,
+        facts: &facts,
+        comparison: comparison.as_ref(),
+        beside,
+    };
+    let (page, figures) = page(&material)?;
+    files::write_whole(&project.report(), page.as_bytes())?;
+    if let Some(folder) = plots {
+        for figure in &figures {
+            files::write_whole(&folder.join(format!("{}.svg", figure.id)), figure.svg.as_bytes())?;
+        }
+    }
+    Ok(Written { report: project.report(), bytes: page.len(), figures: figures.len() })
+}
+
+/// How data and network were made.
+fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) -> Vec<(String, String)> {
+    let study = &project.study;
+    let source = match (&study.source.system, study.mechanism()) {
+        (Some(system), _) => format!("built-in system {system}"),
+        (None, Some(_)) => "mechanism".into(),
+        (None, None) => "recorded runs".into(),
+    };
+    let method = match study.sampling.method {
+        Some(Method::Mesh) => "mesh",
+        Some(Method::Random) => "random",
+        Some(Method::LatinHypercube) => "latin hypercube",
+        Some(Method::Sobol) => "Sobol sequence",
+        Some(Method::Halton) => "Halton sequence",
+        Some(Method::List) => "list of points",
+        None => "as recorded",
+    };
+    let SamplesRecord { train_runs, train_rows, test_runs, test_rows, sample_seconds, .. } = samples;
+    let TrainingRecord {
+        train_rows: rows,
+        validation_runs,
+        epochs,
+        best_epoch,
+        stopped,
+        train_seconds,
+        added_runs,
+        ..
+    } = training;
+    let added =
+        if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
+    [
+        ("Source", source),
+        ("Sampling of the training runs", method.to_owned()),
+        ("Training runs", format!("{train_runs}, {train_rows} rows{added}")),
+        ("Test runs", format!("{test_runs}, {test_rows} rows")),
+        ("Sampling took", format!("{sample_seconds:.2} s")),
+        (
+            "Training",
+            format!(
+                "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
+            ),
+        ),
+        ("Training took", format!("{train_seconds:.1} s")),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into()
+}
+
+/// Another study of the same source and its surrogate.
+pub struct Other<'p> {
+    project: Project<'p>,
+    surrogate: Surrogate,
+    training: TrainingRecord,
+}
+
+impl<'p> Other<'p> {
+    /// Loads the surrogate and makes sure that it can be compared with the project's: same variables, and none of the project's test
+    /// runs were among its training runs.
+    fn load(project: &Project<'p>, BesideStudy { study, folder }: BesideStudy) -> Result<Self> {
+        let other = Project::open(study, folder, project.control())?;
+        let refuse = |message: String| Error::Stale { path: study.to_owned(), message };
+        for (what, own, others) in [
+            ("parameters", project.source.parameters(), other.source.parameters()),
+            ("outputs", project.source.outputs(), other.source.outputs()),
+        ] {
+            let list = |variables: &[crate::variable::Variable]| {
+                let names: Vec<String> = variables.iter().map(|v| format!("{} [{}]", v.name, v.unit)).collect();
+                names.join(", ")
+            };
+            let (own, others) = (list(own), list(others));
+            if own != others {
+                return Err(refuse(format!(
+                    "has the {what} {others}, expected those of {}: {own}",
+                    project.study.name
+                )));
+            }
+        }
+        if other.study.sampling_digest() != project.study.sampling_digest() {
+            let (Source::Simulation(_), Source::Simulation(_)) = (&project.source, &other.source) else {
+                return Err(refuse("has other recorded runs or another choice of test runs".into()));
+            };
+            let bits = |point: &Vec<f64>| point.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+            let Plan { train, calibration, .. } = Plan::new(&other.study);
+            let seen: HashSet<Vec<u64>> = train.iter().chain(&calibration).map(bits).collect();
+            let known = Plan::new(&project.study).test.iter().filter(|point| seen.contains(&bits(point))).count();
+            if known > 0 {
+                return Err(refuse(format!("was trained on {known} of the test runs of {}", project.study.name)));
+            }
+        }
+        Ok(Self { surrogate: other.load_model()?, training: other.load_training_record()?, project: other })
+    }
+
+    fn beside<'a>(
+        &self,
+        project: &Project,
+        own: &'a Evaluated<'a>,
+        other: &'a Evaluated<'a>,
+        training: &TrainingRecord,
+    ) -> Beside<'a> {
+        let kilobytes = |project: &Project| {
+            std::fs::metadata(project.model()).map_or("-".into(), |file| format!("{:.0} kB", file.len() as f64 / 1e3))
+        };
+        let costs = [
+            ("training rows", [&self.training, training].map(|training| training.train_rows.to_string())),
+            ("training", [&self.training, training].map(|training| format!("{:.1} s", training.train_seconds))),
+            ("model file", [kilobytes(&self.project), kilobytes(project)]),
+            (
+                "prediction of a row, one core",
+                [other, own].map(|evaluated| format!("{:.2} µs", 1e6 * seconds_per_row(evaluated))),
+            ),
+        ];
+        let (own_study, other_study) = (&project.study, &self.project.study);
+        let fixed = |study: &Study| study.network.structure == Structure::Fixed;
+        let mixed = fixed(own_study) != fixed(other_study);
+        let name = |study: &Study| match (mixed, fixed(study)) {
+            (false, _) => study.name.clone(),
+            (true, true) => format!("S_fixed ({})", study.name),
+            (true, false) => format!("S_full ({})", study.name),
+        };
+        let mut names = [name(other_study), name(own_study)];
+        if names[0] == names[1] {
+            names[0] += " (other)";
+        }
+        let mut evaluated = [other, own];
+        let mut costs = costs.map(|(name, values)| (name.to_owned(), values));
+        // S_fixed stands on the left
+        if mixed && fixed(own_study) {
+            names.reverse();
+            evaluated.reverse();
+            costs.iter_mut().for_each(|(_, values)| values.reverse());
+        }
+        Beside { names, evaluated, costs: costs.into() }
+    }
+}
+
+/// Median over some runs.
+fn seconds_per_row(evaluated: &Evaluated) -> f64 {
+    let evaluator = metafmu_runtime::Evaluator::new(evaluated.surrogate);
+    let time = |run: &crate::dataset::Run| {
+        let begin = Instant::now();
+        let predictions = crate::evaluation::predict(evaluated.surrogate, &evaluator, run);
+        std::hint::black_box(predictions);
+        begin.elapsed().as_secs_f64() / run.times.len() as f64
+    };
+    let mut times: Vec<f64> = evaluated.test.runs.iter().take(50).map(time).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}

@@ -1,0 +1,277 @@
+//! Simulates the training and test runs and writes their tables.
+
+use super::{
+    observer::{Event, Work},
+    project::{FailedRun, Project, SamplesRecord},
+};
+use crate::{
+    Error, Result,
+    dataset::Dataset,
+    files,
+    sampling::{Plan, Sets},
+    scaling,
+    source::{
+        Journal, Simulation, Source,
+        shard::{self, Shard},
+        simulation::Outcome,
+    },
+    table::header_field,
+};
+use indexmap::IndexMap;
+use serde::Serialize;
+use std::{fmt::Write, path::PathBuf, time::Instant};
+
+/// The sampled runs.
+pub struct Samples {
+    /// The runs of each set.
+    pub sets: Sets<Dataset>,
+    /// What is known about them.
+    pub record: SamplesRecord,
+}
+
+/// The plan as CSV: `set,run,<parameters>`.
+///
+/// # Errors
+/// Those of recorded runs that cannot be read.
+pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
+    let plan = match &project.source {
+        Source::Simulation(_) => Plan::new(&project.study),
+        Source::Recorded(recorded) => {
+            let points = |dataset: Dataset| Ok(dataset.runs.into_iter().map(|run| run.parameters).collect());
+            recorded.sample(project.control().stop)?.try_map(points)?
+        }
+    };
+    let names: String =
+        project.source.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect();
+    let mut text = format!("set,run{names}\n");
+    let mut position = 0..;
+    for (set, points) in plan.named() {
+        let with_position = points.iter().enumerate().zip(&mut position);
+        for ((run, point), _) in with_position.filter(|(_, position)| part.is_none_or(|part| part.has(*position))) {
+            let values: String = point.iter().map(|value| format!(",{value:?}")).collect();
+            // writing to a string does not fail
+            let _ = writeln!(text, "{set},{run}{values}");
+        }
+    }
+    Ok(text)
+}
+
+/// The runs that an earlier command has sampled from this study, if it came so far. Tables that were changed since are an
+/// error: to sample again would replace them.
+pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
+    let Ok(record) = project.load_samples_record() else { return Ok(None) };
+    if record.tables.keys().any(|set| !project.table(set).exists()) {
+        return Ok(None);
+    }
+    Ok(Some(Samples { sets: project.load_tables()?, record }))
+}
+
+/// The runs that failed.
+fn failures(project: &Project, plan: &Plan, outcomes: &[Outcome]) -> Vec<FailedRun> {
+    let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
+    let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &Outcome)| {
+        let names = project.source.parameters().iter().map(|parameter| parameter.name.clone());
+        let reason = outcome.as_ref().err()?.clone();
+        Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
+    };
+    runs.zip(outcomes).filter_map(failure).collect()
+}
+
+/// Says how many runs failed and why the first few did.
+fn tell(project: &Project, failed: &[FailedRun], total: usize) {
+    const SHOWN: usize = 3;
+    if failed.is_empty() {
+        return;
+    }
+    project.warn(format_args!("{} of {total} runs failed and are left out", failed.len()));
+    for FailedRun { set, run, parameters, reason } in failed.iter().take(SHOWN) {
+        let values: Vec<String> = parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        project.warn(format_args!("{set} run {run} with {}: {reason}", values.join(", ")));
+    }
+    if failed.len() > SHOWN {
+        project.warn(format_args!("{} has the others", project.samples_record().display()));
+    }
+}
+
+/// Refuses what is left if nothing can be trained or tested with it.
+fn enough(sets: &Sets<Dataset>, failed: &[FailedRun]) -> Result<()> {
+    let (found, expected) =
+        ((sets.train.runs.len(), sets.test.runs.len()), "expected at least 2 to train and 1 to test");
+    if found.0 >= 2 && found.1 >= 1 {
+        return Ok(());
+    }
+    let reason = failed.first().map_or("", |failure| &failure.reason);
+    let message = format!("{} training and {} test runs did not fail, {expected}: {reason}", found.0, found.1);
+    Err(Error::Worker { message })
+}
+
+/// Simulates every run of the study's plan, then writes the tables and their record.
+pub fn stage(project: &Project) -> Result<Samples> {
+    let start = Instant::now();
+    match &project.source {
+        Source::Simulation(simulation) => {
+            let plan = Plan::new(&project.study);
+            let points = all_points(&plan);
+            let journal = simulation.journal(&project.journal(), &project.study)?;
+            let outcomes = run_points(project, simulation, &points, points.len(), &journal)?;
+            let (sets, failed) = sort(project, simulation, plan, outcomes)?;
+            let samples = write(project, sets, failed, start.elapsed().as_secs_f64())?;
+            journal.remove()?;
+            Ok(samples)
+        }
+        Source::Recorded(recorded) => {
+            let sets = recorded.sample(project.control().stop)?;
+            write(project, sets, Vec::new(), start.elapsed().as_secs_f64())
+        }
+    }
+}
+
+/// What came of a part of a sampling.
+#[derive(Debug, Serialize)]
+pub struct ShardRecord {
+    /// Its file.
+    pub shard: PathBuf,
+    /// Number of its runs.
+    pub runs: usize,
+    /// How many of them failed.
+    pub failed_runs: usize,
+}
+
+/// Simulates a part of the study's plan and writes its file.
+///
+/// # Errors
+/// As [`stage`], and recorded runs have no parts.
+pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
+    let start = Instant::now();
+    let simulation = simulated(project)?;
+    let all = all_points(&Plan::new(&project.study));
+    let points: Vec<Vec<f64>> = part.positions(all.len()).map(|position| all[position].clone()).collect();
+    let journal = simulation.journal(&project.shard_journal(part), &project.study)?;
+    let outcomes = run_points(project, simulation, &points, all.len(), &journal)?;
+    let path = part.file(project.folder());
+    let seconds = start.elapsed().as_secs_f64();
+    let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+    shard::write(&path, &project.study, part, &outcomes, seconds)?;
+    journal.remove()?;
+    project.finish(format_args!("sampled shard {part}: {} runs, {failed} failed, in {seconds:.2} s", points.len()));
+    Ok(ShardRecord { shard: path, runs: points.len(), failed_runs: failed })
+}
+
+/// Writes the tables from shards: those given, else those in the folder of results.
+pub fn merge(project: &Project, files: &[PathBuf]) -> Result<Samples> {
+    let simulation = simulated(project)?;
+    let plan = Plan::new(&project.study);
+    let points = all_points(&plan);
+    let files = if files.is_empty() { Shard::files(project.folder())? } else { files.to_vec() };
+    let (outcomes, seconds) = shard::merge(&files, project.folder(), &project.study, simulation, &points)?;
+    simulation.check_failures(&points, &outcomes)?;
+    let (sets, failed) = sort(project, simulation, plan, outcomes)?;
+    write(project, sets, failed, seconds)
+}
+
+fn simulated<'a>(project: &'a Project) -> Result<&'a Simulation> {
+    match &project.source {
+        Source::Simulation(simulation) => Ok(simulation),
+        Source::Recorded(_) => {
+            let message = "recorded runs are not simulated: there are no shards of them".to_owned();
+            Err(project.study.refuse(vec![("source".into(), message)]).expect_err("there is a problem"))
+        }
+    }
+}
+
+/// The points of all sets, one after the other.
+fn all_points(plan: &Plan) -> Vec<Vec<f64>> {
+    plan.named().map(|(_, points)| points.as_slice()).concat()
+}
+
+/// Runs points that are all or part of so many.
+fn run_points(
+    project: &Project,
+    simulation: &Simulation,
+    points: &[Vec<f64>],
+    total: usize,
+    journal: &Journal,
+) -> Result<Vec<Outcome>> {
+    project.begin(Work::Runs, points.len());
+    if !journal.is_empty() {
+        project.note(format_args!("{} runs are there from a sampling that was not finished", journal.len()));
+    }
+    let outcomes = simulation.run_all(points, total, journal, project.workers(), || project.event(Event::Advance));
+    outcomes.inspect_err(|_| project.event(Event::End))
+}
+
+/// What came of the points of a plan, by set, and what failed.
+fn sort(
+    project: &Project,
+    simulation: &Simulation,
+    plan: Plan,
+    outcomes: Vec<Outcome>,
+) -> Result<(Sets<Dataset>, Vec<FailedRun>)> {
+    let failed = failures(project, &plan, &outcomes);
+    tell(project, &failed, outcomes.len());
+    let mut outcomes = outcomes.into_iter();
+    let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
+    let Sets { train, test, calibration } = plan.try_map(next)?;
+    // only training goes on beyond the end
+    let stop = project.study.time.stop;
+    let sets = Sets { train, test: test.until(stop), calibration: calibration.until(stop) };
+    enough(&sets, &failed)?;
+    Ok((sets, failed))
+}
+
+/// Writes the tables and their record.
+fn write(project: &Project, sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_seconds: f64) -> Result<Samples> {
+    for (_, dataset) in sets.named() {
+        project.study.refuse(scaling::problems(dataset))?;
+    }
+    let mut record = SamplesRecord {
+        sampling_digest: project.study.sampling_digest(),
+        train_runs: sets.train.runs.len(),
+        train_rows: sets.train.row_count(),
+        test_runs: sets.test.runs.len(),
+        test_rows: sets.test.row_count(),
+        calibration_runs: sets.calibration.runs.len(),
+        tables: IndexMap::new(),
+        sample_seconds,
+        failed_runs: failed.len(),
+        failed,
+    };
+    let SamplesRecord { train_runs, train_rows, test_runs, sample_seconds, .. } = record;
+    project.finish(format_args!(
+        "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
+    ));
+    // tables without a record are not trusted: it goes first and comes back last
+    files::remove(&project.samples_record())?;
+    for (set, dataset) in sets.named() {
+        let table = project.table(set);
+        if dataset.runs.is_empty() {
+            files::remove(&table)?;
+        } else {
+            record.tables.insert(set.into(), dataset.write_csv(&table)?);
+        }
+    }
+    files::write_json(&project.samples_record(), &record)?;
+    Ok(Samples { sets, record })
+}
+
+/// Simulates further runs, those of the given points, after which there are `total`. As many may fail as of a plan of all of
+/// them.
+pub fn simulate(project: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
+    let Source::Simulation(simulation) = &project.source else {
+        let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());
+        return Err(project.study.refuse(vec![problem]).expect_err("there is a problem"));
+    };
+    let journal = simulation.journal(&project.journal(), &project.study)?;
+    let outcomes = run_points(project, simulation, points, total, &journal)?;
+    if let Some(reason) = outcomes.iter().find_map(|outcome| outcome.as_ref().err()) {
+        let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
+        project.warn(format_args!(
+            "{failed} of {} further runs failed and are left out, the first: {reason}",
+            points.len()
+        ));
+    }
+    let runs = simulation.dataset(outcomes);
+    project.finish(format_args!("simulated {} of {} further runs", runs.runs.len(), points.len()));
+    journal.remove()?;
+    Ok(runs)
+}

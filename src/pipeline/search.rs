@@ -1,0 +1,553 @@
+//! Trains the trials of a study's `[search]` side by side and writes a table and the best study.
+
+use super::{
+    compare,
+    observer::{Event, Work},
+    parallel::side_by_side,
+    per_instant,
+    prepare::{Prepared, baseline_rows_and_held_out, prepare, prepare_instants},
+    project::Project,
+};
+use crate::{
+    Error, Result,
+    baseline::{self, Kind},
+    dataset::Dataset,
+    files,
+    network::Network,
+    sampling::Plan,
+    scaling,
+    search::{self, rungs, survivors},
+    source::Source,
+    study::{Structure, Study},
+    training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
+};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::{
+    fmt::Write,
+    ops::ControlFlow,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+/// Time between two checkpoints of a trial; at a rung's end there is always one.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
+
+/// How far a trial came: `trial-NNNN.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Record {
+    trial: usize,
+    /// [`Study::digest`] of the trial's study.
+    study_digest: String,
+    /// In the order of `search.space`.
+    values: Vec<toml::Value>,
+    status: Status,
+    /// Epochs that were completed.
+    epochs: usize,
+    best_epoch: usize,
+    /// Mean over the outputs of 1 - R² on the held-out runs.
+    score: Option<f64>,
+    seconds: f64,
+    /// Why it failed.
+    message: String,
+    /// Whether it ended with an error, which says nothing about its values. A training that diverges or a baseline that cannot be
+    /// fitted is a result.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    broke: bool,
+    /// SHA-256 of the rest, so that a score that was changed decides nothing.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    digest: String,
+}
+
+impl Record {
+    fn content_digest(&self) -> String {
+        let content = serde_json::to_vec(&Self { digest: String::new(), ..self.clone() });
+        // plain data: serialization cannot fail, and if it did, no digest could match
+        content.map_or_else(|_| String::new(), |content| files::digits(Sha256::new_with_prefix(content)))
+    }
+}
+
+/// How far a trial came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// Nothing is known about it yet.
+    Waiting,
+    /// Trained up to a rung.
+    Paused,
+    /// Others were better.
+    Stopped,
+    /// Came to its end.
+    Finished,
+    /// Ended with an error, or its training diverged.
+    Failed,
+}
+
+/// One trial.
+struct Trial {
+    values: Vec<toml::Value>,
+    study: Result<Study>,
+    record: PathBuf,
+    checkpoint: PathBuf,
+    /// Journal of its runs, if they are not those of the study.
+    runs: PathBuf,
+}
+
+/// What a search found.
+#[derive(Debug, Serialize)]
+pub struct Searched {
+    /// `search.csv`, a row for each trial.
+    pub table: PathBuf,
+    /// The study file of the best trial.
+    pub best_study: PathBuf,
+    /// How far the best trial came.
+    pub best: Record,
+    /// The best trials as a table for people.
+    #[serde(skip)]
+    pub summary: String,
+    /// Whether a trial ended with an error.
+    #[serde(skip)]
+    pub has_errors: bool,
+}
+
+/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to go on from
+/// what an earlier search has finished.
+///
+/// # Errors
+/// [`Error::Study`] if the search itself makes no sense, [`Error::Stale`] if no trial came to its end, [`Error::Interrupted`],
+/// [`Error::Io`]. A trial that fails is none of them.
+pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> {
+    let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+    let studies = search::studies(&project.study, path, &text)?;
+    let folder = project.search_folder();
+    project.prepare_folder()?;
+    files::writable_folder(&folder)?;
+    let trial = |(number, (values, study))| Trial {
+        values,
+        study,
+        record: folder.join(format!("trial-{number:04}.json")),
+        checkpoint: folder.join(format!("trial-{number:04}.safetensors")),
+        runs: folder.join(format!("trial-{number:04}-runs.bin")),
+    };
+    let trials: Vec<Trial> = studies.into_iter().enumerate().map(trial).collect();
+    tell_unfit(project, &trials);
+    if !resume {
+        for trial in &trials {
+            files::remove(&trial.record)?;
+            files::remove(&trial.checkpoint)?;
+            files::remove(&trial.runs)?;
+        }
+        files::remove(&shared_runs(project))?;
+    }
+    let records = train_all(project, &trials)?;
+    let (table, best_study) = (project.search_table(), project.best_study());
+    write_table(project, &records)?;
+    let Some(best) = best(&records) else {
+        let message = records.first().map_or("there was none", |record| &record.message);
+        return Err(Error::Stale { path: table, message: format!("no trial came to its end; the first: {message}") });
+    };
+    let keys: Vec<&str> = keys(project).collect();
+    let text = search::study_text(&text, path, &keys, &best.values)?;
+    let comment = format!("# The best of {} trials of {}.\n\n", records.len(), path.display());
+    files::write_whole(&best_study, (comment + &text).as_bytes())?;
+    for file in trials.iter().flat_map(|trial| [&trial.checkpoint, &trial.runs]).chain([&shared_runs(project)]) {
+        files::remove(file)?;
+    }
+    let went_wrong = |(trial, record): (&Trial, &Record)| trial.study.is_err() || record.broke;
+    let (best, summary) = (best.clone(), summary(project, &records));
+    Ok(Searched { table, best_study, best, summary, has_errors: trials.iter().zip(&records).any(went_wrong) })
+}
+
+/// Says before the first trial which ones have values that do not go together.
+fn tell_unfit(project: &Project, trials: &[Trial]) {
+    let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
+    if let Some(first) = unfit.first() {
+        let (count, first) = (unfit.len(), first.to_string().replace('\n', "; "));
+        let total = trials.len();
+        project.say(format_args!(
+            "{count} of {total} trials have values that do not go together and fail, the first: {first}"
+        ));
+    }
+}
+
+/// Journal of the runs of the study itself.
+fn shared_runs(project: &Project) -> PathBuf {
+    project.search_folder().join("runs.bin")
+}
+
+fn keys<'a>(project: &'a Project) -> impl Iterator<Item = &'a str> {
+    project.study.search.iter().flat_map(|search| search.space.keys()).map(String::as_str)
+}
+
+fn best(records: &[Record]) -> Option<&Record> {
+    let finished = records.iter().filter(|record| record.status == Status::Finished);
+    let scored = finished.filter_map(|record| Some((record.score?, record)));
+    scored.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, record)| record)
+}
+
+/// Trains every trial rung by rung; after each, some go on.
+fn train_all(project: &Project, trials: &[Trial]) -> Result<Vec<Record>> {
+    let Some(options) = &project.study.search else { return Ok(Vec::new()) };
+    let shared = if trials.iter().any(|trial| shares_samples(project, trial)) {
+        Some(samples(project, &project.study, &project.source, &shared_runs(project))?)
+    } else {
+        None
+    };
+    let mut records: Vec<Record> = (0..).zip(trials).map(|(number, trial)| waiting(number, trial)).collect();
+    let mut going: Vec<usize> = (0..trials.len()).collect();
+    let rungs = rungs(options);
+    for (rung, &share) in rungs.iter().enumerate() {
+        project.begin(Work::Trials { rung: rung + 1, rungs: rungs.len() }, going.len());
+        let done = side_by_side(&going, |number| {
+            let record = attempt(project, number, &trials[number], shared.as_ref(), share);
+            if let Ok(record) = &record {
+                project.say(sentence(record));
+                project.event(Event::Advance);
+            }
+            record
+        });
+        project.event(Event::End);
+        for (number, record) in done {
+            records[number] = record?;
+        }
+        let scores: Vec<(usize, Option<f64>)> = going.iter().map(|&number| (number, records[number].score)).collect();
+        if rung + 1 < rungs.len() {
+            going = survivors(&scores, options.reduction);
+            for (number, _) in scores {
+                let record = &mut records[number];
+                if !going.contains(&number) && record.status == Status::Paused {
+                    record.status = Status::Stopped;
+                }
+            }
+        }
+    }
+    Ok(records)
+}
+
+fn shares_samples(project: &Project, trial: &Trial) -> bool {
+    trial.study.as_ref().is_ok_and(|study| study.sampling_digest() == project.study.sampling_digest())
+}
+
+/// Runs that take long are kept in the journal until the search is over: every rung needs them.
+fn samples(project: &Project, study: &Study, source: &Source, journal: &Path) -> Result<Dataset> {
+    let dataset = match source {
+        Source::Simulation(simulation) => {
+            let kept = simulation.journal(journal, study)?;
+            let points = Plan::new(study).train;
+            let outcomes = simulation.run_all(&points, points.len(), &kept, project.workers(), || ())?;
+            simulation.dataset(outcomes)
+        }
+        Source::Recorded(recorded) => recorded.sample(project.control().stop)?.train,
+    };
+    study.refuse(scaling::problems(&dataset))?;
+    Ok(dataset)
+}
+
+fn waiting(trial: usize, of: &Trial) -> Record {
+    Record {
+        trial,
+        study_digest: of.study.as_ref().map_or_else(|_| String::new(), Study::digest),
+        values: of.values.clone(),
+        status: Status::Waiting,
+        epochs: 0,
+        best_epoch: 0,
+        score: None,
+        seconds: 0.0,
+        message: String::new(),
+        broke: false,
+        digest: String::new(),
+    }
+}
+
+/// Trains a trial up to a share of its epochs, unless it has come so far already. Its failure is a record, too; an error
+/// ends the search.
+fn attempt(project: &Project, number: usize, trial: &Trial, shared: Option<&Dataset>, share: f64) -> Result<Record> {
+    let waiting = waiting(number, trial);
+    let kept = std::fs::read(&trial.record).ok().and_then(|bytes| serde_json::from_slice::<Record>(&bytes).ok());
+    let kept = kept.filter(|record| record.study_digest == waiting.study_digest && record.values == waiting.values);
+    let kept = kept.filter(|record| record.digest == record.content_digest());
+    let goal = trial.study.as_ref().map_or(0, |study| goal(study, share));
+    if let Some(record) = &kept
+        && (matches!(record.status, Status::Finished | Status::Failed) || record.epochs >= goal)
+    {
+        return Ok(record.clone());
+    }
+    let mut record = match catch_unwind(AssertUnwindSafe(|| train(project, trial, &waiting, shared, goal))) {
+        Ok(Ok(record)) => record,
+        // no fault of the trial
+        Ok(Err(error)) if matches!(error, Error::Interrupted) || files::is_full(&error) => return Err(error),
+        Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), broke: true, ..waiting },
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().cloned();
+            let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+            let message = format!("a mistake in this program: {}", text.unwrap_or_default());
+            Record { status: Status::Failed, message, broke: true, ..waiting }
+        }
+    };
+    record.digest = record.content_digest();
+    files::write_json(&trial.record, &record)?;
+    if matches!(record.status, Status::Finished | Status::Failed) {
+        files::remove(&trial.checkpoint)?;
+    }
+    Ok(record)
+}
+
+fn goal(study: &Study, share: f64) -> usize {
+    ((study.training.epochs as f64 * share).ceil() as usize).max(1)
+}
+
+fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, goal: usize) -> Result<Record> {
+    let study = match &trial.study {
+        Ok(study) => study,
+        Err(error) => return Ok(Record { status: Status::Failed, message: error.to_string(), ..waiting.clone() }),
+    };
+    let own;
+    let dataset = match shared.filter(|_| shares_samples(project, trial)) {
+        Some(dataset) => dataset,
+        None => {
+            own = samples(project, study, &Source::new(study)?, &trial.runs)?;
+            &own
+        }
+    };
+    if let Some(kind) = project.study.search.as_ref().and_then(|search| search.model) {
+        return fit_baseline(project, study, kind, dataset, waiting);
+    }
+    if study.network.structure == Structure::Fixed {
+        return train_instants(project, study, dataset, waiting, goal);
+    }
+    let Prepared { network, training: rows, validation, .. } = prepare(study, dataset, 0, None)?;
+    let options = &study.training;
+    let mut follower = Follower { project, trial, goal, epochs: 0, written: None, failed: None };
+    let checkpoint = std::fs::read(&trial.checkpoint).ok();
+    let resumed = checkpoint
+        .map(|bytes| training::resume(&bytes, network.clone(), &rows, &validation, options, study.seed, &mut follower));
+    let outcome = match resumed {
+        // damaged, or of a study that was changed since
+        None | Some(Err(TrainingError::Checkpoint { .. })) => {
+            training::train(network, &rows, &validation, options, study.seed, &mut follower)?
+        }
+        Some(outcome) => outcome?,
+    };
+    if let Some(error) = follower.failed {
+        return Err(error);
+    }
+    let epochs = outcome.history.len();
+    if outcome.reason == StopReason::Interrupted && epochs < goal {
+        return Err(Error::Interrupted);
+    }
+    let (status, message) = match outcome.reason {
+        StopReason::Interrupted => (Status::Paused, ""),
+        StopReason::Diverged => (Status::Failed, "the loss became infinite"),
+        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
+            (Status::Finished, "")
+        }
+    };
+    Ok(Record {
+        status,
+        epochs,
+        best_epoch: outcome.best_epoch,
+        score: (status != Status::Failed).then(|| score(&outcome.network, &validation)),
+        seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
+        message: message.into(),
+        ..waiting.clone()
+    })
+}
+
+/// The same for a network for each instant. They are quickly trained: each rung begins anew.
+fn train_instants(
+    project: &Project,
+    study: &Study,
+    dataset: &Dataset,
+    waiting: &Record,
+    goal: usize,
+) -> Result<Record> {
+    let (_, prepared) = prepare_instants(study, dataset)?;
+    let outcomes = per_instant::train_all(project, study, &prepared, goal, |_, train| train())?;
+    let (status, message) = match per_instant::reason(&outcomes) {
+        StopReason::Interrupted => (Status::Paused, ""),
+        StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
+        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
+            (Status::Finished, "")
+        }
+    };
+    let columns = prepared.iter().zip(&outcomes).map(|(prepared, outcome)| {
+        let Prepared { validation, scaling, .. } = prepared;
+        columns(&outcome.network, validation, &scaling.output_mean, &scaling.output_scale)
+    });
+    let together = columns.reduce(|mut all, more| {
+        for ([found, expected], [more_found, more_expected]) in all.iter_mut().zip(more) {
+            found.extend(more_found);
+            expected.extend(more_expected);
+        }
+        all
+    });
+    let seconds = outcomes.iter().filter_map(|outcome| outcome.history.last()).map(|epoch| epoch.seconds);
+    Ok(Record {
+        status,
+        epochs: per_instant::epochs(&outcomes),
+        best_epoch: per_instant::best_epoch(&outcomes),
+        score: together.filter(|_| status != Status::Failed).map(|columns| mean_unexplained(&columns)),
+        seconds: seconds.sum(),
+        message: message.into(),
+        ..waiting.clone()
+    })
+}
+
+/// Fits a baseline instead, at once: rungs mean nothing to it.
+fn fit_baseline(project: &Project, study: &Study, kind: Kind, dataset: &Dataset, waiting: &Record) -> Result<Record> {
+    let (rows, held_out) = baseline_rows_and_held_out(study, dataset);
+    let row = compare::measure(project, study, kind, &rows, &held_out)?;
+    let (status, message) = match row.status {
+        baseline::Status::Fine => (Status::Finished, String::new()),
+        baseline::Status::Stopped => return Err(Error::Interrupted),
+        baseline::Status::Failed | baseline::Status::TooSlow => (Status::Failed, row.note),
+    };
+    let unexplained: Vec<f64> = row.outputs.values().filter_map(|output| Some(1.0 - output.r2?)).collect();
+    let mean = unexplained.iter().sum::<f64>() / unexplained.len() as f64;
+    Ok(Record {
+        status,
+        score: (!unexplained.is_empty()).then_some(mean),
+        seconds: row.fit_seconds.unwrap_or(0.0),
+        message,
+        ..waiting.clone()
+    })
+}
+
+/// Mean over the outputs of 1 - R², on standardised rows: comparable whatever the trial's loss is.
+fn score(network: &Network, rows: &Rows) -> f64 {
+    mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
+}
+
+/// What the network predicts and what it should, of each output, not standardised any more.
+fn columns(network: &Network, rows: &Rows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
+    let mut found = vec![0.0; rows.outputs().len()];
+    network.predict(rows.inputs(), &mut found);
+    let column = |values: &[f32], output: usize| {
+        let values = values.iter().skip(output).step_by(rows.n_outputs());
+        values.map(|&value| mean[output] + scale[output] * f64::from(value)).collect()
+    };
+    (0..rows.n_outputs()).map(|output| [column(&found, output), column(rows.outputs(), output)]).collect()
+}
+
+fn mean_unexplained(columns: &[[Vec<f64>; 2]]) -> f64 {
+    let unexplained = |[found, expected]: &[Vec<f64>; 2]| {
+        let mean = expected.iter().sum::<f64>() / expected.len() as f64;
+        let error: f64 = found.iter().zip(expected).map(|(found, expected)| (found - expected).powi(2)).sum();
+        error / expected.iter().map(|expected| (expected - mean).powi(2)).sum::<f64>().max(f64::MIN_POSITIVE)
+    };
+    columns.iter().map(unexplained).sum::<f64>() / columns.len() as f64
+}
+
+/// Ends a trial at its goal, keeps its checkpoints and passes Ctrl-C on.
+struct Follower<'a> {
+    project: &'a Project<'a>,
+    trial: &'a Trial,
+    goal: usize,
+    /// Epochs that are done.
+    epochs: usize,
+    written: Option<Instant>,
+    failed: Option<Error>,
+}
+
+impl Observer for Follower<'_> {
+    fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
+        let stop = self.epochs >= self.goal || self.failed.is_some() || self.project.is_stopped();
+        if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn resumed(&mut self, history: &[EpochRecord]) {
+        self.epochs = history.len();
+    }
+
+    fn epoch(&mut self, record: &EpochRecord) {
+        self.epochs = record.epoch;
+    }
+
+    fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
+        let due = epoch == self.goal || self.written.is_none_or(|at| at.elapsed() >= CHECKPOINT_EVERY);
+        if due {
+            let bytes = make().map_err(Error::from);
+            self.failed = bytes.and_then(|bytes| files::write_whole(&self.trial.checkpoint, &bytes)).err();
+            self.written = Some(Instant::now());
+        }
+    }
+}
+
+// ---- What people see ---------------------------------------------------------------------------------------------
+
+fn write_table(project: &Project, records: &[Record]) -> Result<()> {
+    let error = |source: csv::Error| Error::io(&project.search_table(), "write")(source.into());
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let columns = ["status", "epochs", "best_epoch", "one_minus_r2", "seconds", "message"];
+    table.write_record(["trial"].into_iter().chain(keys(project)).chain(columns)).map_err(error)?;
+    for record in records {
+        let Record { trial, values, status, epochs, best_epoch, score, seconds, message, .. } = record;
+        let score = score.map_or(String::new(), |score| format!("{score:e}"));
+        let values = values.iter().map(plain);
+        let (first, rest) = (
+            [trial.to_string()],
+            [
+                name(*status).into(),
+                epochs.to_string(),
+                best_epoch.to_string(),
+                score,
+                format!("{seconds:.2}"),
+                message.clone(),
+            ],
+        );
+        table.write_record(first.into_iter().chain(values).chain(rest)).map_err(error)?;
+    }
+    let bytes =
+        table.into_inner().map_err(|problem| Error::io(&project.search_table(), "write")(problem.into_error()))?;
+    files::write_whole(&project.search_table(), &bytes)
+}
+
+fn name(status: Status) -> &'static str {
+    match status {
+        Status::Waiting => "waiting",
+        Status::Paused => "paused",
+        Status::Stopped => "stopped",
+        Status::Finished => "finished",
+        Status::Failed => "failed",
+    }
+}
+
+/// A value without quotation marks.
+fn plain(value: &toml::Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+fn sentence(record: &Record) -> String {
+    let Record { trial, status, epochs, score, message, .. } = record;
+    match score {
+        Some(score) => format!("trial {trial}: 1 - R² {score:.2e} on held-out runs after {epochs} epochs"),
+        None => format!("trial {trial} {}: {message}", name(*status)),
+    }
+}
+
+/// The five best trials.
+fn summary(project: &Project, records: &[Record]) -> String {
+    let mut order: Vec<&Record> = records.iter().filter(|record| record.score.is_some()).collect();
+    let rank = |record: &Record| (record.status != Status::Finished, record.score.unwrap_or(f64::INFINITY));
+    order.sort_by(|a, b| rank(a).0.cmp(&rank(b).0).then(rank(a).1.total_cmp(&rank(b).1)));
+    let mut text = format!("{:>5}  {:<8}  {:>6}  {:>9}  values\n", "trial", "status", "epochs", "1 - R²");
+    for record in order.iter().take(5) {
+        let values: Vec<String> =
+            keys(project).zip(&record.values).map(|(key, value)| format!("{key} = {value}")).collect();
+        let (status, score) = (name(record.status), record.score.unwrap_or(f64::NAN));
+        // writing to a string does not fail
+        let _ = writeln!(
+            text,
+            "{:>5}  {status:<8}  {:>6}  {score:>9.2e}  {}",
+            record.trial,
+            record.epochs,
+            values.join(", ")
+        );
+    }
+    let failed = records.iter().filter(|record| record.status == Status::Failed).count();
+    if failed > 0 {
+        let _ = writeln!(text, "{failed} of {} trials failed: see the table", records.len());
+    }
+    text
+}

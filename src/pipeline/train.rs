@@ -1,0 +1,345 @@
+//! Trains the network on the sampled runs and writes the surrogate.
+
+use super::{
+    observer::{Event, Work},
+    per_instant,
+    prepare::{Prepared, held_out, prepare},
+    project::Project,
+    rescue, rounds,
+};
+use crate::{
+    Error, Result,
+    acceptance::{self, Verdict},
+    calibration,
+    dataset::Dataset,
+    evaluation::Accuracy,
+    files,
+    study::{Structure, Study},
+    surrogate,
+    training::{self, EpochRecord, Observer, StopReason, TrainingError},
+};
+use metafmu_runtime::{Model, ScaledNetwork, Surrogate};
+use serde::{Deserialize, Serialize};
+use std::{
+    fmt,
+    ops::ControlFlow,
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+/// Share of the time that may go into writing checkpoints.
+const CHECKPOINT_SHARE: f64 = 0.05;
+
+/// How the training went.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TrainingRecord {
+    /// Rows that the network was trained on.
+    pub train_rows: usize,
+    /// Runs that were held out of the training.
+    pub validation_runs: usize,
+    /// Epochs that were done.
+    pub epochs: usize,
+    /// The epoch that is kept, the best on the held-out runs.
+    pub best_epoch: usize,
+    /// Why it ended.
+    pub stopped: StopReason,
+    /// Wall time of the training.
+    pub train_seconds: f64,
+    /// Runs that were added to the plan's to meet the study's target.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub added_runs: usize,
+    /// Whether the study's target was met, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_met: Option<bool>,
+}
+
+impl TrainingRecord {
+    /// Whether it was stopped before its end.
+    pub fn was_interrupted(&self) -> bool {
+        self.stopped == StopReason::Interrupted
+    }
+
+    /// What is wrong with the training, whatever the accuracy is.
+    pub fn problems(&self, study: &Study) -> Vec<String> {
+        let Self { epochs, stopped, target_met, .. } = self;
+        let diverged = *stopped == StopReason::Diverged;
+        let diverged = diverged.then(|| format!("the training diverged after {epochs} epochs: {stopped}"));
+        let short = study
+            .target
+            .filter(|_| *target_met == Some(false))
+            .map(|target| format!("not every output reached an R² of {} on the held-out runs (target.r2)", target.r2));
+        diverged.into_iter().chain(short).collect()
+    }
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+/// What is to be thought of a surrogate by the runs that were held out of its training: the test runs are not for this.
+pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: &TrainingRecord) -> Verdict {
+    let study = &project.study;
+    let accuracy = Accuracy::of(surrogate, &held_out(study, train));
+    let of_outputs = acceptance::problems(study, surrogate, &accuracy, None, "held-out runs");
+    Verdict::of([record.problems(study), of_outputs].concat())
+}
+
+/// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
+/// go on from its checkpoint, if there is one.
+pub fn stage(
+    project: &Project,
+    dataset: &Dataset,
+    calibration: &Dataset,
+    resume: bool,
+) -> Result<(Surrogate, TrainingRecord)> {
+    match &project.study.target {
+        None => once(project, dataset, 0, None, Some(calibration), resume),
+        Some(target) => rounds::stage(project, target, dataset, calibration, resume),
+    }
+}
+
+/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study wants
+/// them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as the one of
+/// `start`, if there is one.
+pub(super) fn once(
+    project: &Project,
+    dataset: &Dataset,
+    added: usize,
+    start: Option<&Surrogate>,
+    calibration: Option<&Dataset>,
+    resume: bool,
+) -> Result<(Surrogate, TrainingRecord)> {
+    if resume && let Some(finished) = finished(project)? {
+        return Ok(finished);
+    }
+    let trained = match project.study.network.structure {
+        Structure::Full => train(project, dataset, added, start, resume)?,
+        Structure::Fixed => per_instant::train(project, dataset, resume)?,
+    };
+    let Trained { model, history, record } = trained;
+    let surrogate = surrogate::assemble(&project.study, dataset, record.train_rows, model)?;
+    let surrogate = with_bounds(surrogate, calibration, &project.study)?;
+    rescue::write(project, |project| {
+        surrogate::save(&surrogate, &project.model())?;
+        write_history(project, &history)?;
+        files::write_json(&project.training_record(), &record)
+    })?;
+    if !record.was_interrupted() {
+        files::remove(&project.checkpoint())?;
+        files::remove(&project.unfinished_networks())?;
+    }
+    Ok((surrogate, record))
+}
+
+/// What a training leaves behind.
+pub(super) struct Trained {
+    pub(super) model: Model,
+    pub(super) history: Vec<EpochRecord>,
+    pub(super) record: TrainingRecord,
+}
+
+/// Trains a single network, of which the time is an input.
+fn train(
+    project: &Project,
+    dataset: &Dataset,
+    added: usize,
+    start: Option<&Surrogate>,
+    resume: bool,
+) -> Result<Trained> {
+    let (study, options) = (&project.study, &project.study.training);
+    let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
+        prepare(study, dataset, added, start)?;
+    let mut follower = Follower::new(project, training_rows.len());
+    let outcome = match load_checkpoint(project, resume)? {
+        None => {
+            // of whatever training it is: this one begins anew
+            files::remove(&project.checkpoint())?;
+            training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?
+        }
+        Some(bytes) => {
+            training::resume(&bytes, network, &training_rows, &validation_rows, options, study.seed, &mut follower)
+                .map_err(|error| unusable_checkpoint(project, error))?
+        }
+    };
+    // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
+    project.control().stop.store(false, Ordering::Relaxed);
+
+    let record = TrainingRecord {
+        train_rows: training_rows.len(),
+        validation_runs,
+        epochs: outcome.history.len(),
+        best_epoch: outcome.best_epoch,
+        stopped: outcome.reason,
+        train_seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
+        added_runs: added,
+        target_met: None,
+    };
+    project.finish(format_args!(
+        "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
+        record.train_rows,
+        record.epochs,
+        record.train_seconds,
+        record.stopped,
+        record.best_epoch,
+        record.validation_runs
+    ));
+    let network = per_instant::without_constants(&outcome.network, &training_rows)?;
+    let model = Model::Network(ScaledNetwork { scaling, layers: network.to_layers() });
+    Ok(Trained { model, history: outcome.history, record })
+}
+
+/// The surrogate with the error bounds that the study wants.
+pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, study: &Study) -> Result<Surrogate> {
+    let wanted = study.bounds.zip(calibration);
+    let bounds = wanted.and_then(|(options, runs)| calibration::bounds(&surrogate, runs, options.coverage));
+    match bounds {
+        None => Ok(surrogate),
+        Some(bounds) => surrogate::with_bounds(surrogate, bounds),
+    }
+}
+
+/// The surrogate of a training of this study that came to its end.
+pub(super) fn finished(project: &Project) -> Result<Option<(Surrogate, TrainingRecord)>> {
+    let unfinished = project.checkpoint().exists() || project.unfinished_networks().exists();
+    if unfinished || !project.training_record().exists() {
+        return Ok(None);
+    }
+    let Ok(surrogate) = project.load_model() else { return Ok(None) };
+    let record = project.load_training_record()?;
+    let complete = !record.was_interrupted();
+    if complete {
+        project.say(format_args!("{} is finished already", project.model().display()));
+    }
+    Ok(complete.then_some((surrogate, record)))
+}
+
+fn load_checkpoint(project: &Project, resume: bool) -> Result<Option<Vec<u8>>> {
+    let path = project.checkpoint();
+    if !resume {
+        return Ok(None);
+    }
+    if !path.exists() {
+        project.say(format_args!("no checkpoint in {}: the training begins", path.display()));
+        return Ok(None);
+    }
+    std::fs::read(&path).map(Some).map_err(Error::io(&path, "read"))
+}
+
+fn unusable_checkpoint(project: &Project, error: TrainingError) -> Error {
+    match error {
+        TrainingError::Checkpoint { problem } => {
+            let message = format!("{problem}: train without --resume to begin anew");
+            Error::Stale { path: project.checkpoint(), message }
+        }
+        other => other.into(),
+    }
+}
+
+fn write_history(project: &Project, history: &[EpochRecord]) -> Result<()> {
+    files::write_with(&project.history(), |file| {
+        writeln!(file, "epoch,train_loss,validation_loss,learning_rate,seconds")?;
+        for EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, .. } in history {
+            writeln!(file, "{epoch},{train_loss:e},{validation_loss:e},{learning_rate:e},{seconds:.3}")?;
+        }
+        Ok(())
+    })
+}
+
+/// Tells how the training goes, ends it if the work is to stop, and keeps its checkpoints.
+struct Follower<'a> {
+    project: &'a Project<'a>,
+    /// Rows of an epoch.
+    rows: usize,
+    history: Vec<EpochRecord>,
+    /// The epochs that were done when the first step of this process was, and when that was.
+    began: Option<(f64, Instant)>,
+    /// When the last checkpoint was complete, and how long it took.
+    written: Option<(Instant, Duration)>,
+}
+
+impl<'a> Follower<'a> {
+    fn new(project: &'a Project<'a>, rows: usize) -> Self {
+        let options = &project.study.training;
+        project.begin(Work::Steps, rows.div_ceil(options.batch) * options.epochs);
+        Self { project, rows, history: Vec::new(), began: None, written: None }
+    }
+
+    fn epochs(&self) -> usize {
+        self.project.study.training.epochs
+    }
+
+    fn speed(&mut self, done: f64) -> Speed {
+        let (before, began) = *self.began.get_or_insert((done, Instant::now()));
+        Speed { done: done - before, left: self.epochs() as f64 - done, began, rows: self.rows }
+    }
+
+    fn write_checkpoint(
+        &mut self,
+        make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>,
+    ) -> Result<()> {
+        let began = Instant::now();
+        let bytes = make()?;
+        files::write_whole(&self.project.checkpoint(), &bytes)?;
+        write_history(self.project, &self.history)?;
+        self.written = Some((Instant::now(), began.elapsed()));
+        Ok(())
+    }
+}
+
+impl Observer for Follower<'_> {
+    fn step(&mut self, progress: &training::Progress) -> ControlFlow<()> {
+        let training::Progress { epoch, epochs, step, steps, loss } = *progress;
+        let speed = self.speed((epoch - 1) as f64 + step as f64 / steps as f64);
+        let about = format_args!("epoch {epoch}/{epochs}, loss {loss:.2e}, {speed}");
+        self.project.event(Event::Progress { done: (epoch - 1) * steps + step, about });
+        if self.project.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn resumed(&mut self, history: &[EpochRecord]) {
+        self.history = history.to_vec();
+        self.project.say(format_args!("going on after epoch {}", history.len()));
+    }
+
+    fn epoch(&mut self, record: &EpochRecord) {
+        self.history.push(*record);
+        let EpochRecord { epoch, train_loss, validation_loss, .. } = *record;
+        let epochs = self.epochs();
+        if epoch % epochs.div_ceil(10) == 0 || epoch == epochs {
+            let speed = self.speed(epoch as f64);
+            self.project.note(format_args!(
+                "epoch {epoch}/{epochs}: loss {train_loss:.2e}, on held-out runs {validation_loss:.2e}, {speed}"
+            ));
+        }
+    }
+
+    fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
+        let due = self.written.is_none_or(|(at, took)| at.elapsed().mul_f64(CHECKPOINT_SHARE) >= took);
+        if !due || epoch == self.epochs() {
+            return;
+        }
+        // a full disk is no reason to lose the training
+        if let Err(error) = self.write_checkpoint(make) {
+            self.project.warn(format_args!("no checkpoint: {error}"));
+        }
+    }
+}
+
+/// Rows per second and the seconds left at this speed, in words.
+struct Speed {
+    /// Epochs that this process has done, and those that are left.
+    done: f64,
+    left: f64,
+    began: Instant,
+    rows: usize,
+}
+
+impl fmt::Display for Speed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let epochs_per_second = self.done / self.began.elapsed().as_secs_f64();
+        if !epochs_per_second.is_normal() {
+            return f.write_str("no speed yet");
+        }
+        let left = self.left / epochs_per_second;
+        write!(f, "{:.2e} rows/s, {left:.0} s left", epochs_per_second * self.rows as f64)
+    }
+}
