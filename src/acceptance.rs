@@ -167,7 +167,7 @@ mod tests {
             baseline("polynomial", Status::Failed, 1e-9),
             baseline("random-forest", Status::Fine, 1e-9),
         ];
-        let comparison = Comparison { name: "s".into(), test_runs: 20, test_rows: 100, models };
+        let comparison = Comparison { name: "s".into(), content_digest: None, test_runs: 20, test_rows: 100, models };
         problems(&study, &example::surrogate(), &accuracy, Some(&comparison), "test runs")
     }
 

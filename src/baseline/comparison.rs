@@ -13,6 +13,8 @@ pub const NETWORK: &str = "network";
 pub struct Comparison {
     /// Name of the study.
     pub name: String,
+    /// Digest of the network's model file, as in its provenance; none if there was no network.
+    pub content_digest: Option<String>,
     /// Number of test runs.
     pub test_runs: usize,
     /// Number of rows of all of them.
@@ -108,7 +110,7 @@ impl ModelRow {
 impl Comparison {
     /// The rows as a table for people.
     pub fn table(&self) -> String {
-        let Self { name, test_runs, test_rows, models } = self;
+        let Self { name, test_runs, test_rows, models, .. } = self;
         let outputs: Vec<&String> =
             models.iter().flat_map(|row| row.outputs.keys()).collect::<IndexSet<_>>().into_iter().collect();
         let mut text = format!("{name} on {test_runs} unseen runs, {test_rows} rows\n\n{:<18}", "R² of");
@@ -187,7 +189,8 @@ mod tests {
             ..row.clone()
         };
         let models = vec![row, slow];
-        let comparison = Comparison { name: "pendulum".into(), test_runs: 200, test_rows: 40_200, models };
+        let comparison =
+            Comparison { name: "pendulum".into(), content_digest: None, test_runs: 200, test_rows: 40_200, models };
         let text = serde_json::to_string(&comparison).unwrap();
         assert!(text.contains(r#""status":"too slow""#), "{text}");
         assert!(text.contains(r#""theta":{"r2":0.99,"mse":0.3333333333333333,"max_abs_error":0.5}"#), "{text}");

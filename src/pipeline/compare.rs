@@ -38,7 +38,7 @@ pub fn compare(project: &Project, kinds: &[Kind], train: &Dataset, test: &Datase
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
         Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
-        Err(error) => row(NETWORK, Status::Failed, error.to_string()),
+        Err(error) => Network { content_digest: None, row: row(NETWORK, Status::Failed, error.to_string()) },
     };
     stage(project, kinds, network, train, test)
 }
@@ -52,17 +52,23 @@ pub fn work() -> Result<()> {
     served.map_err(Error::io(Path::new("stdin"), "do the task from"))
 }
 
+/// The network of a comparison.
+pub(super) struct Network {
+    content_digest: Option<String>,
+    row: ModelRow,
+}
+
 /// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done.
 pub(super) fn stage(
     project: &Project,
     kinds: &[Kind],
-    network: ModelRow,
+    network: Network,
     train: &Dataset,
     test: &Dataset,
 ) -> Result<Comparison> {
     let rows = baseline_rows(&project.study, train);
     project.begin(Work::Models, kinds.len());
-    let mut models = vec![network];
+    let mut models = vec![network.row];
     for &kind in kinds {
         project.event(Event::Progress { done: models.len() - 1, about: format_args!("{}", kind.name()) });
         let row = measure(project, &project.study, kind, &rows, test)?;
@@ -70,8 +76,9 @@ pub(super) fn stage(
         models.push(row);
     }
     project.event(Event::End);
-    let name = project.study.name.clone();
-    let comparison = Comparison { name, test_runs: test.runs.len(), test_rows: test.row_count(), models };
+    let (name, content_digest) = (project.study.name.clone(), network.content_digest);
+    let comparison =
+        Comparison { name, content_digest, test_runs: test.runs.len(), test_rows: test.row_count(), models };
     files::write_json(&project.comparison(), &comparison)?;
     files::write_whole(&project.comparison_table(), comparison.csv().as_bytes())?;
     Ok(comparison)
@@ -83,14 +90,14 @@ pub(super) fn network_row(
     accuracy: &Accuracy,
     training: &TrainingRecord,
     test: &Dataset,
-) -> ModelRow {
+) -> Network {
     let evaluator = Evaluator::new(surrogate);
     let began = Instant::now();
     for run in &test.runs {
         std::hint::black_box(evaluation::predict(surrogate, &evaluator, run));
     }
     let seconds = began.elapsed().as_secs_f64();
-    ModelRow {
+    let row = ModelRow {
         rows: training.train_rows,
         fit_seconds: Some(training.train_seconds),
         predict_seconds_per_point: Some(seconds / test.row_count().max(1) as f64),
@@ -98,7 +105,8 @@ pub(super) fn network_row(
         exportable: true,
         outputs: accuracy.outputs.iter().map(|(name, metrics)| (name.clone(), metrics.into())).collect(),
         ..row(NETWORK, Status::Fine, String::new())
-    }
+    };
+    Network { content_digest: Some(surrogate.metadata().provenance.content_digest.clone()), row }
 }
 
 fn row(model: &str, status: Status, note: String) -> ModelRow {

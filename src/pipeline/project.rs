@@ -7,7 +7,7 @@ use super::{
 use crate::{
     Error, Result,
     acceptance::{self, Verdict},
-    baseline::{Comparison, Kind, comparison::NETWORK},
+    baseline::{Comparison, Kind},
     dataset::Dataset,
     evaluation::Accuracy,
     files,
@@ -320,21 +320,14 @@ impl<'a> Project<'a> {
         Verdict::of([training.problems(&self.study), of_outputs].concat())
     }
 
-    /// Reads the comparison with other models; none if there is none of these test runs.
+    /// Reads the comparison with other models; none if there is none of this network.
     pub(super) fn load_comparison(&self, measured: &Accuracy) -> Result<Option<Comparison>> {
         let path = self.comparison();
         if !path.exists() {
             return Ok(None);
         }
         let comparison: Comparison = self.load_json(&path, "metafmu compare")?;
-        let network = comparison.models.iter().find(|row| row.model == NETWORK);
-        // made with an earlier network
-        let same = network.is_some_and(|row| {
-            row.outputs.len() == measured.outputs.len()
-                && measured.outputs.iter().all(|(name, metrics)| {
-                    row.outputs.get(name).is_some_and(|found| (found.mse - metrics.mse).abs() <= 1e-6 * metrics.mse)
-                })
-        });
+        let same = comparison.content_digest.as_ref() == Some(&measured.content_digest);
         if !same {
             self.say(format_args!("{} is of another network: it is left out", path.display()));
         }

@@ -6,10 +6,11 @@ use super::{
 };
 use crate::{
     Error, Result, files,
-    report::{Beside, Epoch, Evaluated, Material, page},
+    report::{Beside, Evaluated, Material, page},
     sampling::Plan,
     source::Source,
     study::{Method, Structure, Study},
+    training::read_history,
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -62,7 +63,7 @@ pub(super) fn stage(
     other: Option<&Other>,
     plots: Option<&Path>,
 ) -> Result<Written> {
-    let history = if project.history().exists() { Epoch::read_csv(&project.history())? } else { Vec::new() };
+    let history = if project.history().exists() { read_history(&project.history())? } else { Vec::new() };
     let beside = other.map(|other| Evaluated::new(&other.surrogate, evaluated.test));
     let beside = other.zip(beside.as_ref()).map(|(other, beside)| other.beside(project, evaluated, beside, training));
     let comparison = project.load_comparison(&evaluated.accuracy)?;

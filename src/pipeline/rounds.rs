@@ -7,11 +7,18 @@ use super::{
     train::{self, TrainingRecord},
 };
 use crate::{
-    Error, Result, dataset::Dataset, evaluation::Accuracy, files, refinement::next_points, sampling::Plan,
-    study::TargetOptions, surrogate, table::header_field,
+    Result,
+    dataset::Dataset,
+    evaluation::Accuracy,
+    files,
+    refinement::next_points,
+    sampling::Plan,
+    study::TargetOptions,
+    surrogate,
+    table::header_field,
+    training::{EpochRecord, joined, read_history, write_history},
 };
 use metafmu_runtime::Surrogate;
-use std::path::Path;
 
 /// How good the surrogate was after a round.
 struct Round {
@@ -19,6 +26,7 @@ struct Round {
     /// R² of each output on the held-out runs; none of a constant one.
     r2: Vec<Option<f64>>,
     record: TrainingRecord,
+    history: Vec<EpochRecord>,
 }
 
 impl Round {
@@ -53,7 +61,8 @@ pub fn stage(
         let added = dataset.runs.len() - planned.runs.len();
         let (trained, record) = train::once(&round, &dataset, added, start.as_ref(), None, resume)?;
         let r2 = Accuracy::of(&trained, &validation).outputs.values().map(|metrics| metrics.r2).collect();
-        let finished = Round { runs: dataset.runs.len(), r2, record };
+        let history = read_history(&round.history())?;
+        let finished = Round { runs: dataset.runs.len(), r2, record, history };
         let is_met = finished.worst().is_none_or(|worst| worst >= target.r2);
         let is_last = is_met || finished.record.was_interrupted() || dataset.runs.len() >= target.max_runs;
         report(project, &rounds, &finished, target, validation.runs.len());
@@ -83,7 +92,7 @@ pub fn stage(
             added.write_csv(&to.table("added"))?;
         }
         surrogate::save(&trained, &to.model())?;
-        files::write_whole(&to.history(), join_histories(project, rounds.len())?.as_bytes())?;
+        write_history(&to.history(), &joined(rounds.iter().map(|round| round.history.as_slice())))?;
         files::write_json(&to.training_record(), &record)
     })?;
     if !record.was_interrupted() {
@@ -138,7 +147,7 @@ fn write_table(project: &Project, rounds: &[Round]) -> Result<()> {
         project.source.outputs().iter().map(|output| header_field(&format!("r2_{}", output.name))).collect();
     files::write_with(&project.table("rounds"), |file| {
         writeln!(file, "round,runs,epochs,seconds,{}", outputs.join(","))?;
-        for (index, Round { runs, r2, record }) in rounds.iter().enumerate() {
+        for (index, Round { runs, r2, record, .. }) in rounds.iter().enumerate() {
             let r2: Vec<String> = r2.iter().map(|r2| r2.map_or(String::new(), |r2| r2.to_string())).collect();
             let TrainingRecord { epochs, train_seconds, .. } = record;
             writeln!(file, "{},{runs},{epochs},{train_seconds:.3},{}", index + 1, r2.join(","))?;
@@ -159,32 +168,4 @@ fn total(rounds: &[Round], added_runs: usize, target: &TargetOptions) -> Trainin
         target_met: Some(last.worst().is_none_or(|worst| worst >= target.r2)),
         ..last.record.clone()
     }
-}
-
-/// `history.csv`: the rounds' own one after the other, epochs and seconds counted on.
-fn join_histories(project: &Project, rounds: usize) -> Result<String> {
-    let mut lines: Vec<String> = Vec::new();
-    let (mut epochs, mut seconds) = (0, 0.0);
-    for round in 0..rounds {
-        let path = project.round(round).history();
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
-        let mut rows = text.lines();
-        let header = rows.next().unwrap_or_default();
-        if round == 0 {
-            lines.push(header.into());
-        }
-        let (first_epoch, first_second) = (epochs, seconds);
-        for row in rows {
-            let (epoch, rest) = row.split_once(',').ok_or_else(|| broken(&path))?;
-            let (rest, second) = rest.rsplit_once(',').ok_or_else(|| broken(&path))?;
-            epochs = first_epoch + epoch.parse::<usize>().map_err(|_| broken(&path))?;
-            seconds = first_second + second.parse::<f64>().map_err(|_| broken(&path))?;
-            lines.push(format!("{epochs},{rest},{seconds:.3}"));
-        }
-    }
-    Ok(lines.join("\n") + "\n")
-}
-
-fn broken(path: &Path) -> Error {
-    Error::Stale { path: path.to_owned(), message: "is not a training's history: train without --resume".into() }
 }

@@ -16,7 +16,7 @@ use crate::{
     files,
     study::{Structure, Study},
     surrogate,
-    training::{self, EpochRecord, Observer, StopReason, TrainingError},
+    training::{self, EpochRecord, Observer, StopReason, TrainingError, write_history},
 };
 use metafmu_runtime::{Model, ScaledNetwork, Surrogate};
 use serde::{Deserialize, Serialize};
@@ -121,7 +121,7 @@ pub(super) fn once(
     let surrogate = with_bounds(surrogate, calibration, &project.study)?;
     rescue::write(project, |project| {
         surrogate::save(&surrogate, &project.model())?;
-        write_history(project, &history)?;
+        write_history(&project.history(), &history)?;
         files::write_json(&project.training_record(), &record)
     })?;
     if !record.was_interrupted() {
@@ -235,16 +235,6 @@ fn unusable_checkpoint(project: &Project, error: TrainingError) -> Error {
     }
 }
 
-fn write_history(project: &Project, history: &[EpochRecord]) -> Result<()> {
-    files::write_with(&project.history(), |file| {
-        writeln!(file, "epoch,train_loss,validation_loss,learning_rate,seconds")?;
-        for EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, .. } in history {
-            writeln!(file, "{epoch},{train_loss:e},{validation_loss:e},{learning_rate:e},{seconds:.3}")?;
-        }
-        Ok(())
-    })
-}
-
 /// Tells how the training goes, ends it if the work is to stop, and keeps its checkpoints.
 struct Follower<'a> {
     project: &'a Project<'a>,
@@ -280,7 +270,7 @@ impl<'a> Follower<'a> {
         let began = Instant::now();
         let bytes = make()?;
         files::write_whole(&self.project.checkpoint(), &bytes)?;
-        write_history(self.project, &self.history)?;
+        write_history(&self.project.history(), &self.history)?;
         self.written = Some((Instant::now(), began.elapsed()));
         Ok(())
     }

@@ -9,14 +9,14 @@ mod numbers;
 mod page;
 mod plot;
 
-use crate::{Error, Result, acceptance::Verdict, baseline::Comparison, source::Point, study::Study, table::Place};
+use crate::{
+    Error, Result, acceptance::Verdict, baseline::Comparison, source::Point, study::Study, training::EpochRecord,
+};
 use chart::Chart;
 pub use figures::{Beside, card_figures};
 pub use numbers::Evaluated;
 pub use page::page;
 pub use plot::{Curve, time_series_svg};
-use serde::Deserialize;
-use std::path::Path;
 
 /// What a report is made from.
 #[derive(Debug)]
@@ -30,26 +30,13 @@ pub struct Material<'a> {
     /// Points whose paths are shown.
     pub points: &'a [Point],
     /// The training, epoch by epoch.
-    pub history: &'a [Epoch],
+    pub history: &'a [EpochRecord],
     /// Where all this comes from: names and values.
     pub facts: &'a [(String, String)],
     /// Other models of the same rows.
     pub comparison: Option<&'a Comparison>,
     /// Another surrogate of the same source.
     pub beside: Option<Beside<'a>>,
-}
-
-/// A line of `history.csv`.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-pub struct Epoch {
-    /// Counted from 1.
-    pub epoch: usize,
-    /// Mean over the epoch's rows.
-    pub train_loss: f64,
-    /// Mean over the held-out rows.
-    pub validation_loss: f64,
-    /// Learning rate of the epoch's last step.
-    pub learning_rate: f64,
 }
 
 /// A part of a report under a heading.
@@ -106,21 +93,6 @@ impl Figure {
         let svg = chart.svg(caption).map_err(|message| Error::Plot { path: format!("{id}.svg").into(), message })?;
         let thinned = if chart.is_thinned() { " Lines are thinned; their peaks are kept." } else { "" };
         Ok(Drawn { id: id.clone(), caption: format!("{caption}{thinned}"), svg })
-    }
-}
-
-impl Epoch {
-    /// Reads `history.csv`.
-    ///
-    /// # Errors
-    /// [`Error::Io`], or [`Error::Table`] with the line of the first mistake.
-    pub fn read_csv(path: &Path) -> Result<Vec<Self>> {
-        let file = std::fs::File::open(path).map_err(Error::io(path, "read"))?;
-        let wrong = |error: csv::Error| {
-            let line = error.position().map_or(1, csv::Position::line);
-            Error::Table { path: path.to_owned(), place: Place::Line(line), message: error.to_string() }
-        };
-        csv::Reader::from_reader(std::io::BufReader::new(file)).deserialize().map(|row| row.map_err(wrong)).collect()
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod checkpoint;
 mod gradient;
+mod history;
 mod loss;
 mod optimizer;
 mod pace;
@@ -18,6 +19,7 @@ mod schedule;
 mod team;
 mod trainer;
 
+pub use history::{joined, read_history, write_history};
 pub use rows::Rows;
 pub use run::{resume, train};
 pub use trainer::Trainer;

@@ -129,7 +129,8 @@ mod tests {
             row("ridge", Status::Fine, Some(-0.5)),
             row("svr", Status::TooSlow, None),
         ];
-        let section = section(&Comparison { name: "s".into(), test_runs: 2, test_rows: 100, models });
+        let section =
+            section(&Comparison { name: "s".into(), content_digest: None, test_runs: 2, test_rows: 100, models });
         let html: String = section
             .blocks
             .iter()

@@ -1,7 +1,7 @@
 //! How the training went.
 
 use super::{Axis, Block, Chart, Figure, Ink, Material, Section, Series, Shape, paragraph};
-use crate::report::Epoch;
+use crate::training::EpochRecord;
 use metafmu_runtime::Model;
 
 pub fn section(material: &Material) -> Option<Section> {
@@ -9,8 +9,9 @@ pub fn section(material: &Material) -> Option<Section> {
     let (first, last) = (history.first()?, history.last()?);
     let best = history.iter().min_by(|a, b| a.validation_loss.total_cmp(&b.validation_loss))?;
     let epochs = Axis::whole("epoch", [first.epoch as f64, last.epoch as f64]);
-    let line =
-        |value: fn(&Epoch) -> f64| history.iter().map(|epoch| [epoch.epoch as f64, value(epoch)]).collect::<Vec<_>>();
+    let line = |value: fn(&EpochRecord) -> f64| {
+        history.iter().map(|epoch| [epoch.epoch as f64, value(epoch)]).collect::<Vec<_>>()
+    };
     let losses = Axis::log("loss", "", history.iter().flat_map(|epoch| [epoch.train_loss, epoch.validation_loss]));
     let place = [best.epoch as f64, best.validation_loss];
     let loss = Chart {
