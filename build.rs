@@ -18,8 +18,8 @@ fn main() {
 
 /// The logger callback that FMI 2.0 wants is C-variadic, and defining one in Rust is unstable.
 fn build_logger() {
-    println!("cargo::rerun-if-changed=src/fmu/host/logger.c");
-    cc::Build::new().file("src/fmu/host/logger.c").warnings(true).compile("metafmu_logger");
+    println!("cargo::rerun-if-changed=src/fmi/host/logger.c");
+    cc::Build::new().file("src/fmi/host/logger.c").warnings(true).compile("metafmu_logger");
 }
 
 fn build_fmu_library() {

@@ -3,7 +3,7 @@
 //!     cargo run --release --example build_and_step -- examples/quick/single-pendulum.toml
 
 use metafmu::{
-    fmu::Fmu,
+    fmi::Fmu,
     pipeline::{
         Control, Project, Silent, build,
         export::{ExportOptions, Plan},

@@ -7,7 +7,7 @@
 //!     cargo run --release --example design_study -- STUDY.toml NAME.fmu POINTS.csv RESULT.csv BLOCKS
 
 use metafmu::{
-    fmu::{Fmu, Instance, SimulationOptions, simulate},
+    fmi::{Fmu, Instance, SimulationOptions, simulate},
     source::Simulation,
     study::Study,
 };

@@ -7,7 +7,7 @@
 
 use metafmu::{
     Error, Result,
-    fmu::{Fmu, Instance},
+    fmi::{Fmu, Instance},
 };
 use std::{
     env,

@@ -4,7 +4,7 @@
 
 use metafmu::{
     Result,
-    fmu::{Fmu, host::Step, model_description::ScalarVariable},
+    fmi::{Fmu, host::Step, model_description::ScalarVariable},
 };
 use std::{
     process::ExitCode,

@@ -14,6 +14,7 @@ step "Python packages";     scripts/venv.sh
 step "fmi-sim";             scripts/fmi-sim.sh
 step "Chromium";            scripts/chromium.sh
 step "format";              cargo fmt --all --check
+step "imports";             python3 scripts/check-imports.py
 step "lints";               cargo clippy --workspace --all-targets --locked -- -D warnings
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 step "Rust tests";          cargo test --workspace --locked

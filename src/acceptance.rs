@@ -6,32 +6,6 @@ use crate::{
     study::{AcceptOptions, Study},
 };
 use metafmu_runtime::{Output, Surrogate};
-use serde::{Deserialize, Serialize};
-
-/// What is to be thought of a surrogate.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Verdict {
-    /// Whether it may be used.
-    pub accepted: bool,
-    /// Why not, one sentence each.
-    pub problems: Vec<String>,
-}
-
-impl Verdict {
-    /// It is accepted if there are no problems.
-    pub fn of(problems: Vec<String>) -> Self {
-        Self { accepted: problems.is_empty(), problems }
-    }
-
-    /// The last lines of a command; empty if the surrogate is accepted.
-    pub fn text(&self) -> String {
-        if self.accepted {
-            return String::new();
-        }
-        let problems: String = self.problems.iter().map(|problem| format!("  {problem}\n")).collect();
-        format!("\nrejected: this surrogate is not good enough to be used\n{problems}")
-    }
-}
 
 /// What keeps a surrogate from being accepted, measured on these `runs` ("test runs"). Baselines are those of the study's builds,
 /// measured on the same runs.
@@ -116,6 +90,7 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
     use crate::baseline::ModelAccuracy;
+    use crate::evaluation::Verdict;
     use metafmu_runtime::example;
     use std::path::Path;
 

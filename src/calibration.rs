@@ -4,11 +4,6 @@ use crate::{dataset::Dataset, evaluation::predict};
 use metafmu_runtime::{Bounds, Evaluator, Surrogate};
 use rayon::prelude::*;
 
-/// Fewest runs that bounds of this coverage can be measured on.
-pub fn least_runs(coverage: f64) -> usize {
-    (coverage / (1.0 - coverage)).ceil() as usize
-}
-
 /// Split-conformal error bounds from `n` calibration runs: for each output the smallest `q` with
 ///
 /// `1 / (n + 1) sum_k share of the rows of run k with |y - prediction| <= q  >=  coverage`,
@@ -19,7 +14,7 @@ pub fn least_runs(coverage: f64) -> usize {
 ///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free
 /// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each. None if there are fewer
-/// than [`least_runs`].
+/// than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs).
 pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64) -> Option<Bounds> {
     let evaluator = Evaluator::new(surrogate);
     let width = surrogate.outputs().len();
@@ -113,7 +108,7 @@ mod tests {
     #[test]
     fn too_few_runs_give_no_bounds() {
         let surrogate = example::surrogate();
-        assert_eq!(least_runs(0.95), 19);
+        assert_eq!(crate::study::BoundsOptions::least_runs(0.95), 19);
         assert!(bounds(&surrogate, &runs(18, 1), 0.95).is_none());
         let largest = bounds(&surrogate, &runs(19, 1), 0.95).unwrap();
         assert!(largest.half_widths.iter().all(|&width| width > 1.0), "{largest:?}");

@@ -3,7 +3,7 @@
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use metafmu::{
     baseline::Kind,
-    fmu::worker,
+    fmi::worker,
     source::{shard::Shard, systems::SYSTEMS},
 };
 use std::{path::PathBuf, time::Duration};

@@ -3,11 +3,7 @@
 //! The table is CSV, one row per time of a run: `run,time,<parameters>,<outputs>`. Numbers are the shortest decimals that
 //! read back as the same doubles.
 
-use crate::{
-    Error, Result, files,
-    table::{Place, header_field},
-    variable::Variable,
-};
+use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::Variable};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{

@@ -1,13 +1,35 @@
 //! How good a surrogate is on runs it has not seen.
 
-use crate::{
-    acceptance::Verdict,
-    dataset::{Dataset, Run},
-};
+use crate::dataset::{Dataset, Run};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+/// What is to be thought of a surrogate.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// Whether it may be used.
+    pub accepted: bool,
+    /// Why not, one sentence each.
+    pub problems: Vec<String>,
+}
+
+impl Verdict {
+    /// It is accepted if there are no problems.
+    pub fn of(problems: Vec<String>) -> Self {
+        Self { accepted: problems.is_empty(), problems }
+    }
+
+    /// The last lines of a command; empty if the surrogate is accepted.
+    pub fn text(&self) -> String {
+        if self.accepted {
+            return String::new();
+        }
+        let problems: String = self.problems.iter().map(|problem| format!("  {problem}\n")).collect();
+        format!("\nrejected: this surrogate is not good enough to be used\n{problems}")
+    }
+}
 
 /// Accuracy of one output over all rows of all test runs, in the output's unit. What is too large for a number, or an error of no
 /// number, counts as the largest one.

@@ -1,6 +1,6 @@
 //! Text for web pages.
 
-use crate::acceptance::Verdict;
+use crate::evaluation::Verdict;
 use metafmu_runtime::Activation;
 use std::fmt::Write;
 

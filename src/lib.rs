@@ -4,7 +4,7 @@
 //!
 //! ```standalone_crate
 //! use metafmu::{
-//!     fmu::Fmu,
+//!     fmi::Fmu,
 //!     pipeline::{Control, Project, Silent, build, export::{ExportOptions, Plan}, serve_workers},
 //! };
 //! use std::sync::atomic::AtomicBool;
@@ -58,16 +58,15 @@ pub mod acceptance;
 pub mod baseline;
 pub mod calibration;
 pub mod dataset;
-pub mod error;
+pub mod diagnostics;
 pub mod evaluation;
+pub mod export;
 pub mod files;
-pub mod fmu;
+pub mod fmi;
 mod html;
 pub mod integrate;
 pub mod multibody;
-mod names;
 pub mod network;
-pub mod origin;
 pub mod pipeline;
 pub mod refinement;
 pub mod report;
@@ -81,4 +80,4 @@ pub mod table;
 pub mod training;
 pub mod variable;
 
-pub use error::{Error, Result};
+pub use diagnostics::error::{Error, Result};

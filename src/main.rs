@@ -8,7 +8,7 @@ mod commands;
 
 use clap::Parser;
 use cli::Command;
-use metafmu::{fmu::worker, pipeline};
+use metafmu::{export, pipeline};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -25,7 +25,7 @@ fn main() -> ExitCode {
         Command::Export(args) => commands::export::run(&args),
         Command::Validate(args) => commands::validate::run(&args),
         Command::Simulate(args) => commands::simulate::run(&args),
-        Command::FmuWorker => worker::serve().map(|()| commands::Outcome::Fine),
+        Command::FmuWorker => export::serve_worker().map(|()| commands::Outcome::Fine),
     };
     match result {
         Ok(commands::Outcome::Fine) => ExitCode::SUCCESS,

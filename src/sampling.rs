@@ -2,14 +2,11 @@
 
 use crate::{
     Result,
-    study::{Method, ParameterOptions, Study},
-    table::{Place, Table},
+    study::{MAX_HALTON_PARAMETERS, Method, ParameterOptions, Study},
 };
-use indexmap::IndexMap;
-use metafmu_runtime::TOLERANCE;
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
-use std::{collections::HashSet, path::Path};
+use std::collections::HashSet;
 
 /// What a study's runs are for; no run is for two of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,14 +37,8 @@ impl<T> Sets<T> {
 /// Parameter values of every run, one row a run.
 pub type Plan = Sets<Vec<Vec<f64>>>;
 
-/// Parameters a Sobol plan can have: as many as there are direction numbers for.
-pub const MAX_SOBOL_PARAMETERS: usize = 100;
-
 /// Bases of Halton's sequences. Larger ones fill the ranges only after very many points.
-const HALTON_BASES: [u8; 16] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
-
-/// Parameters a Halton plan can have.
-pub const MAX_HALTON_PARAMETERS: usize = HALTON_BASES.len();
+const HALTON_BASES: [u8; MAX_HALTON_PARAMETERS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
 
 /// What a stream of random numbers is for; streams of one seed are independent of each other.
 #[derive(Clone, Copy, Debug)]
@@ -163,54 +154,6 @@ fn halton(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = 
     let columns: Vec<(u8, f64)> =
         HALTON_BASES.into_iter().take(parameters).map(|base| (base, unit_interval(&mut generator))).collect();
     (1..).map(move |index| columns.iter().map(|(base, shift)| (halton::number(*base, index) + shift).fract()).collect())
-}
-
-/// Reads the points of the method "list": a table with a column for each parameter; others are not looked at.
-///
-/// # Errors
-/// [`Error::Io`](crate::Error::Io), or [`Error::Table`](crate::Error::Table) with the line that is wrong.
-pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>) -> Result<Vec<Vec<f64>>> {
-    let mut table = Table::open(path)?;
-    let mut columns = Vec::new();
-    for (name, options) in parameters {
-        let column = table.column(name)?;
-        table.check_unit(column, options.unit.as_deref())?;
-        columns.push((column, options));
-    }
-    let mut points: IndexMap<Vec<u64>, Place> = IndexMap::new();
-    while table.next_row()? {
-        let mut point = Vec::with_capacity(columns.len());
-        for &(column, options) in &columns {
-            // zeros of both signs are one point
-            point.push((read_value(&mut table, column, options)? + 0.0).to_bits());
-        }
-        if let Some(before) = points.insert(point, table.place()) {
-            return Err(table.mistake(&format!("the point of {before} again")));
-        }
-    }
-    if points.len() < 2 {
-        return Err(table.mistake(&format!("{} points, expected at least 2", points.len())));
-    }
-    Ok(points.into_keys().map(|point| point.into_iter().map(f64::from_bits).collect()).collect())
-}
-
-/// The row's number in a column, which must be a value that the parameter may have. Of a nominal one it is the very value of
-/// the study.
-///
-/// # Errors
-/// [`Error::Table`](crate::Error::Table) with the line.
-pub fn read_value(table: &mut Table, column: usize, options: &ParameterOptions) -> Result<f64> {
-    let ParameterOptions { min, max, values, .. } = options;
-    if !options.is_nominal() {
-        return table.number_in(column, *min, *max);
-    }
-    let found = table.number(column)?;
-    let same = |value: &&f64| (**value - found).abs() <= TOLERANCE * (max - min);
-    values.iter().find(same).copied().ok_or_else(|| {
-        let expected: Vec<String> = values.iter().map(f64::to_string).collect();
-        let name = &table.columns()[column].name;
-        table.mistake(&format!("column `{name}`: {found}, expected one of {}, the study's values", expected.join(", ")))
-    })
 }
 
 /// Independent points, uniform over the unit cube.
@@ -439,8 +382,8 @@ mod tests {
 
     #[test]
     fn sobol_points_exist_up_to_the_stated_number_of_parameters() {
-        let mut points = sobol(MAX_SOBOL_PARAMETERS, random(1, Stream::Train));
-        assert_eq!(points.next().unwrap().len(), MAX_SOBOL_PARAMETERS);
+        let mut points = sobol(crate::study::MAX_SOBOL_PARAMETERS, random(1, Stream::Train));
+        assert_eq!(points.next().unwrap().len(), crate::study::MAX_SOBOL_PARAMETERS);
     }
 
     #[test]

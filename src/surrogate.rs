@@ -159,6 +159,28 @@ pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
     write_whole(path, &bytes)
 }
 
+/// The text about an input, with what its limits and its variability do not tell.
+pub fn input_description(input: &Input) -> String {
+    let Input { description, role, min, max, encoding, .. } = input;
+    let values = match encoding {
+        Encoding::Plain => None,
+        Encoding::Nominal(values) => {
+            let values: Vec<String> = values.iter().map(f64::to_string).collect();
+            Some(format!("one of {}", values.join(", ")))
+        }
+        Encoding::Periodic => Some(format!("any number: values that differ by {} are the same", max - min)),
+    };
+    let change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable)).then(|| {
+        "constant in each training run: after a change outputs are as if it had been so from the start".into()
+    });
+    let more: Vec<String> = values.into_iter().chain(change).collect();
+    match (description.is_empty(), more.join("; ")) {
+        (_, more) if more.is_empty() => description.clone(),
+        (true, more) => more,
+        (false, more) => format!("{description} ({more})"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,14 +8,16 @@ mod parquet;
 
 use crate::{
     Error, Result,
-    names::{did_you_mean, listed},
+    diagnostics::{
+        Place,
+        names::{did_you_mean, listed},
+    },
 };
 use csv::Csv;
 use parquet::Parquet;
 use std::{
     borrow::Cow,
     collections::{HashMap, HashSet},
-    fmt,
     fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
@@ -34,46 +36,6 @@ pub struct Column {
 pub fn header_field(name: &str) -> String {
     let is_plain = !name.contains([',', ';', '\t', '"', '\n', '\r']) && !name.starts_with('#') && name.trim() == name;
     if is_plain { name.to_owned() } else { format!("\"{}\"", name.replace('"', "\"\"")) }
-}
-
-/// Where in a table. Displayed as `line 3` or `row 3`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// A line of text, counted from 1.
-    Line(u64),
-    /// A row below the header, counted from 1, where there are no lines.
-    Row(u64),
-    /// The table as a whole, or its header where that is no line.
-    Whole,
-}
-
-impl Place {
-    /// What is counted.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Line(_) => "line",
-            Self::Row(_) => "row",
-            Self::Whole => "table",
-        }
-    }
-
-    /// Behind the name of the file: `:3` or `, row 3`.
-    pub(crate) fn behind_path(self) -> String {
-        match self {
-            Self::Line(line) => format!(":{line}"),
-            Self::Row(row) => format!(", row {row}"),
-            Self::Whole => String::new(),
-        }
-    }
-}
-
-impl fmt::Display for Place {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Line(number) | Self::Row(number) => write!(f, "{} {number}", self.unit()),
-            Self::Whole => f.write_str(self.unit()),
-        }
-    }
 }
 
 /// A table that is being read.

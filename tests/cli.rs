@@ -590,7 +590,7 @@ fn platforms_are_chosen_and_added_by_name() {
 
 /// The platform the command was built for, which is always embedded.
 fn own_tuple() -> &'static str {
-    metafmu::fmu::Platform::CURRENT.tuple
+    metafmu::fmi::Platform::CURRENT.tuple
 }
 
 #[test]

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use metafmu::fmu::xml;
+use metafmu::fmi::xml;
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(document) = xml::read(bytes) else { return };

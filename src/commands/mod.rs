@@ -16,7 +16,7 @@ pub mod train;
 pub mod validate;
 
 use crate::cli::StudyArgs;
-use metafmu::{Error, Result, acceptance::Verdict, pipeline::Project};
+use metafmu::{Error, Result, evaluation::Verdict, pipeline::Project};
 use std::{
     borrow::Cow,
     fmt::Display,

@@ -4,7 +4,7 @@ use super::{Outcome, heard, say, terminal::workers, visible, write};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
-    fmu::{
+    fmi::{
         Watch,
         host::{Column, Inputs, InterfaceKind, RowSink, SimulationOptions, Table, Unpacked},
         simulate_apart,

@@ -4,7 +4,7 @@ use super::{heard, interrupt, say};
 use indicatif::{HumanDuration, HumanFloatCount, ProgressBar, ProgressState, ProgressStyle};
 use metafmu::{
     Error, Result,
-    fmu::Workers,
+    fmi::Workers,
     pipeline::{Control, Event, Observer, Work},
 };
 use std::{

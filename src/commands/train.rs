@@ -4,7 +4,7 @@ use super::{Outcome, conclude, print, print_json, project};
 use crate::cli::TrainArgs;
 use metafmu::{
     Result,
-    acceptance::Verdict,
+    evaluation::Verdict,
     pipeline::train::{self, TrainingRecord},
 };
 use serde::Serialize;

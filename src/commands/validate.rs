@@ -2,10 +2,7 @@
 
 use super::{Outcome, heard, print, print_json, terminal::workers};
 use crate::cli::ValidateArgs;
-use metafmu::{
-    Result,
-    fmu::{Watch, validate_apart},
-};
+use metafmu::{Result, export::validate_apart, fmi::Watch};
 
 pub fn run(args: &ValidateArgs) -> Result<Outcome> {
     let watch = Watch { workers: workers()?, limit: Some(args.time_limit), heard };

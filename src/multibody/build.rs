@@ -8,7 +8,7 @@ use super::{
     measure::Measure,
     model::{Actuator, Force, Model, Spring},
 };
-use crate::{integrate::TOLERANCE, names::expected_one_of};
+use crate::{diagnostics::names::expected_one_of, integrate::TOLERANCE};
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
 

@@ -4,7 +4,7 @@
 //! `-a^2` is `-(a^2)`. An expression is evaluated on second-order Taylor coefficients (forward automatic differentiation;
 //! Griewank, Walther: *Evaluating Derivatives*, chapter 13), which is how a driver gets its velocity and acceleration.
 
-use crate::names::expected_one_of;
+use crate::diagnostics::names::expected_one_of;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::{
     fmt,

@@ -10,8 +10,8 @@ use super::{
 };
 use crate::{
     Result,
+    diagnostics::origin::{self, Origin, Problem},
     integrate::Budget,
-    origin::{self, Origin, Problem},
     variable::Variable,
 };
 use indexmap::IndexMap;

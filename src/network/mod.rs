@@ -202,6 +202,12 @@ fn count_parameters(sizes: &[usize]) -> usize {
     sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum()
 }
 
+impl From<NetworkError> for crate::Error {
+    fn from(error: NetworkError) -> Self {
+        Self::Network(Box::new(error))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{

@@ -9,14 +9,8 @@ use super::{
     train::{self, TrainingRecord},
 };
 use crate::{
-    Result,
-    acceptance::Verdict,
-    baseline::Comparison,
-    dataset::Dataset,
-    evaluation::Accuracy,
-    fmu::{Report, validate_apart},
-    report::Evaluated,
-    sampling::Sets,
+    Result, baseline::Comparison, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, export::validate_apart,
+    fmi::Report, report::Evaluated, sampling::Sets,
 };
 use metafmu_runtime::Surrogate;
 

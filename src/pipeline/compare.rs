@@ -33,7 +33,7 @@ pub const FIT_BASELINE: &str = "fit-baseline";
 /// The network beside the baselines `kinds`, as far as there is a network: without one its row says why.
 ///
 /// # Errors
-/// As [`stage`].
+/// [`Error::Io`]; a model that fails is a row that says so.
 pub fn compare(project: &Project, kinds: &[Kind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {

@@ -6,8 +6,8 @@ use super::{
 };
 use crate::{
     Result,
-    acceptance::Verdict,
     baseline::Comparison,
+    evaluation::Verdict,
     evaluation::{Accuracy, OutputMetrics},
     files,
 };

@@ -2,12 +2,13 @@
 
 use super::{prepare::baseline_rows, project::Project};
 use crate::{
-    Error, Result,
-    acceptance::{self, Verdict},
+    Error, Result, acceptance,
     baseline::{Fitted, Kind, choose_rows},
     evaluation::Accuracy,
+    evaluation::Verdict,
+    export::{Binary, Contents, pack},
     files,
-    fmu::{self, Archive, Binary, Contents, FmiVersion},
+    fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
     study::{FmiChoice, ParameterOptions, Structure},
     surrogate,
@@ -168,7 +169,7 @@ fn write(
         let Plan { binaries, sources, .. } = plan;
         let contents =
             Contents { version, about: &project.study.export, binaries, accuracy, figures, sources: *sources };
-        let (path, bytes) = (path(version), fmu::pack(surrogate, &contents)?);
+        let (path, bytes) = (path(version), pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(Written { fmu: path, bytes: bytes.len(), version })
     };

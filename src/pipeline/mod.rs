@@ -28,7 +28,7 @@ pub use project::Project;
 pub use report::report;
 pub use search::search;
 
-use crate::{Result, fmu::worker};
+use crate::{Result, export::serve_worker, fmi::worker};
 
 /// Does the work of a worker process if this process was started as one; then the program is to end. Programs that name
 /// themselves in [`Control::program`] call it first thing.
@@ -37,7 +37,7 @@ use crate::{Result, fmu::worker};
 /// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if nobody has started it.
 pub fn serve_workers() -> Result<bool> {
     match std::env::args().nth(1).as_deref() {
-        Some(worker::ARGUMENT) => worker::serve()?,
+        Some(worker::ARGUMENT) => serve_worker()?,
         Some(compare::FIT_BASELINE) => compare::work()?,
         _ => return Ok(false),
     }

@@ -78,7 +78,7 @@ pub struct Control<'a> {
     /// [`Error::Interrupted`](crate::Error::Interrupted).
     pub stop: &'a AtomicBool,
     /// The program that is started for each worker process: `metafmu`, or one that does what it does when its argument is
-    /// [`worker::ARGUMENT`](crate::fmu::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as sources,
+    /// [`worker::ARGUMENT`](crate::fmi::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as sources,
     /// the validation of FMUs and baselines need it.
     pub program: &'a Path,
     /// Takes each line that an FMU prints.

@@ -5,13 +5,13 @@ use super::{
     train::TrainingRecord,
 };
 use crate::{
-    Error, Result,
-    acceptance::{self, Verdict},
+    Error, Result, acceptance,
     baseline::{Comparison, Kind},
     dataset::Dataset,
     evaluation::Accuracy,
+    evaluation::Verdict,
     files,
-    fmu::{Watch, Workers},
+    fmi::{Watch, Workers},
     multibody::Mechanism,
     sampling::Sets,
     scaling,

@@ -8,11 +8,10 @@ use super::{
     rescue, rounds,
 };
 use crate::{
-    Error, Result,
-    acceptance::{self, Verdict},
-    calibration,
+    Error, Result, acceptance, calibration,
     dataset::Dataset,
     evaluation::Accuracy,
+    evaluation::Verdict,
     files,
     study::{Structure, Study},
     surrogate,

@@ -10,7 +10,7 @@ mod page;
 mod plot;
 
 use crate::{
-    Error, Result, acceptance::Verdict, baseline::Comparison, source::Point, study::Study, training::EpochRecord,
+    Error, Result, baseline::Comparison, evaluation::Verdict, source::Point, study::Study, training::EpochRecord,
 };
 use chart::Chart;
 pub use figures::{Beside, card_figures};

@@ -12,9 +12,9 @@ mod runs;
 use crate::{
     Error, Result,
     dataset::Dataset,
-    names::did_you_mean,
+    diagnostics::names::did_you_mean,
     sampling::{self, Sets, Stream},
-    study::{ParameterOptions, Study},
+    study::{ParameterOptions, Study, read_value},
     table::Table,
     variable::Variable,
 };
@@ -228,7 +228,7 @@ impl Recorded {
 
     fn point(&self, table: &mut Table, columns: &[usize]) -> Result<Vec<f64>> {
         let columns = columns.iter().zip(&self.options);
-        columns.map(|(&column, options)| sampling::read_value(table, column, options)).collect()
+        columns.map(|(&column, options)| read_value(table, column, options)).collect()
     }
 }
 

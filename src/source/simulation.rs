@@ -11,10 +11,10 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    fmu::Workers,
+    diagnostics::names::expected_one_of,
+    fmi::Workers,
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
-    names::expected_one_of,
     study::{SourceOptions, Study},
     variable::Variable,
 };

@@ -42,18 +42,18 @@
 //! `[search]` is [`SearchOptions`].
 
 mod options;
+mod points;
 mod search;
 
 use crate::{
     Result,
-    baseline::{Baselines, Kind},
-    calibration, files,
+    diagnostics::origin::{self, Origin},
+    files,
     multibody::Mechanism,
-    origin::{self, Origin},
-    sampling::{self, MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS},
     table::Table,
 };
 use indexmap::IndexMap;
+use metafmu_baselines::{Baselines, Kind};
 use metafmu_runtime::{Encoder, Encoding, extra};
 use options::MAX_EPOCHS;
 pub use options::{
@@ -61,6 +61,7 @@ pub use options::{
     ParameterOptions, SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
     Variability,
 };
+pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -186,7 +187,7 @@ impl Study {
         }
         study.source_files = study.digest_source_files()?;
         if let Some(file) = &study.sampling.file {
-            study.points = Some(Arc::new(sampling::read_points(&study.beside(file), &study.parameters)?));
+            study.points = Some(Arc::new(points::read_points(&study.beside(file), &study.parameters)?));
             let mut problems = Problems::default();
             study.size_problems(&mut problems);
             study.target_run_problems(&mut problems);
@@ -617,7 +618,7 @@ impl Study {
             problems.add("bounds.coverage", format!("{coverage}, expected a share between 0 and 1"));
             return;
         }
-        let least = calibration::least_runs(coverage);
+        let least = BoundsOptions::least_runs(coverage);
         if runs < least {
             let message = format!("{runs} runs, expected at least {least} for a coverage of {coverage}");
             problems.add("bounds.runs", message);

@@ -311,6 +311,13 @@ pub struct BoundsOptions {
     pub runs: usize,
 }
 
+impl BoundsOptions {
+    /// Fewest runs that bounds of this coverage can be measured on.
+    pub fn least_runs(coverage: f64) -> usize {
+        (coverage / (1.0 - coverage)).ceil() as usize
+    }
+}
+
 impl Default for BoundsOptions {
     fn default() -> Self {
         Self { coverage: 0.95, runs: 200 }

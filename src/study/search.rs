@@ -1,7 +1,7 @@
 //! `[search]`: which studies are tried.
 
-use crate::baseline::Kind;
 use indexmap::IndexMap;
+use metafmu_baselines::Kind;
 use serde::{Deserialize, Serialize};
 
 /// `[search]`: studies that differ from this one in some keys, of which the best is wanted.

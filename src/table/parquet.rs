@@ -343,10 +343,7 @@ fn contained<T>(call: impl FnOnce() -> std::result::Result<T, ParquetError>) -> 
 
 #[cfg(test)]
 mod tests {
-    use crate::{
-        Result,
-        table::{Place, Table},
-    };
+    use crate::{Result, diagnostics::Place, table::Table};
     use parquet::{
         basic::Compression,
         column::writer::ColumnWriter,

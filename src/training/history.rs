@@ -1,7 +1,7 @@
 //! The epochs of a training as a table: `history.csv`.
 
 use super::EpochRecord;
-use crate::{Error, Result, files, table::Place};
+use crate::{Error, Result, diagnostics::Place, files};
 use serde::Deserialize;
 use std::{fs::File, io::BufReader, path::Path};
 

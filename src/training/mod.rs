@@ -200,3 +200,9 @@ pub enum TrainingError {
         problem: String,
     },
 }
+
+impl From<TrainingError> for crate::Error {
+    fn from(error: TrainingError) -> Self {
+        Self::Training(Box::new(error))
+    }
+}

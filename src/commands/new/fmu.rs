@@ -3,7 +3,7 @@
 use super::{RUNS, key, quoted, rest, sampling};
 use metafmu::{
     Error, Result,
-    fmu::{
+    fmi::{
         ModelDescription,
         host::{InterfaceKind, describe, element_names},
         model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable},

@@ -3,9 +3,9 @@
 use super::{Block, Material, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
     evaluation::{Accuracy, OutputMetrics},
-    fmu::describe::input_description,
     html,
     study::NetworkOptions,
+    surrogate::input_description,
 };
 use metafmu_runtime::{Model, Role};
 

@@ -10,7 +10,7 @@ pub mod variables;
 use super::{Journal, journal::WORTH_KEEPING};
 use crate::{
     Error, Result,
-    fmu::{
+    fmi::{
         host::{Unpacked, describe},
         worker::{
             Answer, Job, Worker, Workers,

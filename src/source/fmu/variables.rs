@@ -3,13 +3,13 @@
 use super::super::wrong_unit;
 use crate::{
     Result,
-    fmu::{
+    diagnostics::names::did_you_mean,
+    fmi::{
         ModelDescription,
         host::{InterfaceKind, element_names},
         model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
         worker::sampling::Task,
     },
-    names::did_you_mean,
     study::Study,
     variable::Variable,
 };
@@ -258,7 +258,7 @@ fn unknown(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fmu::{FmiVersion, testing};
+    use crate::{export::testing, fmi::FmiVersion};
     use std::path::Path;
 
     /// A study of the example's FMU, whose `speed` is an input and whose `length` is tunable.
@@ -269,7 +269,7 @@ mod tests {
         assert!(STUDY.contains(from), "{from}");
         let folder = tempfile::tempdir().unwrap();
         let path = testing::fmu_with_input(folder.path(), FmiVersion::V3);
-        let (description, _) = crate::fmu::host::describe(&path, None)?;
+        let (description, _) = crate::fmi::host::describe(&path, None)?;
         let text = STUDY.replacen(from, to, 1);
         resolve(&Study::parse(&text, &folder.path().join(Path::new("s.toml")))?, &description)
     }

@@ -2,11 +2,7 @@
 //! parameters that no other run has.
 
 use super::{super::list, Recorded};
-use crate::{
-    Error, Result,
-    dataset::Run,
-    table::{Place, Table},
-};
+use crate::{Error, Result, dataset::Run, diagnostics::Place, table::Table};
 use std::{
     collections::HashMap,
     sync::{

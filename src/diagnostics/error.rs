@@ -1,0 +1,324 @@
+//! The one error type: every message says where, what was found and what was expected.
+
+use super::{Place, names::did_you_mean, origin::Problem};
+use std::path::{Path, PathBuf};
+
+/// Everything that can go wrong in the tool.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file or folder could not be read or written.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried, for instance `read`.
+        action: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A study or mechanism file is wrong.
+    #[error("{}", problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Study {
+        /// Every problem found.
+        problems: Vec<Problem>,
+    },
+    /// A simulation failed.
+    #[error("{system} with {values}: {message}")]
+    Run {
+        /// The system or mechanism.
+        system: String,
+        /// The parameter values.
+        values: String,
+        /// What happened.
+        message: String,
+    },
+    /// More runs failed than may.
+    #[error(
+        "{source_name}: {failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one \
+         with {parameters}: {reason}"
+    )]
+    FailedRuns {
+        /// The FMU, the mechanism file or the built-in system.
+        source_name: String,
+        /// How many, so far.
+        failed: usize,
+        /// Of how many.
+        total: usize,
+        /// How many may.
+        allowed: usize,
+        /// The share that may.
+        share: f64,
+        /// The parameter values of the last one that failed.
+        parameters: String,
+        /// Why it did.
+        reason: String,
+    },
+    /// The process that runs an FMU could not begin.
+    #[error("{message}")]
+    Worker {
+        /// Why.
+        message: String,
+    },
+    /// Stopped by the user.
+    #[error("stopped")]
+    Interrupted,
+    /// A table is wrong.
+    #[error("{}{}: {message}", path.display(), place.behind_path())]
+    Table {
+        /// The table's file.
+        path: PathBuf,
+        /// Where in it.
+        place: Place,
+        /// What was found and what was expected.
+        message: String,
+    },
+    /// The result of an earlier stage is missing, belongs to another study, or was changed since.
+    #[error("{}: {message}", path.display())]
+    Stale {
+        /// The file.
+        path: PathBuf,
+        /// What to do about it.
+        message: String,
+    },
+    /// A plot could not be made.
+    #[error("{}: {message}", path.display())]
+    Plot {
+        /// The plot's file.
+        path: PathBuf,
+        /// Why.
+        message: String,
+    },
+    /// A model file is wrong.
+    #[error("{}: {source}", path.display())]
+    Model {
+        /// The model file.
+        path: PathBuf,
+        /// How it is wrong.
+        source: Box<metafmu_runtime::FormatError>,
+    },
+    /// The parts of a surrogate do not fit each other.
+    #[error("surrogate: {source}")]
+    Surrogate {
+        /// How they do not.
+        source: metafmu_runtime::FormatError,
+    },
+    /// A file is no zip archive, or a damaged one.
+    #[error("{}: not an FMU: {}", path.display(), no_zip(source))]
+    Archive {
+        /// The file.
+        path: PathBuf,
+        /// What the zip reader found.
+        source: zip::result::ZipError,
+    },
+    /// Something about one entry of an FMU archive.
+    #[error("{}: entry `{entry}`: {problem}", path.display())]
+    ArchiveEntry {
+        /// The FMU.
+        path: PathBuf,
+        /// Name of the entry.
+        entry: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// An FMU's modelDescription.xml cannot be used.
+    #[error("{}: modelDescription.xml, line {line}: {problem}", path.display())]
+    Description {
+        /// The FMU.
+        path: PathBuf,
+        /// Line in modelDescription.xml, counted from 1.
+        line: usize,
+        /// What is wrong there.
+        problem: String,
+    },
+    /// An FMU does not offer the interface needed.
+    #[error("{}: offers {found}, expected {expected}", path.display())]
+    Interface {
+        /// The FMU.
+        path: PathBuf,
+        /// What it offers.
+        found: String,
+        /// What was needed.
+        expected: String,
+    },
+    /// An FMU that is run by model exchange cannot be integrated.
+    #[error("model exchange failed at {time} s: {message}")]
+    Integration {
+        /// When.
+        time: f64,
+        /// What is wrong.
+        message: String,
+    },
+    /// A platform that there is no library for in this program.
+    #[error(
+        "platform `{tuple}` is not embedded in this program, which has {}: add a library with --binary {tuple}=FILE, or \
+         build metafmu with METAFMU_RUNTIMES",
+        list_or_none(known)
+    )]
+    NotEmbedded {
+        /// The platform asked for.
+        tuple: String,
+        /// The platforms there are.
+        known: Vec<String>,
+    },
+    /// Two libraries that belong in the same place.
+    #[error("`{entry}`: the place of {tuple} is taken already; a universal library serves both processors of darwin")]
+    SamePlace {
+        /// The archive entry.
+        entry: String,
+        /// The second platform.
+        tuple: &'static str,
+    },
+    /// A surrogate that is not written as C source code.
+    #[error(
+        "source code is written of a single network only: one for each instant (`network.structure = \"fixed\"`) would be \
+         hundreds of times as long, and other models have no C code yet"
+    )]
+    NoSources,
+    /// A baseline that could not be fitted or cannot be exported.
+    #[error("model `{model}`: {problem}")]
+    Baseline {
+        /// The model's name.
+        model: &'static str,
+        /// Why not.
+        problem: String,
+    },
+    /// Source code that is not written for such a parameter.
+    #[error(
+        "source code is written of plain parameters only: `{parameter}` has `values` or is `periodic`, and the C code has no \
+         one-hot columns, sine or cosine of inputs"
+    )]
+    NoEncodedSources {
+        /// The first such parameter.
+        parameter: String,
+    },
+    /// A library that cannot go into an FMU.
+    #[error("{}: {problem}", path.display())]
+    Binary {
+        /// Its file.
+        path: PathBuf,
+        /// Why not.
+        problem: String,
+    },
+    /// An FMU has no binary for this platform.
+    #[error("{}: no binary for this platform: found {}, expected `{expected}`", path.display(), list_or_none(found))]
+    NoBinary {
+        /// The FMU.
+        path: PathBuf,
+        /// Platforms it has binaries for.
+        found: Vec<String>,
+        /// The entry that is missing.
+        expected: String,
+    },
+    /// The binary of an FMU cannot be loaded.
+    #[error("{}: `{binary}` cannot be loaded: {source}{}{}", path.display(), cause(source), after_colon(hint.as_slice()))]
+    Library {
+        /// The FMU.
+        path: PathBuf,
+        /// Name of the entry.
+        binary: String,
+        /// The system's reason.
+        source: libloading::Error,
+        /// What to do about it, if that is known.
+        hint: Option<String>,
+    },
+    /// The binary of an FMU lacks a function.
+    #[error("{}: the binary does not export `{function}`", path.display())]
+    MissingFunction {
+        /// The FMU.
+        path: PathBuf,
+        /// The function.
+        function: &'static str,
+    },
+    /// A function of an FMU failed.
+    #[error("{function} returned {status}{}", after_colon(messages))]
+    Fmi {
+        /// The function.
+        function: &'static str,
+        /// What it returned.
+        status: &'static str,
+        /// What the FMU logged.
+        messages: Vec<String>,
+    },
+    /// A variable that the FMU does not have.
+    #[error(
+        "the FMU has no variable `{name}`; it has {}{}",
+        list_or_none(known),
+        did_you_mean(name, known.iter().map(String::as_str))
+    )]
+    UnknownVariable {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// A value or variable that cannot be used as was asked.
+    #[error("variable `{name}`: {problem}")]
+    Variable {
+        /// The variable.
+        name: String,
+        /// Why not.
+        problem: String,
+    },
+    /// Times that make no simulation.
+    #[error("start {start} s, stop {stop} s, step {step} s: {expected}")]
+    Experiment {
+        /// Start time.
+        start: f64,
+        /// Stop time.
+        stop: f64,
+        /// Communication step size.
+        step: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// The network cannot be built.
+    #[error(transparent)]
+    Network(Box<dyn std::error::Error + Send + Sync>),
+    /// The network cannot be trained.
+    #[error(transparent)]
+    Training(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// At most ten items, in backquotes.
+fn list_or_none(items: &[String]) -> String {
+    let shown: Vec<String> = items.iter().take(10).map(|item| format!("`{item}`")).collect();
+    match items.len() {
+        0 => "none".into(),
+        count if count > shown.len() => format!("{} and {} more", shown.join(", "), count - shown.len()),
+        _ => shown.join(", "),
+    }
+}
+
+/// Why something is no zip archive that can be read.
+fn no_zip(error: &zip::result::ZipError) -> String {
+    use zip::result::ZipError;
+    match error {
+        ZipError::InvalidArchive(what) if what.contains("EOCD") => {
+            "it is no zip archive, or one whose end is missing".into()
+        }
+        ZipError::InvalidArchive(what) => format!("the zip archive is damaged: {what}"),
+        ZipError::UnsupportedArchive(what) => format!("a zip archive of a kind that is not read: {what}"),
+        other => other.to_string(),
+    }
+}
+
+/// What is behind an error.
+fn cause(error: &dyn std::error::Error) -> String {
+    error.source().map_or(String::new(), |source| format!(": {source}"))
+}
+
+fn after_colon(messages: &[String]) -> String {
+    if messages.is_empty() { String::new() } else { format!(": {}", messages.join("; ")) }
+}
+
+/// Result with the tool's error.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// For `map_err`: wraps an I/O error with what was tried on which file.
+    pub fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { path, action, source }
+    }
+}

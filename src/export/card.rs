@@ -1,0 +1,297 @@
+//! The model card in every FMU, `documentation/index.html`: what it is, over which ranges it may be trusted, how accurate
+//! it is, and where it comes from. One small page without anything to load.
+
+use super::reference::{OPTIONS_FILE, RESULT_FILE};
+use crate::{
+    evaluation::Accuracy,
+    evaluation::Verdict,
+    html::{activation, escape, number, rejection},
+    report::Drawn,
+    study::ExportOptions,
+};
+use metafmu_runtime::{
+    Bounds, Encoding, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
+    regression::{Function, Regression},
+};
+
+const STYLE: &str = "\
+body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#1c2733}\
+h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
+table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
+th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
+td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}\
+figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}figcaption{color:#52667a}.d{color:#52667a;overflow-wrap:anywhere}\
+@media(max-width:40rem){td.n{white-space:normal}th,td{padding-right:.5rem}}\
+@media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d,figcaption{color:#93a7bb}}";
+
+/// The page; the same surrogate and options always give the same text.
+pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accuracy>, figures: &[Drawn]) -> String {
+    let metadata = surrogate.metadata();
+    let name = escape(&metadata.name);
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
+    );
+    let verdict = accuracy.and_then(|accuracy| accuracy.verdict.as_ref());
+    page.push_str(&verdict.map_or(String::new(), rejection));
+    if !metadata.description.is_empty() {
+        line(&mut page, &format!("<p>{}</p>", escape(&metadata.description)));
+    }
+    line(
+        &mut page,
+        &format!(
+            "<p>This FMU is {} that stands in for a simulation model. It computes its outputs directly from its inputs, \
+             parameters and the time, any step size will do{}.</p>",
+            what(surrogate.model()),
+            match verdict {
+                Some(Verdict { accepted: true, .. }) => {
+                    format!(", and it may be trusted inside the ranges below only{}", unchanged(surrogate))
+                }
+                _ => String::new(),
+            }
+        ),
+    );
+    variables(&mut page, surrogate);
+    accuracy_table(&mut page, surrogate, accuracy);
+    for Drawn { caption, svg, .. } in figures {
+        line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
+    }
+    domain(&mut page);
+    provenance(&mut page, surrogate, about);
+    page.push_str("</body>\n</html>\n");
+    page
+}
+
+/// What holds of values that were constant in each run of the training.
+fn unchanged(surrogate: &Surrogate) -> &'static str {
+    let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
+    if surrogate.inputs().iter().any(|input| may_change(input.role)) {
+        ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
+         training they were constant"
+    } else {
+        ""
+    }
+}
+
+/// The kind of model.
+fn what(model: &Model) -> &'static str {
+    match model {
+        Model::Network(_) | Model::Series { .. } => "a neural network",
+        Model::Regression(regression) => match regression.function {
+            Function::Polynomial(_) => "a polynomial",
+            Function::Forest(_) => "a sum of decision trees, piecewise constant,",
+            Function::Kernel(_) => "a sum of kernels",
+        },
+    }
+}
+
+fn variables(page: &mut String, surrogate: &Surrogate) {
+    line(page, "<h2>Variables</h2>\n<table><tr><th>Name</th><th>Kind</th><th>Range</th><th>Unit</th><th></th></tr>");
+    for Input { name, role, unit, description, min, max, start, encoding } in surrogate.inputs() {
+        let kind = match role {
+            Role::Parameter(Variability::Fixed) => "parameter, fixed",
+            Role::Parameter(Variability::Tunable) => "parameter, tunable",
+            Role::Time => "time",
+            Role::Input => "input",
+        };
+        let start = if *role == Role::Time { String::new() } else { format!(", starts at {}", number(*start)) };
+        let range = match encoding {
+            Encoding::Plain => format!("{} to {}", number(*min), number(*max)),
+            Encoding::Nominal(values) => {
+                format!("only {}", values.iter().map(|&value| number(value)).collect::<Vec<_>>().join(", "))
+            }
+            Encoding::Periodic => format!("periodic, {} is the same as {}", number(*max), number(*min)),
+        };
+        row(page, name, kind, &format!("{range}{start}"), unit, description);
+    }
+    for Output { name, unit, description, min, max } in surrogate.outputs() {
+        row(page, name, "output", &format!("{} to {} in training", number(*min), number(*max)), unit, description);
+    }
+    line(page, "</table>");
+}
+
+fn row(page: &mut String, name: &str, kind: &str, range: &str, unit: &str, description: &str) {
+    let (name, unit, description) =
+        (escape(name), escape(if unit.is_empty() { "-" } else { unit }), escape(description));
+    let cells = format!("<td>{kind}</td><td class=\"n\">{range}</td><td>{unit}</td><td class=\"d\">{description}</td>");
+    line(page, &format!("<tr><td><code>{name}</code></td>{cells}</tr>"));
+}
+
+fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Accuracy>) {
+    line(page, "<h2>Accuracy</h2>");
+    let Some(accuracy) = accuracy else {
+        return line(page, "<p>The model was not evaluated before this FMU was made.</p>");
+    };
+    let Accuracy { outputs, test_runs, test_rows, .. } = accuracy;
+    line(
+        page,
+        &format!(
+            "<p>Measured on {test_runs} runs of the original model ({test_rows} rows) that took no part in training.</p>\n\
+             <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error, of the range</th><th>Unit</th></tr>"
+        ),
+    );
+    for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
+    {
+        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.6}"));
+        let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
+        let (name, unit) = (escape(&output.name), escape(if output.unit.is_empty() { "-" } else { &output.unit }));
+        let share =
+            metrics.relative_max_error.map_or(String::new(), |share| format!("<br>{} %", number(100.0 * share)));
+        let cells = [r2, rms, largest + &share].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
+        line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
+    }
+    line(page, "</table>");
+    if let Some(Bounds { coverage, runs, half_widths }) = surrogate.bounds() {
+        let bounds = surrogate.outputs().iter().zip(half_widths).map(|(output, &half_width)| {
+            let unit = if output.unit.is_empty() { String::new() } else { format!(" {}", escape(&output.unit)) };
+            format!("<code>{}</code> ±{}{unit}", escape(&output.name), number(half_width))
+        });
+        let bounds = bounds.collect::<Vec<_>>().join(", ");
+        let share = number(100.0 * coverage);
+        line(
+            page,
+            &format!(
+                "<p>Error bounds: {bounds}. Of a further run inside the ranges, {share} % of the points are expected within \
+                 each (split-conformal, from {runs} runs of their own). The FMU has them as outputs, <code>…_bound</code>.</p>"
+            ),
+        );
+    }
+}
+
+fn domain(page: &mut String) {
+    line(page, "<h2>Outside the ranges</h2>\n<table>");
+    for extra in extra::ALL {
+        let (name, description) = (extra.name, escape(extra.description));
+        line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
+    }
+    line(page, "</table>");
+    line(
+        page,
+        &format!(
+            "<h2>Check on arrival</h2>\n<p><code>{OPTIONS_FILE}</code> says what to run and with which values, \
+             <code>{RESULT_FILE}</code> holds the outputs that must come out.</p>"
+        ),
+    );
+}
+
+/// What the outputs are computed with.
+fn model(surrogate: &Surrogate) -> String {
+    let metadata = surrogate.metadata();
+    let (count, layers) = match surrogate.model() {
+        Model::Network(network) => (1, &network.layers),
+        Model::Series { networks, .. } => (networks.len(), &networks[0].layers),
+        Model::Regression(regression) => return size(regression),
+    };
+    let hidden: Vec<String> = layers.iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
+    let activation = activation(metadata.activation);
+    let precision = match metadata.precision {
+        Precision::Double => "double precision",
+        Precision::Single => "single precision (source code in double)",
+    };
+    let nodes =
+        if hidden.is_empty() { "no hidden layer".into() } else { format!("{} {activation}", hidden.join(" + ")) };
+    let each = if count > 1 {
+        format!(" in each of {count} networks, one an instant, between which outputs are interpolated in time")
+    } else {
+        String::new()
+    };
+    format!("network, {nodes} nodes{each}, computed in {precision}")
+}
+
+fn size(regression: &Regression) -> String {
+    let what = match &regression.function {
+        Function::Polynomial(polynomial) => format!("polynomial of {} terms", polynomial.terms(regression.inputs())),
+        Function::Forest(forest) => format!("{} decision trees, {} nodes", forest.trees.len(), forest.nodes.len()),
+        Function::Kernel(machines) => {
+            let centres: usize = machines.machines.iter().map(|machine| machine.weights.len()).sum();
+            format!("{centres} kernels")
+        }
+    };
+    format!("{what}, computed in double precision")
+}
+
+fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
+    let metadata = surrogate.metadata();
+    let provenance = &metadata.provenance;
+    line(page, "<h2>Provenance</h2>\n<table>");
+    for (what, value) in [
+        ("Made by", Some(provenance.tool.clone())),
+        ("Model", Some(model(surrogate))),
+        ("Training", Some(format!("{} rows, seed {}", provenance.train_rows, provenance.seed))),
+        ("Study, SHA-256", Some(provenance.study_digest.clone())),
+        ("Content of the model file, digest", Some(provenance.content_digest.clone())),
+        ("Author", about.author.clone()),
+        ("Copyright", about.copyright.clone()),
+        ("Licence of the model", Some(about.license.clone().unwrap_or_else(|| "none stated".into()))),
+        (
+            "Licence of the runtime library",
+            Some("MIT OR Apache-2.0, see the folder licenses beside this page; it does not cover the model".into()),
+        ),
+    ] {
+        if let Some(value) = value {
+            line(page, &format!("<tr><td>{what}</td><td class=\"d\">{}</td></tr>", escape(&value)));
+        }
+    }
+    line(page, "</table>");
+}
+
+fn line(page: &mut String, text: &str) {
+    page.push_str(text);
+    page.push('\n');
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::OutputMetrics;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn a_card_has_variables_accuracy_and_licence_and_loads_nothing() {
+        let surrogate = example::surrogate();
+        let about = ExportOptions { license: Some("<free> & open".into()), ..ExportOptions::default() };
+        let metrics = |r2| OutputMetrics {
+            r2,
+            mse: 4e-6,
+            max_abs_error: 0.0125,
+            relative_max_error: Some(0.005),
+            worst_run: 3,
+            worst_time: 1.0,
+            bound: None,
+            within_bound: None,
+        };
+        let accuracy = Accuracy {
+            outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),
+            test_runs: 20,
+            test_rows: 4020,
+            content_digest: String::new(),
+            verdict: Some(Verdict::of(Vec::new())),
+        };
+        let figure =
+            Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
+        let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
+        for piece in [
+            "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
+            "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
+            "20 runs of the original model (4020 rows)",
+            "constant output",
+            "as long as its inputs and parameters stay what they are at the start of a run",
+            "&lt;free&gt; &amp; open",
+            "domain_policy",
+            "<figure><svg viewBox=\"0 0 1 1\"/><figcaption>truth &amp; prediction</figcaption></figure>",
+        ] {
+            assert!(page.contains(piece), "{piece} is not in {page}");
+        }
+        assert!(!page.contains("http") && !page.contains("src="), "{page}");
+        let trusted = "may be trusted inside the ranges";
+        assert!(page.contains(trusted) && !page.contains("Rejected"), "{page}");
+        let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
+        assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
+        assert!(unknown.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
+        let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()]));
+        let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
+        let (title, rest) = rejected.split_once("</h1>").unwrap();
+        assert!(rest.starts_with("\n<p><strong>Rejected: this surrogate is not good enough"), "{title}{rest}");
+        assert!(rest.contains("<li>angle: R² -1 &lt; 0</li>") && !rest.contains(trusted), "{rest}");
+    }
+}

@@ -1,0 +1,99 @@
+//! Checks what an FMU of metafmu does outside its training ranges.
+
+use crate::{
+    Result,
+    fmi::{
+        Fmu, Instance,
+        validate::{Area, Notes},
+    },
+};
+use metafmu_runtime::{
+    Domain, Encoding, Evaluator, Input, Role, Surrogate,
+    extra::{self, DomainPolicy},
+};
+
+/// Largest difference of an output, relative to its largest magnitude in training.
+const TOLERANCE: f64 = 1e-9;
+
+/// Reports where the three policies and the two outputs of the domain do not hold.
+pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
+    for policy in [DomainPolicy::Warn, DomainPolicy::Clamp, DomainPolicy::Error] {
+        for column in 0..surrogate.inputs().len() {
+            let Input { role, encoding, .. } = &surrogate.inputs()[column];
+            // a periodic input is never outside
+            if *role == Role::Time || *encoding == Encoding::Periodic {
+                continue;
+            }
+            report.doing(format!("domain_policy {}", policy as i32));
+            match outside(fmu, surrogate, policy, column) {
+                Ok(None) => {}
+                Ok(Some(problem)) => {
+                    report.problem(Area::Behaviour, format!("domain_policy {}: {problem}", policy as i32))
+                }
+                Err(error) => report.problem(Area::Behaviour, format!("domain_policy {}: {error}", policy as i32)),
+            }
+        }
+    }
+}
+
+/// Half a range beyond the largest value of one column; of a nominal one a quarter of the way between two values.
+fn outside_value(input: &Input) -> f64 {
+    let Some(values) = input.nominal_values() else {
+        return input.max + 0.5 * (input.max - input.min).max(1.0);
+    };
+    let next = values.iter().copied().filter(|value| *value > input.min).fold(input.max, f64::min);
+    0.75 * input.min + 0.25 * next
+}
+
+fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize) -> Result<Option<String>> {
+    let instance = fmu.instantiate("domain", true)?;
+    let inputs = surrogate.inputs();
+    let mut point: Vec<f64> = inputs.iter().map(|input| input.start).collect();
+    let start = surrogate.time_column().map_or(0.0, |time| inputs[time].min);
+    if let Some(time) = surrogate.time_column() {
+        point[time] = start;
+    }
+    point[column] = outside_value(&inputs[column]);
+    instance.set_integer(&[surrogate.extra_value_reference(&extra::DOMAIN_POLICY)], &[policy as i32])?;
+    instance.enter_initialization_mode(start, None)?;
+    let set = instance.set_real(&[column as u32], &[point[column]]);
+    let name = &inputs[column].name;
+    if policy == DomainPolicy::Error {
+        return Ok(set.is_ok().then(|| format!("\"{name}\" = {} is accepted, expected an error", point[column])));
+    }
+    set?;
+    holds(&instance, surrogate, policy, &point)
+        .map(|problem| problem.map(|text| format!("{text} at \"{name}\" = {}", point[column])))
+}
+
+fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
+    let domain = Domain::new(surrogate.inputs());
+    let (mut inside, mut distance) = ([true], [0.0]);
+    instance.get_boolean(&[surrogate.extra_value_reference(&extra::IN_DOMAIN)], &mut inside)?;
+    instance.get_real(&[surrogate.extra_value_reference(&extra::DOMAIN_DISTANCE)], &mut distance)?;
+    if inside[0] {
+        return Ok(Some("in_domain is true".into()));
+    }
+    let expected = domain.distance(point);
+    if (distance[0] - expected).abs() > TOLERANCE * expected {
+        return Ok(Some(format!("domain_distance is {}, expected {expected}", distance[0])));
+    }
+    let mut used = point.to_vec();
+    if policy == DomainPolicy::Clamp {
+        used.iter_mut().enumerate().for_each(|(column, value)| *value = domain.clamp(column, *value));
+    }
+    let evaluator = Evaluator::new(surrogate);
+    let mut expected = vec![0.0; surrogate.outputs().len()];
+    evaluator.evaluate(&used, &mut expected, &mut evaluator.scratch());
+    for (index, (output, expected)) in surrogate.outputs().iter().zip(expected).enumerate() {
+        let mut found = [0.0];
+        instance.get_real(&[surrogate.output_value_reference(index)], &mut found)?;
+        let scale = output.min.abs().max(output.max.abs()).max(expected.abs()).max(f64::MIN_POSITIVE);
+        // written so that NaN is wrong
+        let right = (found[0] - expected).abs() <= TOLERANCE * scale;
+        if !right {
+            return Ok(Some(format!("\"{}\" is {}, expected {expected}", output.name, found[0])));
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,109 @@
+//! What of our own FMUs can be checked beyond the standard: whether they compute what the surrogate and the reference result
+//! inside say.
+
+mod domain;
+mod prediction;
+mod reference_run;
+
+use super::MODEL_FILE;
+use crate::{
+    Result,
+    fmi::{
+        self, Archive, Checks, Fmu, Report, Watch,
+        validate::{Area, Notes},
+        worker,
+    },
+};
+use metafmu_runtime::{
+    FormatError, Model, Surrogate,
+    regression::{Function, Regression},
+};
+use std::path::Path;
+
+/// Largest model file that is read.
+const MAX_MODEL: u64 = 1 << 30;
+
+/// Checks an FMU as [`fmi::validate()`] does, and the surrogate and the reference result inside if it is one of ours.
+///
+/// # Errors
+/// Those of [`fmi::validate()`].
+pub fn validate(path: impl AsRef<Path>) -> Result<Report> {
+    fmi::validate(path, &SurrogateChecks)
+}
+
+/// Checks an FMU as [`validate`] does, but runs it in processes of its own: see [`fmi::validate_apart`].
+///
+/// # Errors
+/// Those of [`fmi::validate_apart`].
+pub fn validate_apart(path: impl AsRef<Path>, watch: Watch) -> Result<Report> {
+    fmi::validate_apart(path, watch, &SurrogateChecks)
+}
+
+/// Does for the process that started this one what it asks for: see [`worker::serve`].
+///
+/// # Errors
+/// Those of [`worker::serve`].
+pub fn serve_worker() -> Result<()> {
+    worker::serve(&SurrogateChecks)
+}
+
+/// Checks of the surrogate and the reference result inside an FMU, if there are any.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SurrogateChecks;
+
+impl Checks for SurrogateChecks {
+    fn archive(&self, archive: &mut Archive, report: &mut Report) {
+        if let Err(problem) = surrogate(archive) {
+            report.problem(Area::Surrogate, problem);
+        }
+        match reference_run::read(archive) {
+            Ok(Some(_)) => {}
+            Ok(None) => report.skipped("a reference result: there is none of metafmu's inside"),
+            Err(problem) => report.problem(Area::Archive, problem),
+        }
+    }
+
+    fn no_derivatives(&self, archive: &mut Archive) -> Option<&'static str> {
+        let surrogate = surrogate(archive).ok()??;
+        is_piecewise_constant(&surrogate).then_some("the model inside jumps, between jumps they are 0")
+    }
+
+    fn run(&self, fmu: &Fmu, archive: &mut Archive, notes: &mut Notes) {
+        // what cannot be read has been reported
+        if let Ok(Some(surrogate)) = surrogate(archive) {
+            prediction::check(fmu, &surrogate, notes);
+            domain::check(fmu, &surrogate, notes);
+        }
+        if let Ok(Some(reference)) = reference_run::read(archive) {
+            reference_run::check(fmu, &reference, notes);
+        }
+    }
+
+    fn end(&self, archive: &mut Archive, report: &mut Report) {
+        if !matches!(surrogate(archive), Ok(Some(_))) {
+            report.skipped(format!(
+                "whether the outputs are right: there is no `{MODEL_FILE}` of a metafmu surrogate to compare with"
+            ));
+        }
+    }
+}
+
+fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
+    matches!(surrogate.model(), Model::Regression(Regression { function: Function::Forest(_), .. }))
+}
+
+/// The surrogate inside, if there is one, or what is wrong with it; a model file of another program is none of ours.
+fn surrogate(archive: &mut Archive) -> std::result::Result<Option<Surrogate>, String> {
+    if !archive.contains(MODEL_FILE) {
+        return Ok(None);
+    }
+    let bytes = archive.read(MODEL_FILE, MAX_MODEL).map_err(|error| error.to_string())?;
+    match Surrogate::from_bytes(&bytes) {
+        Ok(surrogate) => Ok(Some(surrogate)),
+        Err(FormatError::NoMetadata) => Ok(None),
+        Err(error) => Err(format!("`{MODEL_FILE}`: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,82 @@
+//! Repeats the reference run inside an FMU of metafmu and compares the results.
+
+use crate::{
+    Result,
+    export::reference::{OPTIONS_FILE, RESULT_FILE, ReferenceOptions},
+    fmi::{
+        Archive, Fmu, SimulationOptions, simulate,
+        validate::{Area, Notes},
+    },
+};
+
+/// Largest reference that is read.
+const MAX_SIZE: u64 = 64 << 20;
+
+/// The reference run of an FMU.
+pub struct Reference {
+    options: ReferenceOptions,
+    names: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+/// The reference inside, if there is one, or what is wrong with it.
+pub fn read(archive: &mut Archive) -> std::result::Result<Option<Reference>, String> {
+    if !archive.contains(OPTIONS_FILE) && !archive.contains(RESULT_FILE) {
+        return Ok(None);
+    }
+    parse(archive).map(Some)
+}
+
+fn parse(archive: &mut Archive) -> std::result::Result<Reference, String> {
+    let mut text = |name: &str| archive.read(name, MAX_SIZE).map_err(|error| error.to_string());
+    let options = serde_json::from_slice(&text(OPTIONS_FILE)?).map_err(|error| format!("`{OPTIONS_FILE}`: {error}"))?;
+    let result = text(RESULT_FILE)?;
+    let wrong = |error: csv::Error| format!("`{RESULT_FILE}`: {error}");
+    let mut reader = csv::Reader::from_reader(result.as_slice());
+    let names = reader.headers().map_err(wrong)?.iter().skip(1).map(str::to_owned).collect();
+    let rows = reader.deserialize().collect::<std::result::Result<Vec<Vec<f64>>, _>>().map_err(wrong)?;
+    Ok(Reference { options, names, rows })
+}
+
+/// Reports the first difference.
+pub fn check(fmu: &Fmu, reference: &Reference, report: &mut Notes) {
+    let interface = fmu.interface();
+    report.doing("the reference run");
+    match compare(fmu, reference) {
+        Ok(None) => {}
+        Ok(Some(problem)) => report.problem(Area::Behaviour, format!("{interface}, the reference run: {problem}")),
+        Err(error) => report.problem(Area::Behaviour, format!("{interface}, the reference run: {error}")),
+    }
+}
+
+fn compare(fmu: &Fmu, Reference { options, names, rows }: &Reference) -> Result<Option<String>> {
+    let instance = fmu.instantiate("reference", true)?;
+    let table = simulate(
+        &instance,
+        &SimulationOptions {
+            start: Some(options.start_time),
+            stop: Some(options.stop_time),
+            step: Some(options.step_size),
+            start_values: options.start_values.clone().into_iter().collect(),
+            record: names.clone(),
+            ..SimulationOptions::default()
+        },
+    )?;
+    if table.rows.len() != rows.len() {
+        return Ok(Some(format!("{} rows, expected {}", table.rows.len(), rows.len())));
+    }
+    for (found, expected) in table.rows.iter().zip(rows) {
+        let Some((time, expected)) = expected.split_first() else { continue };
+        for (name, expected) in names.iter().zip(expected) {
+            let column = table.columns.iter().position(|column| column.name == *name);
+            let found = column.and_then(|column| found.get(column)).copied().unwrap_or(f64::NAN);
+            let tolerance = options.tolerances.get(name).copied().unwrap_or(0.0);
+            // written so that NaN is wrong
+            let right = (found - expected).abs() <= tolerance;
+            if !right {
+                return Ok(Some(format!("\"{name}\" is {found} at {time} s, expected {expected}")));
+            }
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,372 @@
+//! The description of the FMU that a surrogate becomes.
+
+use crate::{
+    fmi::{
+        model_description::{
+            Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, Interface,
+            ModelDescription, ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown,
+            Variability, VariableType, Width, model_identifier,
+        },
+        unit::BaseUnit,
+    },
+    surrogate::input_description,
+};
+use metafmu_runtime::{
+    Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
+    extra::{self, Extra, Kind},
+};
+
+/// Categories of the messages that the library inside every FMU logs.
+const LOG_CATEGORIES: [(&str, &str); 3] = [
+    ("logStatusError", "calls that fail; always logged"),
+    ("logStatusWarning", "calls that are carried out with a reservation, or discarded"),
+    ("logAll", "everything"),
+];
+
+/// Share of its width by which the range of an output seen in training is widened.
+const MARGIN: f64 = 0.1;
+
+impl ModelDescription {
+    /// Describes the FMU of a surrogate.
+    ///
+    /// Input columns come first, then outputs, then the variables every FMU has, each with its position for a value
+    /// reference; in FMI 3.0 arrays of outputs follow, and at last error bounds. Nothing of it depends on when or where it is called.
+    pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
+        let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
+        let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
+        let extras = extras(surrogate, fmi_version).into_iter().map(|extra| extra_variable(&extra));
+        let columns = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
+        let columns =
+            columns.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
+        let arrays = (0..array_count(surrogate, fmi_version)).map(|index| array_variable(surrogate, index));
+        let bounds = (0..bound_count(surrogate)).map(|index| bound_variable(surrogate, index));
+        let v3 = fmi_version == FmiVersion::V3;
+        let interface = Interface {
+            model_identifier: model_identifier(name),
+            own_memory_management: true,
+            get_and_set_state: true,
+            serialize_state: true,
+            directional_derivative: true,
+            adjoint_derivative: v3,
+            ..Interface::default()
+        };
+        Self {
+            fmi_version,
+            model_name: name.clone(),
+            token: surrogate.instantiation_token(),
+            description: text(description),
+            generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
+            // what a solver tries is not warned of, only what it accepts
+            model_exchange: Some(ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
+            co_simulation: Some(CoSimulation {
+                interface,
+                variable_step_size: true,
+                max_output_derivative_order: MAX_OUTPUT_DERIVATIVE_ORDER,
+                interpolate_inputs: !v3,
+                event_mode: v3,
+                ..CoSimulation::default()
+            }),
+            units: units(surrogate.metadata()),
+            log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
+            default_experiment: Some(default_experiment(surrogate)),
+            variables: columns.chain(arrays).chain(bounds).collect(),
+            structure: structure(surrogate, fmi_version),
+            ..Self::default()
+        }
+    }
+}
+
+/// The variables that are no columns of the surrogate, in the order of their value references.
+fn extras(surrogate: &Surrogate, fmi_version: FmiVersion) -> Vec<Extra> {
+    let mut extras = extra::ALL.to_vec();
+    // FMI 3.0 wants exactly one independent variable, FMI 2.0 at most one
+    if fmi_version == FmiVersion::V3 && surrogate.time_column().is_none() {
+        extras.push(extra::TIME);
+    }
+    extras
+}
+
+/// A variable without attributes that are seldom needed; its value reference is its position.
+fn variable(
+    name: &str,
+    description: &str,
+    (causality, variability, initial): (Causality, Variability, Option<Initial>),
+    kind: VariableType,
+) -> ScalarVariable {
+    ScalarVariable {
+        name: name.into(),
+        value_reference: 0,
+        description: text(description),
+        causality,
+        variability,
+        initial,
+        declared_type: None,
+        kind,
+        dimensions: Vec::new(),
+        clocks: Vec::new(),
+        aliases: Vec::new(),
+    }
+}
+
+fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
+    let what = match input.role {
+        Role::Parameter(metafmu_runtime::Variability::Fixed) => {
+            (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
+        }
+        Role::Parameter(metafmu_runtime::Variability::Tunable) => {
+            (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
+        }
+        Role::Input => {
+            let initial = (fmi_version == FmiVersion::V3).then_some(Initial::Exact);
+            (Causality::Input, Variability::Continuous, initial)
+        }
+        Role::Time => (Causality::Independent, Variability::Continuous, None),
+    };
+    // every number is a good value of a periodic input, and hosts may refuse or warn at limits
+    let limit = |limit: f64| (input.encoding != Encoding::Periodic).then_some(limit);
+    let real = Real {
+        unit: text(&input.unit),
+        min: limit(input.min),
+        max: limit(input.max),
+        nominal: Some(nominal(input.min, input.max)),
+        // the independent variable has none
+        start: (input.role != Role::Time).then_some(input.start),
+        ..Real::default()
+    };
+    variable(&input.name, &input_description(input), what, VariableType::Real(real))
+}
+
+/// FMI 2.0 has no arrays.
+fn array_count(surrogate: &Surrogate, fmi_version: FmiVersion) -> usize {
+    if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 }
+}
+
+/// Several outputs under one name, beside their own.
+fn array_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+    let OutputArray { name, description, .. } = &surrogate.arrays()[index];
+    let (unit, columns) = surrogate.array_elements(index);
+    let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
+    let largest = elements.map(|output| nominal(output.min, output.max)).fold(0.0, f64::max);
+    let real = Real { unit: text(unit), nominal: Some(largest), ..Real::default() };
+    let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+    ScalarVariable {
+        value_reference: surrogate.array_value_reference(index),
+        dimensions: vec![Dimension::Fixed(columns.len() as u64)],
+        ..variable(name, description, what, VariableType::Real(real))
+    }
+}
+
+/// Error bounds of the outputs, if they were measured.
+fn bound_count(surrogate: &Surrogate) -> usize {
+    surrogate.bounds().map_or(0, |bounds| bounds.half_widths.len())
+}
+
+/// A constant: hosts can show it beside the output without asking the FMU.
+fn bound_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+    let output = &surrogate.outputs()[index];
+    let bounds = surrogate.bounds();
+    let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.half_widths[index], bounds.coverage));
+    let description = format!(
+        "error bound of {}: expected to hold for {} % of the points of a run inside the ranges",
+        output.name,
+        100.0 * coverage
+    );
+    let real = Real {
+        unit: text(&output.unit),
+        nominal: Some(nominal(0.0, half_width)),
+        start: Some(half_width),
+        ..Real::default()
+    };
+    let what = (Causality::Output, Variability::Constant, Some(Initial::Exact));
+    ScalarVariable {
+        value_reference: surrogate.bound_value_reference(index),
+        ..variable(&output.bound_name(), &description, what, VariableType::Real(real))
+    }
+}
+
+fn extra_variable(extra: &Extra) -> ScalarVariable {
+    let calculated = Some(Initial::Calculated);
+    let (what, kind) = match extra.kind {
+        Kind::IntegerParameter { start, min, max } => {
+            let [start, min, max] = [start, min, max].map(|number| Some(number.into()));
+            let integer = Integer { width: Width::Int32, min, max, start };
+            ((Causality::Parameter, Variability::Tunable, Some(Initial::Exact)), VariableType::Integer(integer))
+        }
+        Kind::BooleanOutput => {
+            ((Causality::Output, Variability::Discrete, calculated), VariableType::Boolean { start: None })
+        }
+        Kind::RealOutput => {
+            let real = Real { min: Some(0.0), nominal: Some(1.0), ..Real::default() };
+            ((Causality::Output, Variability::Continuous, calculated), VariableType::Real(real))
+        }
+        Kind::Time => {
+            let real = Real { unit: Some("s".into()), ..Real::default() };
+            ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
+        }
+    };
+    variable(extra.name, extra.description, what, kind)
+}
+
+/// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes
+/// of the samples a little, and some hosts warn when a variable leaves its bounds. Past the margin such a warning is
+/// right, for then the surrogate is far from anything it was trained on.
+fn output_variable(output: &Output) -> ScalarVariable {
+    let nominal = nominal(output.min, output.max);
+    let width = output.max - output.min;
+    let margin = MARGIN * if width > 0.0 { width } else { nominal };
+    let real = Real {
+        unit: text(&output.unit),
+        min: Some((output.min - margin).max(f64::MIN)),
+        max: Some((output.max + margin).min(f64::MAX)),
+        nominal: Some(nominal),
+        ..Real::default()
+    };
+    let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+    variable(&output.name, &output.description, what, VariableType::Real(real))
+}
+
+/// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.
+pub(super) fn nominal(min: f64, max: f64) -> f64 {
+    let largest = min.abs().max(max.abs());
+    if largest == 0.0 {
+        return 1.0;
+    }
+    // parsed, because `powi` of a negative exponent is not correctly rounded
+    format!("1e{}", largest.log10().round().clamp(-300.0, 300.0)).parse().unwrap_or(1.0)
+}
+
+fn text(text: &str) -> Option<String> {
+    (!text.is_empty()).then(|| text.to_owned())
+}
+
+fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
+    let inputs = metadata.inputs.iter().map(|input| &input.unit);
+    let mut names: Vec<&String> = inputs.chain(metadata.outputs.iter().map(|output| &output.unit)).collect();
+    let second = "s".to_owned();
+    if metadata.inputs.iter().all(|input| input.role != Role::Time) {
+        names.push(&second);
+    }
+    names.retain(|name| !name.is_empty());
+    names.sort_unstable();
+    names.dedup();
+    let define =
+        |name: &String| UnitDefinition { name: name.clone(), base: BaseUnit::parse(name), display: Vec::new() };
+    names.into_iter().map(define).collect()
+}
+
+fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
+    let time = surrogate.time_column().map(|column| &surrogate.inputs()[column]);
+    DefaultExperiment {
+        start: Some(time.map_or(0.0, |time| time.min)),
+        stop: time.map(|time| time.max),
+        tolerance: None,
+        step_size: Some(surrogate.metadata().time_step),
+    }
+}
+
+/// Every output is computed from every input column, and those of the network from the domain policy as well, which may
+/// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
+/// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
+fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
+    let inputs = surrogate.inputs();
+    let first_extra = inputs.len() + surrogate.outputs().len();
+    let first_array = first_extra + extras(surrogate, fmi_version).len();
+    let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
+    let arrays = first_array..first_array + array_count(surrogate, fmi_version);
+    let network = || (inputs.len()..first_extra).chain(arrays.clone());
+    let domain =
+        [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
+    let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
+    let later: Vec<usize> = (0..inputs.len()).filter(|&column| known_later(inputs[column].role)).collect();
+    let first_bound = arrays.end;
+    let bounds = first_bound..first_bound + bound_count(surrogate);
+    let first: Vec<usize> = (0..inputs.len()).collect();
+    let unknown =
+        |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
+    let of_network = network().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
+    ModelStructure {
+        outputs: network()
+            .chain(domain)
+            .map(|output| unknown(output, later.clone()))
+            .chain(bounds.map(|bound| unknown(bound, Vec::new())))
+            .collect(),
+        initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
+        ..ModelStructure::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn nominals_are_powers_of_ten_and_never_zero() {
+        for (min, max, expected) in [
+            (0.0, 0.0, 1.0),
+            (-2.0, 1.0, 1.0),
+            (0.0, 5.0, 10.0),
+            (-47.1, 3.0, 100.0),
+            (1e-4, 2e-4, 1e-4),
+            (0.0, 1e-320, 1e-300),
+        ] {
+            assert_eq!(nominal(min, max), expected, "{min} {max}");
+        }
+    }
+
+    #[test]
+    fn variables_have_the_causality_and_bounds_of_their_columns() {
+        let description = ModelDescription::of_surrogate(&example::surrogate(), FmiVersion::V2);
+        let kinds: Vec<_> = description.variables.iter().map(|v| (v.causality, v.variability, v.initial)).collect();
+        let calculated = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
+        assert_eq!(
+            kinds,
+            [
+                (Causality::Parameter, Variability::Tunable, Some(Initial::Exact)),
+                (Causality::Parameter, Variability::Fixed, Some(Initial::Exact)),
+                (Causality::Independent, Variability::Continuous, None),
+                calculated,
+                calculated,
+                (Causality::Parameter, Variability::Tunable, Some(Initial::Exact)),
+                (Causality::Output, Variability::Discrete, Some(Initial::Calculated)),
+                calculated,
+            ]
+        );
+        let references: Vec<_> = description.variables.iter().map(|v| v.value_reference).collect();
+        assert_eq!(references, [0, 1, 2, 3, 4, 5, 6, 7]);
+        let angle = description.variables[3].kind.as_real().unwrap();
+        assert_eq!((angle.min, angle.max, angle.start), (Some(-2.4), Some(2.4), None));
+    }
+
+    #[test]
+    fn a_nominal_parameter_tells_its_values_and_a_periodic_one_has_no_limits() {
+        let surrogate = example::encoded(&example::surrogate());
+        let description = ModelDescription::of_surrogate(&surrogate, FmiVersion::V3);
+        let [length, speed] = [0, 1].map(|index| &description.variables[index]);
+        let real = |variable: &ScalarVariable| {
+            let real = variable.kind.as_real().unwrap();
+            (real.min, real.max, real.start)
+        };
+        let says = "example input length (one of 0.14, 0.1, 0.2; constant in each training run: after a change outputs \
+                    are as if it had been so from the start)";
+        assert_eq!(length.description.as_deref(), Some(says));
+        assert_eq!(real(length), (Some(0.1), Some(0.2), Some(0.14)));
+        let says = "example input speed (any number: values that differ by 5 are the same)";
+        assert_eq!((speed.description.as_deref(), real(speed)), (Some(says), (None, None, Some(2.5))));
+    }
+
+    #[test]
+    fn a_surrogate_without_time_has_an_independent_variable_in_fmi_3_only() {
+        let surrogate = example::surrogate();
+        let mut metadata = surrogate.metadata().clone();
+        metadata.inputs[2].role = Role::Input;
+        metadata.inputs[2].name = "force".into();
+        let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
+        let independent = |version| {
+            let description = ModelDescription::of_surrogate(&surrogate, version);
+            description.variables.into_iter().find(|v| v.causality == Causality::Independent)
+        };
+        assert_eq!(independent(FmiVersion::V2), None);
+        assert_eq!(independent(FmiVersion::V3).map(|time| (time.name, time.value_reference)), Some(("time".into(), 8)));
+    }
+}

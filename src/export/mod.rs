@@ -1,0 +1,20 @@
+//! A surrogate becomes an FMU.
+//!
+//! - [`pack`]: the archive with everything in it; [`Binary`]: the library for a platform.
+//! - [`sources`]: the FMU as C source code.
+//! - [`validate()`] and [`validate_apart`]: the checks of any FMU and those of our own; [`serve_worker`] is their process.
+
+mod binary;
+mod card;
+mod checks;
+mod describe;
+mod package;
+mod reference;
+pub mod sources;
+#[cfg(test)]
+pub(crate) mod testing;
+
+pub use binary::Binary;
+pub use checks::{SurrogateChecks, serve_worker, validate, validate_apart};
+pub use package::{Contents, MODEL_FILE, pack};
+pub use reference::ReferenceOptions;

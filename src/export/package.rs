@@ -1,0 +1,197 @@
+//! A model file, libraries and what explains them become an `.fmu` archive.
+
+use super::{
+    Binary,
+    card::card,
+    reference::{OPTIONS_FILE, RESULT_FILE, reference},
+    sources,
+};
+use crate::{
+    Error, Result,
+    evaluation::Accuracy,
+    fmi::{FmiVersion, ModelDescription, model_description::model_identifier, xml},
+    report::Drawn,
+    study::ExportOptions,
+};
+use metafmu_runtime::Surrogate;
+use std::{
+    collections::HashSet,
+    io::{Cursor, Write},
+};
+use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::SimpleFileOptions};
+
+/// Archive entry with the model file, byte for byte what was trained.
+pub const MODEL_FILE: &str = "resources/model.safetensors";
+
+const ICON: &[u8] = include_bytes!("assets/icon.png");
+/// Those of the runtime library; that of the model is the author's business.
+const LICENSES: [(&str, &[u8]); 3] = [
+    ("license.txt", include_bytes!("assets/license.txt")),
+    ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
+    ("Apache-2.0.txt", include_bytes!("../../LICENSE-APACHE")),
+];
+
+/// What an FMU is made of, beside the surrogate.
+#[derive(Clone, Debug)]
+pub struct Contents<'a> {
+    /// Version of the standard.
+    pub version: FmiVersion,
+    /// What the FMU says about itself.
+    pub about: &'a ExportOptions,
+    /// The library for each platform; [`Binary::embedded`] has those that came with this program.
+    pub binaries: &'a [Binary],
+    /// How good the surrogate is, if that was measured.
+    pub accuracy: Option<&'a Accuracy>,
+    /// Pictures of how good it is, for the model card.
+    pub figures: &'a [Drawn],
+    /// Whether the surrogate as C source code comes along.
+    pub sources: bool,
+}
+
+struct Entry {
+    name: String,
+    bytes: Vec<u8>,
+    executable: bool,
+}
+
+/// The bytes of the FMU of a surrogate; the same surrogate and contents always give the same bytes. No compiler is needed.
+///
+/// # Errors
+/// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
+/// the same place, [`Error::NoSources`] if there is no source code of such a surrogate.
+pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
+    let Contents { version, about, binaries, accuracy, figures, sources } = contents;
+    let identifier = model_identifier(&surrogate.metadata().name);
+    let file = |name: &str, bytes: Vec<u8>| Entry { name: name.into(), bytes, executable: false };
+    let icon = match version {
+        FmiVersion::V2 => "model.png",
+        FmiVersion::V3 => "terminalsAndIcons/icon.png",
+    };
+    let (options, result) = reference(surrogate);
+    let model = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
+    let mut entries = vec![
+        file("documentation/index.html", card(surrogate, about, *accuracy, figures).into()),
+        file(icon, ICON.into()),
+        file(OPTIONS_FILE, options.into()),
+        file(RESULT_FILE, result.into()),
+        file(MODEL_FILE, model),
+    ];
+    entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
+    if *sources {
+        let sources = sources::files(surrogate, &identifier, *version)?;
+        entries.extend(sources.into_iter().map(|(name, bytes)| file(&name, bytes)));
+    }
+    let mut places = HashSet::new();
+    for Binary { platform, bytes } in *binaries {
+        let name = platform.binary(*version, &identifier);
+        if !places.insert(name.clone()) {
+            return Err(Error::SamePlace { entry: name, tuple: platform.tuple });
+        }
+        entries.push(Entry { name, bytes: bytes.to_vec(), executable: true });
+    }
+    entries.sort_by(|a, b| a.name.cmp(&b.name));
+    // first, for hosts that read the archive as a stream
+    entries.insert(0, file("modelDescription.xml", xml::write(&description(surrogate, contents)).into()));
+    // in memory: the only failures left are those of the zip format's limits
+    write_zip(&entries).map_err(|source| Error::Archive { path: "the new FMU".into(), source })
+}
+
+fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
+    let ExportOptions { author, copyright, license, .. } = contents.about.clone();
+    let mut description = ModelDescription::of_surrogate(surrogate, contents.version);
+    if contents.sources && contents.version == FmiVersion::V2 {
+        let files: Vec<String> = sources::compiled(contents.version).into_iter().map(str::to_owned).collect();
+        let of_model_exchange = description.model_exchange.as_mut().map(|offered| &mut offered.interface);
+        let of_co_simulation = description.co_simulation.as_mut().map(|offered| &mut offered.interface);
+        for interface in of_model_exchange.into_iter().chain(of_co_simulation) {
+            interface.source_files.clone_from(&files);
+        }
+    }
+    ModelDescription { author, copyright, license, ..description }
+}
+
+fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for Entry { name, bytes, executable } in entries {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            // the first moment a zip archive can tell
+            .last_modified_time(DateTime::DEFAULT)
+            .unix_permissions(if *executable { 0o755 } else { 0o644 });
+        zip.start_file(name.as_str(), options)?;
+        zip.write_all(bytes)?;
+    }
+    Ok(zip.finish()?.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{fmi::Platform, surrogate::seal};
+    use metafmu_runtime::example;
+    use std::io::Read;
+
+    fn pack_example(version: FmiVersion, binaries: &[Binary]) -> Result<Vec<u8>> {
+        let about = ExportOptions { author: Some("A. Uthor".into()), ..ExportOptions::default() };
+        let surrogate = seal(example::surrogate()).unwrap();
+        pack(&surrogate, &Contents { version, about: &about, binaries, accuracy: None, figures: &[], sources: false })
+    }
+
+    #[test]
+    fn an_fmu_is_reproducible_small_and_in_order() {
+        for (version, icon) in [(FmiVersion::V2, "model.png"), (FmiVersion::V3, "terminalsAndIcons/icon.png")] {
+            let fmu = pack_example(version, &Binary::embedded()).unwrap();
+            assert!(fmu.len() < 1 << 20, "{} bytes", fmu.len());
+            assert!(fmu == pack_example(version, &Binary::embedded()).unwrap());
+
+            let mut zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
+            let names: Vec<String> = zip.file_names().map(|name| name.unwrap().into_owned()).collect();
+            assert_eq!(names[0], "modelDescription.xml");
+            assert!(names[1..].is_sorted());
+            let binary = Platform::CURRENT.binary(version, "example");
+            for (name, mode) in [(binary.as_str(), 0o100755), (icon, 0o100644), (MODEL_FILE, 0o100644)] {
+                let entry = zip.by_name(name).unwrap();
+                assert_eq!(entry.unix_mode(), Some(mode), "{name}");
+                let time = entry.last_modified().unwrap();
+                assert_eq!((time.year(), time.month(), time.day(), time.hour()), (1980, 1, 1, 0));
+            }
+            let mut inside = Vec::new();
+            zip.by_name(MODEL_FILE).unwrap().read_to_end(&mut inside).unwrap();
+            assert!(inside == seal(example::surrogate()).unwrap().to_bytes().unwrap());
+        }
+    }
+
+    #[test]
+    fn there_is_no_licence_of_the_model_unless_its_author_states_one() {
+        let surrogate = seal(example::surrogate()).unwrap();
+        let text = |about: &ExportOptions, version, entry: &str| {
+            let contents = Contents { version, about, binaries: &[], accuracy: None, figures: &[], sources: false };
+            let mut zip = zip::ZipArchive::new(Cursor::new(pack(&surrogate, &contents).unwrap())).unwrap();
+            let mut text = String::new();
+            zip.by_name(entry).unwrap().read_to_string(&mut text).unwrap();
+            text
+        };
+        let stated = ExportOptions { license: Some("GPL-3.0-only".into()), ..ExportOptions::default() };
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let description = text(&ExportOptions::default(), version, "modelDescription.xml");
+            assert!(!description.contains("license="), "{description}");
+            assert!(text(&stated, version, "modelDescription.xml").contains("license=\"GPL-3.0-only\""));
+        }
+        let licences = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/license.txt");
+        assert!(licences.contains("The runtime library (binaries/): metafmu's, MIT OR Apache-2.0"), "{licences}");
+        assert!(licences.contains("Where they state none,\nnone is granted here"), "{licences}");
+    }
+
+    #[test]
+    fn platforms_share_an_fmu_unless_they_share_a_place() {
+        let binary = |tuple| Binary { platform: Platform::from_tuple(tuple).unwrap(), bytes: b"library".into() };
+        let both = [binary("x86_64-darwin"), binary("aarch64-darwin")];
+        assert!(pack_example(FmiVersion::V3, &both).is_ok());
+        let message = pack_example(FmiVersion::V2, &both).unwrap_err().to_string();
+        assert!(message.contains("binaries/darwin64/example.dylib"), "{message}");
+        let fmu = pack_example(FmiVersion::V2, &[binary("x86_64-windows"), binary("aarch64-linux")]).unwrap();
+        let zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
+        assert!(zip.index_for_name("binaries/win64/example.dll").is_some());
+        assert!(zip.index_for_name("binaries/aarch64-linux/example.so").is_some());
+    }
+}

@@ -1,0 +1,107 @@
+//! The surrogate as C source code, for real-time and hardware-in-the-loop targets: the `sources/` folder of an FMU.
+//!
+//! Portable C99 that needs nothing but the C library and libm. Everything is compiled in, resources are not read. The
+//! FMU behaves as with the library this crate packs: the same variables, states, tolerances and messages. Fixed files
+//! are embedded as they are; [`files`] adds two generated ones, `model_data.h` with sizes and `model_data.c` with the
+//! numbers.
+//!
+//! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals, and as
+//! doubles: widening singles at every use costs more than reading twice the memory. The C code computes in doubles
+//! whatever the surrogate's precision is.
+//!
+//! # What modelDescription.xml has to say
+//! - FMI 2.0: in each interface element (`CoSimulation`, `ModelExchange`), as its first child,
+//!   `<SourceFiles><File name="..."/></SourceFiles>` with the names of [`compiled`].
+//! - FMI 3.0: nothing; the build description, one of [`files`], says it.
+
+mod data;
+
+use crate::fmi::FmiVersion;
+use crate::{Error, Result};
+use metafmu_runtime::Surrogate;
+
+/// Folder of the archive that holds the files.
+pub const FOLDER: &str = "sources";
+
+/// Generated files.
+const DATA_HEADER: &str = "model_data.h";
+const DATA: &str = "model_data.c";
+
+/// Name and content of the files that do not depend on the surrogate and the version.
+const COMMON: [(&str, &str); 8] = [
+    ("activation.c", include_str!("activation.c")),
+    ("activation.h", include_str!("activation.h")),
+    ("instance.c", include_str!("instance.c")),
+    ("instance.h", include_str!("instance.h")),
+    ("model.h", include_str!("model.h")),
+    ("network.c", include_str!("network.c")),
+    ("network.h", include_str!("network.h")),
+    ("README.txt", include_str!("README.txt")),
+];
+
+const FMI2: [(&str, &str); 2] = [("fmi2.c", include_str!("fmi2.c")), ("fmi2.h", include_str!("fmi2.h"))];
+
+const FMI3: [(&str, &str); 3] = [
+    ("fmi3.c", include_str!("fmi3.c")),
+    ("fmi3.h", include_str!("fmi3.h")),
+    ("fmi3_absent.c", include_str!("fmi3_absent.c")),
+];
+
+/// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The
+/// same surrogate always gives the same bytes.
+///
+/// `identifier` is the model identifier of the FMU.
+///
+/// # Errors
+/// [`Error::NoSources`] if the surrogate is no single network, [`Error::NoEncodedSources`] if an input is nominal or periodic.
+pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
+    let network = surrogate.network().ok_or(Error::NoSources)?;
+    if let Some(input) = surrogate.inputs().iter().find(|input| !input.encoding.is_plain()) {
+        return Err(Error::NoEncodedSources { parameter: input.name.clone() });
+    }
+    let mut files: Vec<(String, Vec<u8>)> =
+        fixed(version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
+    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, network, identifier).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate, network).into_bytes()));
+    if version == FmiVersion::V3 {
+        files.push((format!("{FOLDER}/buildDescription.xml"), build_description(identifier).into_bytes()));
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Names of the files that are compiled, relative to the `sources/` folder, sorted: the `SourceFiles` of FMI 2.0.
+pub fn compiled(version: FmiVersion) -> Vec<&'static str> {
+    let mut names: Vec<&str> = fixed(version).map(|(name, _)| name).filter(|name| name.ends_with(".c")).collect();
+    names.push(DATA);
+    names.sort_unstable();
+    names
+}
+
+/// `sources/buildDescription.xml` of FMI 3.0.
+fn build_description(identifier: &str) -> String {
+    let sources: String =
+        compiled(FmiVersion::V3).iter().map(|name| format!("      <SourceFile name=\"{name}\"/>\n")).collect();
+    // the identifier is one of C and the names are ours: nothing to escape
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
+         <fmiBuildDescription fmiVersion=\"3.0\">\n  \
+           <BuildConfiguration modelIdentifier=\"{identifier}\">\n    \
+             <SourceFileSet language=\"C99\">\n\
+               {sources}    \
+             </SourceFileSet>\n  \
+           </BuildConfiguration>\n\
+         </fmiBuildDescription>\n"
+    )
+}
+
+fn fixed(version: FmiVersion) -> impl Iterator<Item = (&'static str, &'static str)> {
+    let adapter: &[_] = match version {
+        FmiVersion::V2 => &FMI2,
+        FmiVersion::V3 => &FMI3,
+    };
+    COMMON.into_iter().chain(adapter.iter().copied())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,346 @@
+use super::*;
+use crate::{
+    export::{Binary, Contents, pack, validate},
+    fmi::{Fmu, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier, simulate},
+    study::ExportOptions,
+    surrogate::seal,
+};
+use metafmu_runtime::{Activation, Evaluator, example};
+use std::{
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+/// Every warning is an error, as it is where real-time code is certified.
+const FLAGS: [&str; 7] = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"];
+
+/// Undefined behaviour and wrong memory accesses end the program.
+const SANITIZERS: [&str; 3] = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
+
+fn compiler() -> Command {
+    Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()))
+}
+
+/// Writes the sources of a surrogate into a folder.
+fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
+    fs::create_dir_all(folder.join(FOLDER)).unwrap();
+    for (name, bytes) in files(surrogate, &model_identifier(&surrogate.metadata().name), version).unwrap() {
+        fs::write(folder.join(name), bytes).unwrap();
+    }
+}
+
+/// Compiles what the FMU says is to be compiled, and further files.
+fn compile(folder: &Path, version: FmiVersion, arguments: &[&str], target: &str) -> PathBuf {
+    let target = folder.join(target);
+    let sources = folder.join(FOLDER);
+    let output = compiler()
+        .args(FLAGS)
+        .args(compiled(version).iter().map(|name| sources.join(name)))
+        .args(arguments)
+        .arg("-I")
+        .arg(&sources)
+        .arg("-o")
+        .arg(&target)
+        .arg("-lm")
+        .output()
+        .expect("the tests need a C compiler `cc`, as does linking Rust; set CC if it has another name");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    target
+}
+
+/// Packs a surrogate with the given library.
+fn fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion, name: &str, binary: Binary) -> PathBuf {
+    let about = ExportOptions::default();
+    let contents =
+        Contents { version, about: &about, binaries: &[binary], accuracy: None, figures: &[], sources: false };
+    let path = folder.join(name);
+    fs::write(&path, pack(surrogate, &contents).unwrap()).unwrap();
+    path
+}
+
+/// The FMU of a surrogate with the library compiled from its sources.
+fn c_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
+    write_sources(folder, surrogate, version);
+    let library = compile(folder, version, &["-fPIC", "-shared"], "library");
+    let binary = Binary { platform: Platform::CURRENT, bytes: fs::read(library).unwrap().into() };
+    fmu(folder, surrogate, version, "c.fmu", binary)
+}
+
+fn rust_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
+    let mut binaries = Binary::embedded();
+    binaries.retain(|binary| binary.platform == Platform::CURRENT);
+    fmu(folder, surrogate, version, "rust.fmu", binaries.remove(0))
+}
+
+/// Runs a program of the `tests` folder, linked with the sources, and returns what it prints.
+fn run(
+    folder: &Path,
+    surrogate: &Surrogate,
+    version: FmiVersion,
+    program: &str,
+    flags: &[&str],
+    input: &str,
+) -> String {
+    let source = folder.join("program.c");
+    write_sources(folder, surrogate, version);
+    fs::write(&source, program).unwrap();
+    let program = compile(folder, version, &[&[source.to_str().unwrap()], flags].concat(), "program");
+    let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    stdin.write_all(input.as_bytes()).unwrap();
+    drop(stdin);
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{}\n{text}", output.status);
+    text
+}
+
+/// Points all over the ranges and outside, the start values first.
+fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
+    let point = |index: usize| {
+        let column = |(column, input): (usize, &metafmu_runtime::Input)| {
+            let share = (0.5 + index as f64 * 0.618_033_988_749_895 * (1.0 + 0.37 * column as f64)).fract();
+            input.min + (1.4 * share - 0.2) * (input.max - input.min)
+        };
+        surrogate.inputs().iter().enumerate().map(column).collect()
+    };
+    let far = vec![surrogate.inputs().iter().map(|input| input.max + 1e4).collect()];
+    [(0..300).map(point).collect(), far].concat()
+}
+
+fn assert_close(found: &[f64], expected: &[f64], scale: f64, what: &str) {
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() <= 1e-12 * scale.max(expected.abs()), "{what}: {found} {expected}");
+    }
+}
+
+/// Every output and derivative of the C network, compared with the evaluator.
+fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let points = points(surrogate);
+    let input: String = points.iter().flatten().map(|value| format!("{value:e}\n")).collect();
+    let text = run(folder.path(), surrogate, FmiVersion::V2, include_str!("tests/points.c"), flags, &input);
+    let rows: Vec<Vec<f64>> =
+        text.lines().map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), points.len());
+
+    let evaluator = Evaluator::new(surrogate);
+    let mut scratch = evaluator.scratch();
+    let (columns, outputs) = (surrogate.inputs().len(), surrogate.outputs().len());
+    let direction: Vec<f64> = (0..columns).map(|i| 1.0 + 0.5 * i as f64).collect();
+    let second_rates: Vec<f64> = (0..columns).map(|i| 0.25 - i as f64).collect();
+    let weights: Vec<f64> = (0..outputs).map(|i| 1.0 - 2.0 * i as f64).collect();
+    for (point, row) in points.iter().zip(&rows) {
+        let [mut y, mut dy, mut first, mut second] = [(); 4].map(|()| vec![0.0; outputs]);
+        let mut gradient = vec![0.0; columns];
+        evaluator.evaluate(point, &mut y, &mut scratch);
+        evaluator.directional(point, &direction, &mut dy, &mut scratch);
+        evaluator.along_curve(point, [&direction, &second_rates], [&mut first, &mut second], &mut scratch);
+        evaluator.adjoint(point, &weights, &mut gradient, &mut scratch);
+        // derivatives are as large as the outputs over the width of the inputs
+        let scaling = &surrogate.network().unwrap().scaling;
+        let scale = scaling.output_scale.iter().copied().fold(1.0, f64::max);
+        let steep = scaling.input_scale.iter().copied().fold(1.0, f64::min);
+        for (index, (expected, scale)) in
+            [(&y, scale), (&dy, scale / steep), (&first, scale / steep), (&second, scale / steep / steep)]
+                .into_iter()
+                .enumerate()
+        {
+            assert_close(&row[index * outputs..], expected, scale, &format!("{index} at {point:?}"));
+        }
+        assert_close(&row[4 * outputs..], &gradient, scale / steep, "gradient");
+    }
+}
+
+#[test]
+fn outputs_and_derivatives_are_those_of_the_evaluator() {
+    for (hidden, activation) in [
+        (&[16][..], Activation::Tanh),
+        (&[33, 7, 50], Activation::Tanh),
+        (&[1, 130], Activation::Sigmoid),
+        (&[24, 24], Activation::Relu),
+        (&[24, 9], Activation::Gelu),
+        (&[24, 9], Activation::Silu),
+        (&[24, 9], Activation::Sine),
+        (&[24, 9], Activation::Identity),
+        (&[], Activation::Tanh),
+    ] {
+        compare_network(&example::with_network(hidden, activation), &[]);
+    }
+}
+
+#[test]
+fn fused_multiply_add_changes_no_more_than_rounding() {
+    compare_network(
+        &example::with_network(&[40, 40], Activation::Tanh),
+        &["-O3", "-march=native", "-ffp-contract=fast"],
+    );
+}
+
+const KINDS: [(FmiVersion, InterfaceKind); 4] = [
+    (FmiVersion::V2, InterfaceKind::CoSimulation),
+    (FmiVersion::V2, InterfaceKind::ModelExchange),
+    (FmiVersion::V3, InterfaceKind::CoSimulation),
+    (FmiVersion::V3, InterfaceKind::ModelExchange),
+];
+
+#[test]
+fn a_whole_run_is_that_of_the_packed_library() {
+    let surrogate = seal(example::with_network(&[20, 20], Activation::Tanh)).unwrap();
+    for (version, interface) in KINDS {
+        let folder = tempfile::tempdir().unwrap();
+        let c = Fmu::open_for(c_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        let rust = Fmu::open_for(rust_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        // inside the domain, and outside with each policy that goes on
+        for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
+            let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
+            let start_values = start_values.map(|(name, value)| (name.to_owned(), value)).into();
+            let options = SimulationOptions { start_values, step: Some(0.013), ..SimulationOptions::default() };
+            let [found, expected] =
+                [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
+            assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
+            assert_eq!((found.rows.len(), found.columns.len()), (155, 4));
+            for (found, expected) in found.rows.iter().zip(&expected.rows) {
+                assert_close(found, expected, 6.0, "run");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_validator_finds_nothing() {
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let report = validate(c_fmu(folder.path(), &seal(example::with_input()).unwrap(), version)).unwrap();
+        assert!(report.problems.is_empty(), "{report}");
+    }
+}
+
+#[test]
+fn error_bounds_are_read_as_in_the_library() {
+    let mut metadata = example::with_bounds().metadata().clone();
+    metadata.arrays.clear();
+    let example = example::surrogate();
+    let surrogate = Surrogate::new(metadata, example.model().clone()).unwrap();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let fmu = c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version);
+        assert!(validate(&fmu).unwrap().problems.is_empty(), "{}", validate(&fmu).unwrap());
+        let fmu = Fmu::open(&fmu).unwrap();
+        let instance = fmu.instantiate("bounds", false).unwrap();
+        instance.enter_initialization_mode(0.0, None).unwrap();
+        let mut values = [0.0; 2];
+        instance
+            .get_real(&[surrogate.bound_value_reference(1), surrogate.bound_value_reference(0)], &mut values)
+            .unwrap();
+        assert_eq!(values, [0.25, 0.125]);
+        assert!(instance.get_real(&[surrogate.bound_value_reference(2)], &mut values[..1]).is_err());
+    }
+}
+
+/// A program in C that calls everything: right, wrong, and with null pointers.
+#[test]
+fn the_functions_of_fmi_2_answer_as_the_standard_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let surrogate = seal(example::with_input()).unwrap();
+    let program = include_str!("tests/fmi2_calls.c");
+    run(folder.path(), &surrogate, FmiVersion::V2, program, &SANITIZERS, "");
+}
+
+#[test]
+fn the_functions_of_fmi_3_answer_as_the_standard_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let surrogate = seal(example::with_input()).unwrap();
+    let program = include_str!("tests/fmi3_calls.c");
+    run(folder.path(), &surrogate, FmiVersion::V3, program, &SANITIZERS, "");
+}
+
+/// tests/hosts/strict.c with the library of an FMU, by each version and interface.
+fn run_strict_host(library_of: impl Fn(&Path, FmiVersion) -> PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let resources = folder.path().join("resources");
+    let surrogate = seal(example::with_input()).unwrap();
+    fs::create_dir(&resources).unwrap();
+    fs::write(resources.join("model.safetensors"), surrogate.to_bytes().unwrap()).unwrap();
+    let host = folder.path().join("strict");
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hosts/strict.c");
+    let status = compiler().args(FLAGS).arg(source).arg("-o").arg(&host).arg("-ldl").status().unwrap();
+    assert!(status.success());
+    for (version, number, resources) in [
+        (FmiVersion::V2, "2", format!("file://{}", resources.display())),
+        (FmiVersion::V3, "3", resources.display().to_string()),
+    ] {
+        let library = library_of(folder.path(), version);
+        for interface in ["cs", "me"] {
+            let arguments = [library.to_str().unwrap(), number, interface, &resources];
+            let output = Command::new(&host).args(arguments).arg(surrogate.instantiation_token()).output().unwrap();
+            assert!(output.status.success(), "{number} {interface}: {}", String::from_utf8_lossy(&output.stderr));
+            assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
+
+#[test]
+fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_packed_library() {
+    run_strict_host(|folder, _| {
+        let binary = Binary::embedded().into_iter().find(|binary| binary.platform == Platform::CURRENT).unwrap();
+        let path = folder.join("packed");
+        fs::write(&path, &binary.bytes).unwrap();
+        path
+    });
+}
+
+#[test]
+fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_sources() {
+    run_strict_host(|folder, version| {
+        write_sources(folder, &seal(example::with_input()).unwrap(), version);
+        compile(folder, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
+    });
+}
+
+#[test]
+fn several_fmus_can_be_linked_into_one_library() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut objects = Vec::new();
+    for (name, version, prefix) in [
+        ("one", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=one_"),
+        ("two", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=two_"),
+        ("three", FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=three_"),
+    ] {
+        let sources = folder.path().join(name);
+        fs::create_dir(&sources).unwrap();
+        for (file, bytes) in files(&example::surrogate(), name, version).unwrap() {
+            fs::write(sources.join(file.rsplit('/').next().unwrap()), bytes).unwrap();
+        }
+        for file in compiled(version) {
+            let object = sources.join(file).with_extension("o");
+            let mut command = compiler();
+            command.args(FLAGS).args([prefix, "-fPIC", "-c", "-o"]).arg(&object).arg(sources.join(file));
+            assert!(command.status().unwrap().success());
+            objects.push(object);
+        }
+    }
+    let output = compiler().arg("-shared").args(objects).arg("-lm").arg("-o").arg(folder.path().join("all")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn the_files_are_sorted_reproducible_and_listed() {
+    let surrogate = example::surrogate();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let found = files(&surrogate, "example", version).unwrap();
+        assert_eq!(found, files(&surrogate, "example", version).unwrap());
+        assert!(found.is_sorted());
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        for name in compiled(version) {
+            assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
+        }
+        assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
+    }
+    let description = build_description("example");
+    assert!(description.contains("<BuildConfiguration modelIdentifier=\"example\">"));
+    assert!(description.contains("<SourceFile name=\"model_data.c\"/>"));
+}

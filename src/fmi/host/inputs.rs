@@ -1,0 +1,234 @@
+//! Inputs that change over time.
+
+use super::Instance;
+use crate::{
+    Error, Result,
+    diagnostics::Place,
+    fmi::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
+};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Values of input variables over time: linear between two rows for continuous variables, that of the row before for the
+/// others, and the first and last row go on for ever.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Inputs {
+    /// Names of the variables.
+    pub names: Vec<String>,
+    /// Times of the rows, ascending; two rows of the same time make a jump.
+    pub times: Vec<f64>,
+    /// A value for each name at each time.
+    pub rows: Vec<Vec<f64>>,
+}
+
+impl Inputs {
+    /// Reads a CSV file: a header with `time` and the names of inputs, then rows.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Table`] with the line that is wrong.
+    pub fn read_csv(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+        let wrong =
+            |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+        let header = reader.headers().map_err(|error| wrong(1, error.to_string()))?.clone();
+        if header.get(0) != Some("time") || header.len() < 2 {
+            return Err(wrong(1, "expected a header `time,NAME,...`".into()));
+        }
+        let names = header.iter().skip(1).map(str::to_owned).collect();
+        let mut inputs = Self { names, ..Self::default() };
+        for record in reader.records() {
+            let record = record.map_err(|error| {
+                wrong(
+                    error.position().map_or(0, csv::Position::line),
+                    "has another number of values than the header".into(),
+                )
+            })?;
+            let line = record.position().map_or(0, csv::Position::line);
+            let number = |field: &str| {
+                let number = field.parse().ok().filter(|number: &f64| number.is_finite());
+                number.ok_or_else(|| wrong(line, format!("`{field}` is no finite number")))
+            };
+            let values = record.iter().map(number).collect::<Result<Vec<f64>>>()?;
+            if inputs.times.last().is_some_and(|last| *last > values[0]) {
+                return Err(wrong(line, format!("time {} is before that of the row above", values[0])));
+            }
+            inputs.times.push(values[0]);
+            inputs.rows.push(values[1..].to_vec());
+        }
+        if inputs.rows.is_empty() {
+            return Err(wrong(1, "has no rows".into()));
+        }
+        Ok(inputs)
+    }
+
+    /// The inputs with the variables of a description that they set.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`], [`Error::Variable`] if one is no input.
+    pub(in crate::fmi) fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<Driver<'a>> {
+        let find = |name: &String| {
+            let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
+                name: name.clone(),
+                known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
+            })?;
+            if variable.causality != Causality::Input {
+                let problem = "is no input; only inputs change over time".into();
+                return Err(Error::Variable { name: name.clone(), problem });
+            }
+            Ok(variable)
+        };
+        Ok(Driver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
+    }
+
+    fn rows_until(&self, time: f64) -> usize {
+        self.times.partition_point(|row| *row <= time)
+    }
+
+    /// The value at a time that lies behind so many rows.
+    fn value(&self, column: usize, time: f64, rows: usize, continuous: bool) -> f64 {
+        let before = rows.saturating_sub(1);
+        let from = self.rows[before][column];
+        if !continuous || rows == 0 || rows == self.times.len() {
+            return from;
+        }
+        let share = (time - self.times[before]) / (self.times[rows] - self.times[before]);
+        from + share * (self.rows[rows][column] - from)
+    }
+}
+
+/// Inputs and the variables they set.
+#[derive(Debug)]
+pub struct Driver<'a> {
+    inputs: &'a Inputs,
+    variables: Vec<&'a ScalarVariable>,
+}
+
+/// Sets nothing.
+pub static NO_INPUTS: Driver = Driver {
+    inputs: {
+        static NONE: Inputs = Inputs { names: Vec::new(), times: Vec::new(), rows: Vec::new() };
+        &NONE
+    },
+    variables: Vec::new(),
+};
+
+impl Driver<'_> {
+    /// How many rows there are up to a time.
+    pub fn rows_until(&self, time: f64) -> usize {
+        self.inputs.rows_until(time)
+    }
+
+    /// Time of the first row behind so many.
+    pub fn next_row(&self, rows: usize) -> Option<f64> {
+        self.inputs.times.get(rows).copied()
+    }
+
+    /// Sets all variables to their values at a time behind so many rows.
+    pub fn set(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+        self.set_some(instance, time, rows, |_| true)
+    }
+
+    /// Sets the continuous ones, which is all that may be set between events.
+    pub fn set_continuous(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+        self.set_some(instance, time, rows, is_continuous)
+    }
+
+    fn set_some(
+        &self,
+        instance: &Instance,
+        time: f64,
+        rows: usize,
+        which: impl Fn(&ScalarVariable) -> bool,
+    ) -> Result<()> {
+        for (column, variable) in self.variables.iter().enumerate().filter(|(_, variable)| which(variable)) {
+            instance.set_numbers(variable, &[self.inputs.value(column, time, rows, is_continuous(variable))])?;
+        }
+        Ok(())
+    }
+
+    /// Whether a continuous variable changes from the last of so many rows to the next.
+    pub fn vary(&self, rows: usize) -> bool {
+        let of = &self.inputs.rows;
+        let changes = |(column, variable): (usize, &&ScalarVariable)| {
+            is_continuous(variable) && of[rows - 1][column] != of[rows][column]
+        };
+        (1..of.len()).contains(&rows) && self.variables.iter().enumerate().any(changes)
+    }
+
+    /// Whether a variable has one value before the rows from `before` up to `after`, which have one time, and another after.
+    pub fn jump(&self, before: usize, after: usize) -> bool {
+        let of = &self.inputs.rows;
+        let jumps = |(column, variable): (usize, &&ScalarVariable)| {
+            let last = if is_continuous(variable) { before } else { before.saturating_sub(1) };
+            of[last][column] != of[after - 1][column]
+        };
+        self.variables.iter().enumerate().any(jumps)
+    }
+}
+
+fn is_continuous(variable: &ScalarVariable) -> bool {
+    variable.variability == Variability::Continuous
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Inputs> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        Inputs::read_csv(file.path())
+    }
+
+    #[test]
+    fn values_are_interpolated_held_and_jump() {
+        let inputs = read("time, u ,v\n1,10,0\n2,20,1\n2,40,1\n3,50,0\n").unwrap();
+        assert_eq!(inputs.names, ["u", "v"]);
+        for (time, continuous, held) in [
+            (0.0, 10.0, 10.0),
+            (1.0, 10.0, 10.0),
+            (1.5, 15.0, 10.0),
+            (2.0, 40.0, 40.0),
+            (2.5, 45.0, 40.0),
+            (9.0, 50.0, 50.0),
+        ] {
+            assert_eq!(inputs.value(0, time, inputs.rows_until(time), true), continuous, "{time}");
+            assert_eq!(inputs.value(0, time, inputs.rows_until(time), false), held, "{time}");
+        }
+    }
+
+    #[test]
+    fn a_jump_of_a_continuous_variable_needs_two_rows_and_one_of_a_discrete_one_a_change() {
+        let inputs = read("time,u\n1,10\n2,20\n2,40\n3,40\n4,50\n").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = crate::export::testing::fmu_with_input(folder.path(), crate::fmi::FmiVersion::V3);
+        let (description, _) = crate::fmi::host::describe(&path, None).unwrap();
+        for (variability, jumps, varies) in [
+            (Variability::Continuous, [false, true, false, false], [false, true, false, true, false]),
+            (Variability::Discrete, [false, true, false, true], [false; 5]),
+        ] {
+            let mut variable = description.variable("speed").unwrap().clone();
+            variable.variability = variability;
+            let driver = Driver { inputs: &inputs, variables: vec![&variable] };
+            let found = [(0, 1), (1, 3), (3, 4), (4, 5)].map(|(before, after)| driver.jump(before, after));
+            assert_eq!(found, jumps);
+            assert_eq!([0, 1, 3, 4, 5].map(|rows| driver.vary(rows)), varies);
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_located() {
+        for (text, message) in [
+            ("t,u\n0,1\n", ":1: expected a header `time,NAME,...`"),
+            ("time,u\n", ":1: has no rows"),
+            ("time,u\n0,1\n1,x\n", ":3: `x` is no finite number"),
+            ("time,u\n0,1\n1\n", ":3: has another number of values than the header"),
+            ("time,u\n0,inf\n", ":2: `inf` is no finite number"),
+            ("time,u\n1,1\n0,1\n", ":3: time 0 is before that of the row above"),
+        ] {
+            let found = read(text).unwrap_err().to_string();
+            assert!(found.ends_with(message), "{found}");
+        }
+    }
+}

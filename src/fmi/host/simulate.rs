@@ -1,0 +1,175 @@
+//! A whole run of one FMU.
+
+use super::{Exchange, Grid, Inputs, Instance, InterfaceKind, Recorder, Step, recorder::Column};
+use crate::{
+    Error, Result,
+    fmi::model_description::{Causality, ScalarVariable, Variability, VariableType},
+};
+use serde::{Deserialize, Serialize};
+
+/// What to run. Whatever is not given comes from the FMU's default experiment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SimulationOptions {
+    /// Start time; else the FMU's, else 0.
+    pub start: Option<f64>,
+    /// Stop time; else the FMU's.
+    pub stop: Option<f64>,
+    /// Communication step size; else the FMU's, else a 500th of the whole.
+    pub step: Option<f64>,
+    /// Model exchange: tolerance of a step, relative to each state and to its nominal value; else that of the FMU's default
+    /// experiment, else 1e-8.
+    pub tolerance: Option<f64>,
+    /// Values that variables start with, by name: 0 or 1 for a boolean.
+    pub start_values: Vec<(String, f64)>,
+    /// Inputs that change over time.
+    pub inputs: Inputs,
+    /// Names of further variables to record.
+    pub record: Vec<String>,
+    /// Whether they are all that is recorded, without the outputs.
+    pub record_only: bool,
+}
+
+/// Takes a run's rows as they come: one for each communication point, the start included.
+pub trait RowSink {
+    /// Takes what the columns are, before the initialization; time is not among them.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn begin(&mut self, columns: &[Column]) -> Result<()>;
+
+    /// Takes the values at a time, one for each column.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()>;
+}
+
+/// The result of a run: a row for each communication point, the start included.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// What the columns are; time is not among them.
+    pub columns: Vec<Column>,
+    /// Time of each row.
+    pub times: Vec<f64>,
+    /// Values of each row, in the order of the columns.
+    pub rows: Vec<Vec<f64>>,
+    /// Whether the FMU ended the simulation before its stop time.
+    pub terminated: bool,
+}
+
+impl RowSink for Table {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+        self.columns = columns.to_vec();
+        Ok(())
+    }
+
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
+        self.times.push(time);
+        self.rows.push(values.to_vec());
+        Ok(())
+    }
+}
+
+/// Runs an instance as [`simulate_into`] does, and keeps the rows.
+///
+/// # Errors
+/// Those of [`simulate_into`].
+pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Table> {
+    let mut table = Table::default();
+    table.terminated = simulate_into(instance, options, &mut table)?;
+    Ok(table)
+}
+
+/// Runs an instance that was just made or reset, from its initialization to its end, and records the outputs. Returns whether
+/// the FMU ended the simulation before its stop time.
+///
+/// Step `i` begins at `start + i * step`, with no accumulation of rounding; a last partial step reaches `stop`. Inputs
+/// are set at every communication point before the outputs are read there, so that outputs follow inputs without delay.
+///
+/// In model exchange the communication points are where the outputs are evaluated. In between, the continuous states are
+/// integrated, and events are handled where they happen: time events, state events, step events, jumps of inputs. The row
+/// of an event is what is there after it.
+///
+/// # Errors
+/// - [`Error::Experiment`]: the times make no simulation, or need a partial step the FMU cannot do;
+/// - [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be;
+/// - [`Error::Integration`]: model exchange that cannot be integrated, or has no end of events;
+/// - [`Error::Fmi`]: the FMU failed;
+/// - those of the sink.
+pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mut impl RowSink) -> Result<bool> {
+    let fmu = instance.fmu();
+    let exchange = fmu.interface() == InterfaceKind::ModelExchange;
+    let grid = Grid::new(fmu, options)?;
+    let recorder = Recorder::new(instance, &options.record, options.record_only)?;
+    let inputs = options.inputs.drive(fmu.description())?;
+    sink.begin(&recorder.columns)?;
+    for (name, value) in &options.start_values {
+        set_start(instance, name, *value)?;
+    }
+    let (start, stop) = (grid.time(0), grid.time(grid.steps()));
+    let set_inputs = |time: f64| inputs.set(instance, time, inputs.rows_until(time));
+    if !exchange {
+        set_inputs(start)?;
+    }
+    // a stop time that is the start time is refused by some FMUs
+    instance.enter_initialization_mode(start, (stop > start).then_some(stop))?;
+    if exchange {
+        set_inputs(start)?;
+    }
+    instance.exit_initialization_mode()?;
+
+    let (mut terminated, mut integration) = (false, None);
+    if exchange {
+        let (run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
+        terminated = begun != Step::Done;
+        integration = Some(run);
+    }
+    sink.row(start, &recorder.row()?)?;
+    for step in 0..grid.steps() {
+        if terminated {
+            break;
+        }
+        let time = grid.time(step + 1);
+        let reached = match &mut integration {
+            Some(run) => run.advance(time)?,
+            None => instance.do_step(grid.time(step), grid.size(step))?,
+        };
+        let reached_time = match reached {
+            Step::Done => {
+                if !exchange {
+                    set_inputs(time)?;
+                }
+                time
+            }
+            Step::Terminated { time } => time,
+        };
+        terminated = reached != Step::Done;
+        sink.row(reached_time, &recorder.row()?)?;
+    }
+    instance.terminate()?;
+    Ok(terminated)
+}
+
+/// Sets a start value before initialization.
+pub(super) fn set_start(instance: &Instance, name: &str, value: f64) -> Result<()> {
+    let variable = find(instance, name)?;
+    let wrong = |problem: &str| Err(Error::Variable { name: name.into(), problem: problem.into() });
+    let settable = variable.variability != Variability::Constant
+        && (variable.causality == Causality::Input || variable.kind.has_start());
+    if let VariableType::String { .. } = variable.kind {
+        return wrong("is a text, which cannot be set to a number");
+    }
+    if !settable || variable.causality == Causality::Independent {
+        return wrong("has no start value to be set");
+    }
+    // of an array all elements
+    instance.set_numbers(variable, &vec![value; instance.element_count(variable)?])
+}
+
+pub(super) fn find<'a>(instance: &Instance<'a>, name: &str) -> Result<&'a ScalarVariable> {
+    let description = instance.fmu().description();
+    description.variable(name).ok_or_else(|| Error::UnknownVariable {
+        name: name.into(),
+        known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
+    })
+}

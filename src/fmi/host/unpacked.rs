@@ -1,0 +1,176 @@
+//! An FMU's files in a temporary folder.
+
+use super::{Fmu, InterfaceKind, inspect};
+use crate::{Error, Result, fmi::ModelDescription};
+use std::{
+    fs::{File, OpenOptions},
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+
+/// Begins the names of the folders.
+const PREFIX: &str = "metafmu-";
+/// The FMU's files in such a folder.
+const FILES: &str = "fmu";
+/// The file beside them that is locked for as long as the folder is used.
+const LOCK: &str = "lock";
+
+/// An FMU's files in a temporary folder, which is removed when the value is dropped. Nothing of it is loaded.
+#[derive(Debug)]
+pub struct Unpacked {
+    path: PathBuf,
+    description: ModelDescription,
+    interface: InterfaceKind,
+    folder: Folder,
+}
+
+/// A temporary folder that is removed when the value is dropped; if its process was killed, when another is made.
+#[derive(Debug)]
+pub struct Folder {
+    // dropped in this order
+    _lock: File,
+    folder: TempDir,
+}
+
+impl Unpacked {
+    /// Opens and unpacks an FMU for one interface; else for co-simulation or, if it does not offer that, for model exchange.
+    ///
+    /// # Errors
+    /// As [`Fmu::open`], but for what concerns the content of the binary.
+    pub fn open(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
+        let (mut archive, description, interface) = inspect(path, wanted)?;
+        let folder = Folder::create()?;
+        let files = folder.files();
+        archive.unpack(&files)?;
+        let resources = files.join("resources");
+        std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
+        Ok(Self { path: path.to_owned(), description, interface, folder })
+    }
+
+    /// The FMU.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the FMU says about itself.
+    pub fn description(&self) -> &ModelDescription {
+        &self.description
+    }
+
+    /// What it was unpacked for.
+    pub fn interface(&self) -> InterfaceKind {
+        self.interface
+    }
+
+    /// The temporary folder, which [`Fmu::open_unpacked`] takes.
+    pub fn folder(&self) -> &Path {
+        self.folder.folder.path()
+    }
+
+    /// Loads the FMU.
+    ///
+    /// # Errors
+    /// As [`Fmu::open`].
+    pub fn load(self) -> Result<Fmu> {
+        let fmu = Fmu::of_folder(&self.path, &self.folder.files(), self.description, self.interface, false)?;
+        Ok(Fmu { _folder: Some(self.folder), ..fmu })
+    }
+}
+
+impl Folder {
+    fn create() -> Result<Self> {
+        let parent = std::env::temp_dir();
+        let failed = |source| Error::io(&parent, "create a folder in")(source);
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX);
+        // nobody else may put anything into it
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        loop {
+            let folder = builder.tempdir_in(&parent).map_err(failed)?;
+            let name = folder.path().join(LOCK);
+            let lock = File::create_new(&name).map_err(failed)?;
+            // where files cannot be locked, nobody finds a folder that is not
+            let _ = lock.lock();
+            // another process may have taken it for a stale one before it was locked
+            if name.exists() {
+                remove_stale(folder.path(), &parent);
+                return Ok(Self { _lock: lock, folder });
+            }
+        }
+    }
+
+    fn files(&self) -> PathBuf {
+        files(self.folder.path())
+    }
+}
+
+/// Where the FMU's files are in a temporary folder.
+pub(super) fn files(folder: &Path) -> PathBuf {
+    folder.join(FILES)
+}
+
+/// Removes a temporary folder of another process, which has ended.
+pub fn remove(folder: &Path) {
+    if folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with(PREFIX)) {
+        // it may be gone already
+        let _ = std::fs::remove_dir_all(folder);
+    }
+}
+
+/// Removes the folders beside one's own that killed processes of the same user have left: nobody holds their locks.
+fn remove_stale(own: &Path, parent: &Path) {
+    let others = std::fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| entry.path());
+    for other in others.filter(|other| other != own && have_one_owner(own, other)) {
+        let lock = OpenOptions::new().read(true).write(true).open(other.join(LOCK));
+        if lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
+            remove(&other);
+        }
+    }
+}
+
+/// Whether two paths are folders, not links, of one user.
+fn have_one_owner(first: &Path, second: &Path) -> bool {
+    let owner = |path: &Path| {
+        let metadata = std::fs::symlink_metadata(path).ok().filter(std::fs::Metadata::is_dir)?;
+        #[cfg(unix)]
+        let owner = std::os::unix::fs::MetadataExt::uid(&metadata);
+        // the temporary folder is a user's own
+        #[cfg(not(unix))]
+        let owner = metadata.is_dir();
+        Some(owner)
+    };
+    owner(first).is_some() && owner(first) == owner(second)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_nobody_holds_is_removed_when_another_is_made() {
+        let parent = tempfile::tempdir().unwrap();
+        let make = |name: &str| {
+            let folder = parent.path().join(name);
+            std::fs::create_dir_all(folder.join(FILES)).unwrap();
+            File::create_new(folder.join(LOCK)).unwrap()
+        };
+        let own = parent.path().join("metafmu-own");
+        let (_, used) = (make("metafmu-own"), make("metafmu-used"));
+        used.lock().unwrap();
+        drop((make("metafmu-stale"), make("another")));
+        std::fs::create_dir(parent.path().join("metafmu-begun")).unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(parent.path().join("another"), parent.path().join("metafmu-link")).unwrap();
+        remove_stale(&own, parent.path());
+        let mut left: Vec<String> = std::fs::read_dir(parent.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .filter(|name| name != "metafmu-link")
+            .collect();
+        left.sort_unstable();
+        assert_eq!(left, ["another", "metafmu-begun", "metafmu-own", "metafmu-used"]);
+        #[cfg(unix)]
+        assert!(parent.path().join("another").join(FILES).exists() && parent.path().join("metafmu-link").exists());
+    }
+}

@@ -1,0 +1,22 @@
+//! FMI, the standard: FMUs of any tool are read, run and checked. Nothing here knows of surrogates.
+//!
+//! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
+//! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
+//! - [`worker`]: FMUs run in processes of their own; [`simulate_apart`] does a whole run in one.
+//! - [`validate()`]: every problem of an FMU; [`validate_apart`] in processes of their own.
+
+mod archive;
+pub mod host;
+pub mod model_description;
+mod platform;
+pub mod unit;
+pub mod validate;
+pub mod worker;
+pub mod xml;
+
+pub use archive::Archive;
+pub use host::{Fmu, Inputs, Instance, InterfaceKind, SimulationOptions, Table, simulate};
+pub use model_description::{FmiVersion, ModelDescription};
+pub use platform::Platform;
+pub use validate::{Checks, Report, StandardOnly, validate, validate_apart};
+pub use worker::{Watch, Workers, simulate_apart};

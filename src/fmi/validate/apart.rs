@@ -1,0 +1,88 @@
+//! Checks of a binary in a process of its own.
+
+use super::{Area, Checks, Note, Notes, Report, examine, run};
+use crate::{
+    Error, Result,
+    fmi::{
+        Archive, Fmu, InterfaceKind,
+        host::Unpacked,
+        worker::{Answer, Job, Replies, Watch, Worker},
+    },
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
+
+/// An FMU whose binary is to be checked.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Task {
+    path: PathBuf,
+    interface: InterfaceKind,
+}
+
+/// What the process says.
+#[derive(Debug, Serialize, Deserialize)]
+enum Reply {
+    Note(Note),
+    Done,
+}
+
+/// Checks an FMU as [`validate`](super::validate) does, but runs it in a process of its own for each interface: when the FMU
+/// ends that process, or one of the checks takes longer than the limit, that is one more problem.
+///
+/// The program has to call [`serve`](crate::fmi::worker::serve) when its first argument is
+/// [`ARGUMENT`](crate::fmi::worker::ARGUMENT).
+///
+/// # Errors
+/// Those of [`validate`](super::validate), [`Error::Interrupted`], and [`Error::Io`] if no process can be started.
+pub fn validate_apart(path: impl AsRef<Path>, watch: Watch, checks: &dyn Checks) -> Result<Report> {
+    examine(path.as_ref(), checks, &mut |unpacked, report| run_apart(&unpacked, watch, report))
+}
+
+fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<()> {
+    let (path, interface) = (unpacked.path(), unpacked.interface());
+    let job = Job::Validate(Cow::Owned(Task { path: path.to_owned(), interface }));
+    let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
+    let mut doing = "loading the FMU".to_owned();
+    let problem = loop {
+        match worker.answer(watch.limit, watch.workers.stop) {
+            Answer::Reply(Reply::Note(Note::Doing(what)), _) => doing = what,
+            Answer::Reply(Reply::Note(note), _) => report.add(note),
+            Answer::Reply(Reply::Done, _) => {
+                worker.finish();
+                return Ok(());
+            }
+            Answer::Died(reason) => break reason,
+            Answer::TimedOut => {
+                let seconds = watch.limit.unwrap_or_default().as_secs_f64();
+                break format!("took longer than {seconds} s (--time-limit)");
+            }
+            Answer::Stopped => return Err(Error::Interrupted),
+        }
+    };
+    report.problem(Area::Behaviour, format!("{interface}, {doing}: {problem}"));
+    report.skipped(format!("{interface} after {doing}: the process had ended"));
+    Ok(())
+}
+
+/// Checks the FMU in a folder and sends what is found.
+pub fn serve(task: &Task, folder: &Path, checks: &dyn Checks, mut replies: Replies) -> Result<()> {
+    let mut sent = Ok(());
+    let mut send = |note| {
+        if sent.is_ok() {
+            sent = replies.send(&Reply::Note(note), &[]);
+        }
+    };
+    let mut notes = Notes(&mut send);
+    match Fmu::open_unpacked(&task.path, folder, task.interface) {
+        Ok(fmu) => {
+            run(&fmu, &mut Archive::open(&task.path)?, checks, &mut notes);
+            notes.doing("unloading the FMU");
+        }
+        Err(error) => notes.problem(Area::Binary, error.to_string()),
+    }
+    sent?;
+    replies.send(&Reply::Done, &[])
+}

@@ -1,0 +1,148 @@
+//! Compares the derivatives an FMU offers with differences of its outputs.
+
+use super::{Area, Notes};
+use crate::{
+    Result,
+    fmi::{
+        FmiVersion, Fmu, Instance,
+        model_description::{Causality, Real, ScalarVariable, Unknown, VariableType},
+    },
+};
+
+/// Steps of central differences relative to the magnitude of a variable. Where outputs have all digits of a double the
+/// shortest are exact to 1e-9; where they have fewer, for instance those of single precision, longer ones are better.
+const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
+/// Step at which outputs of twelve digits are a straight line, so that what is not straight is rounding.
+const STRAIGHT: f64 = 1e-6;
+/// Largest difference, relative to the largest derivative of the same output; beside what the differences are unsure of.
+const TOLERANCE: f64 = 1e-4;
+/// Differences less sure than this, in the same measure, prove nothing.
+const UNSURE: f64 = 0.1;
+/// More known variables than this are not tried.
+const MAX_KNOWNS: usize = 32;
+
+/// Reports derivatives that are not those of the outputs by the inputs and parameters they are said to depend on, in
+/// Initialization Mode, where parameters count as known as well.
+pub fn check(fmu: &Fmu, report: &mut Notes) {
+    let capabilities = fmu.capabilities();
+    if !capabilities.directional_derivative {
+        return report.skipped("derivatives: the FMU offers none");
+    }
+    let description = fmu.description();
+    let variable = |position: &usize| description.variables.get(*position).filter(|variable| is_scalar(variable));
+    for Unknown { variable: position, dependencies, .. } in &description.structure.initial_unknowns {
+        let Some(unknown) = variable(position).filter(|unknown| unknown.causality == Causality::Output) else {
+            continue;
+        };
+        let all = || (0..description.variables.len()).collect();
+        let knowns = dependencies.clone().unwrap_or_else(all);
+        let is_known = |known: &&ScalarVariable| matches!(known.causality, Causality::Input | Causality::Parameter);
+        let mut knowns: Vec<&ScalarVariable> = knowns.iter().filter_map(variable).filter(is_known).collect();
+        if knowns.len() > MAX_KNOWNS {
+            report.skipped(format!("derivatives of \"{}\" by more than {MAX_KNOWNS} variables", unknown.name));
+            knowns.truncate(MAX_KNOWNS);
+        }
+        report.doing(format!("derivatives of \"{}\"", unknown.name));
+        match differences(fmu, unknown, &knowns, capabilities.adjoint_derivative, report) {
+            Ok(problems) => problems.into_iter().for_each(|problem| report.problem(Area::Behaviour, problem)),
+            Err(error) => report.problem(Area::Behaviour, format!("derivatives of \"{}\": {error}", unknown.name)),
+        }
+    }
+}
+
+fn is_scalar(variable: &ScalarVariable) -> bool {
+    variable.dimensions.is_empty() && matches!(variable.kind, VariableType::Real(Real { single: false, .. }))
+}
+
+fn differences(
+    fmu: &Fmu,
+    unknown: &ScalarVariable,
+    knowns: &[&ScalarVariable],
+    adjoint: bool,
+    report: &mut Notes,
+) -> Result<Vec<String>> {
+    let instance = fmu.instantiate("derivatives", true)?;
+    let start = fmu.description().default_experiment.and_then(|experiment| experiment.start).unwrap_or(0.0);
+    instance.enter_initialization_mode(start, None)?;
+    let (mut found, mut expected) = (Vec::new(), Vec::new());
+    for known in knowns {
+        found.push(instance.directional_derivative(&[unknown.value_reference], &[known.value_reference], &[1.0])?[0]);
+        expected.push(difference(&instance, unknown, known)?);
+    }
+    let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, difference| largest.max(difference.value.abs()));
+    for (known, difference) in knowns.iter().zip(&expected) {
+        if difference.error > UNSURE * largest {
+            let names = format!("the derivative of \"{}\" by \"{}\"", unknown.name, known.name);
+            report.skipped(format!("{names}: the outputs are too rough for differences"));
+        }
+    }
+    let wrong = |what: &str, found: f64, index: usize| {
+        let (name, Difference { value, error, unseen }) = (&knowns[index].name, expected[index]);
+        // written so that NaN is wrong
+        let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error + unseen;
+        let message =
+            format!("the {what} of \"{}\" by \"{name}\" is {found:?}, differences give {value:?}", unknown.name);
+        let rough = error > UNSURE * largest;
+        (!right && !rough).then_some(message)
+    };
+    let directional = found.iter().enumerate().filter_map(|(index, found)| wrong("derivative", *found, index));
+    let mut problems: Vec<String> = directional.collect();
+    if adjoint && fmu.description().fmi_version == FmiVersion::V3 && !knowns.is_empty() {
+        let references: Vec<u32> = knowns.iter().map(|known| known.value_reference).collect();
+        let row = instance.adjoint_derivative(&[unknown.value_reference], &references, &[1.0])?;
+        let adjoint = row.into_iter().enumerate();
+        problems.extend(adjoint.filter_map(|(index, found)| wrong("adjoint derivative", found, index)));
+    }
+    Ok(problems)
+}
+
+/// A derivative by differences, and how unsure it is.
+#[derive(Clone, Copy)]
+struct Difference {
+    value: f64,
+    error: f64,
+    /// What changes the output by less than its last digit.
+    unseen: f64,
+}
+
+/// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
+/// next longer step, where curvature shows, and by the rounding of the outputs, where they might agree by chance.
+fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<Difference> {
+    let reference = [known.value_reference];
+    let mut center = [0.0];
+    instance.get_real(&reference, &mut center)?;
+    let center = center[0];
+    let real = known.kind.as_real();
+    let limit = |get: fn(&Real) -> Option<f64>| real.and_then(get).map(|limit| (limit - center).abs());
+    // a start value may stand at the end of its range, where no step both ways stays inside
+    let room = [limit(|real| real.min), limit(|real| real.max)].into_iter().flatten().filter(|room| *room > 0.0);
+    let room = room.fold(f64::INFINITY, f64::min);
+    let magnitude =
+        center.abs().max(real.and_then(|real| real.nominal).unwrap_or(1.0)).min(room / STEPS[STEPS.len() - 1]);
+    let at = |value: f64| {
+        instance.set_real(&reference, &[value])?;
+        let mut output = [0.0];
+        instance.get_real(&[unknown.value_reference], &mut output).map(|()| output[0])
+    };
+    let mut line = [0.0; 7];
+    for (value, step) in line.iter_mut().zip(-3..) {
+        *value = at(center + f64::from(step) * STRAIGHT * magnitude)?;
+    }
+    let bend = |of: &[f64]| (of[0] - 2.0 * of[1] + of[2]).abs();
+    let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
+    let last_digit = f64::EPSILON * line.iter().fold(0.0, |largest: f64, output| largest.max(output.abs()));
+    let mut values = [0.0; STEPS.len()];
+    for (value, step) in values.iter_mut().zip(STEPS) {
+        let step = step * magnitude;
+        let (above, below) = (center + step, center - step);
+        *value = (at(above)? - at(below)?) / (above - below);
+    }
+    at(center)?;
+    let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
+    let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
+        let error = disagreement(of).max(rounding / (step * magnitude));
+        Difference { value: of[1], error, unseen: last_digit / (step * magnitude) }
+    });
+    let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
+    Ok(best.expect("there are several steps"))
+}

@@ -1,0 +1,308 @@
+//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
+//! interfaces, and what [`Checks`] of those who made it find.
+
+mod apart;
+mod archive;
+mod behaviour;
+mod derivatives;
+mod description;
+pub(crate) mod run;
+
+pub use apart::{Task, validate_apart};
+
+pub(super) use apart::serve;
+
+use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, host::Unpacked};
+use crate::Error;
+use serde::{Deserialize, Serialize};
+use std::{collections::HashSet, fmt, path::Path};
+
+/// What validation found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Report {
+    /// Everything that is wrong.
+    pub problems: Vec<Finding>,
+    /// What could not be checked, and why.
+    pub not_checked: Vec<String>,
+}
+
+/// One problem.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Finding {
+    /// Part of the FMU.
+    pub area: Area,
+    /// Line in modelDescription.xml, counted from 1, if there is one to point at.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub message: String,
+}
+
+/// Part of an FMU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Area {
+    /// The zip archive and what is in it.
+    Archive,
+    /// modelDescription.xml.
+    Description,
+    /// The shared library.
+    Binary,
+    /// What the FMU does when it is run.
+    Behaviour,
+    /// The model file of a metafmu surrogate.
+    Surrogate,
+}
+
+/// What comes up while the binary is run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Note {
+    /// This is what is done from here on.
+    Doing(String),
+    /// This is wrong.
+    Problem(Finding),
+    /// This could not be checked.
+    NotChecked(String),
+}
+
+/// Takes notes at once, for an FMU may end the process at any time.
+pub struct Notes<'a>(pub(crate) &'a mut dyn FnMut(Note));
+
+impl fmt::Debug for Notes<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("Notes")
+    }
+}
+
+/// Checks that those who made an FMU add to the standard's.
+pub trait Checks: Sync {
+    /// Before anything is run.
+    fn archive(&self, _archive: &mut Archive, _report: &mut Report) {}
+
+    /// Why derivatives cannot be compared with differences, if they cannot.
+    fn no_derivatives(&self, _archive: &mut Archive) -> Option<&'static str> {
+        None
+    }
+
+    /// With the binary loaded, after the standard's checks.
+    fn run(&self, _fmu: &Fmu, _archive: &mut Archive, _notes: &mut Notes) {}
+
+    /// After everything was run.
+    fn end(&self, _archive: &mut Archive, _report: &mut Report) {}
+}
+
+/// No further checks.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StandardOnly;
+
+impl Checks for StandardOnly {}
+
+impl Notes<'_> {
+    /// This is what is done from here on.
+    pub fn doing(&mut self, what: impl Into<String>) {
+        self.0(Note::Doing(what.into()));
+    }
+
+    /// This is wrong.
+    pub fn problem(&mut self, area: Area, message: impl Into<String>) {
+        self.0(Note::Problem(Finding { area, line: None, message: message.into() }));
+    }
+
+    /// This could not be checked.
+    pub fn skipped(&mut self, what: impl Into<String>) {
+        self.0(Note::NotChecked(what.into()));
+    }
+}
+
+impl Report {
+    fn add(&mut self, note: Note) {
+        match note {
+            Note::Doing(_) => {}
+            Note::Problem(finding) => self.problems.push(finding),
+            Note::NotChecked(what) => self.not_checked.push(what),
+        }
+    }
+
+    /// Adds a problem.
+    pub fn problem(&mut self, area: Area, message: impl Into<String>) {
+        self.problems.push(Finding { area, line: None, message: message.into() });
+    }
+
+    fn at_line(&mut self, line: usize, message: impl Into<String>) {
+        self.problems.push(Finding { area: Area::Description, line: Some(line), message: message.into() });
+    }
+
+    /// Adds what could not be checked.
+    pub fn skipped(&mut self, what: impl Into<String>) {
+        self.not_checked.push(what.into());
+    }
+
+    /// What was found by way of both interfaces is said once.
+    fn forget_repetitions(&mut self) {
+        let mut known = HashSet::new();
+        self.problems.retain(|finding| known.insert(finding.to_string()));
+        self.not_checked.retain(|what| known.insert(what.clone()));
+    }
+}
+
+/// A line for each problem, for each thing not checked, and for the number of problems.
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        for problem in &self.problems {
+            writeln!(f, "{problem}")?;
+        }
+        for what in &self.not_checked {
+            writeln!(f, "not checked: {what}")?;
+        }
+        match self.problems.len() {
+            0 => writeln!(f, "no problems found"),
+            1 => writeln!(f, "1 problem found"),
+            count => writeln!(f, "{count} problems found"),
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "{}, line {line}: {}", self.area, self.message),
+            None => write!(f, "{}: {}", self.area, self.message),
+        }
+    }
+}
+
+impl fmt::Display for Area {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Archive => "archive",
+            Self::Description => "modelDescription.xml",
+            Self::Binary => "binary",
+            Self::Behaviour => "behaviour",
+            Self::Surrogate => "surrogate",
+        })
+    }
+}
+
+/// Checks an FMU and reports every problem. Its binary is run in this process: an FMU that crashes takes the program along,
+/// unlike with [`validate_apart`].
+///
+/// # Errors
+/// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is no zip archive: there is nothing to validate.
+pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Report> {
+    let path = path.as_ref();
+    examine(path, checks, &mut |unpacked, report| {
+        let mut archive = Archive::open(path)?;
+        match unpacked.load() {
+            Ok(fmu) => run(&fmu, &mut archive, checks, &mut Notes(&mut |note| report.add(note))),
+            Err(error) => report.problem(Area::Binary, error.to_string()),
+        }
+        Ok(())
+    })
+}
+
+/// Checks what can be checked without the binary, and has it run by each interface.
+fn examine(
+    path: &Path,
+    checks: &dyn Checks,
+    run: &mut dyn FnMut(Unpacked, &mut Report) -> crate::Result<()>,
+) -> crate::Result<Report> {
+    let mut report = Report::default();
+    let mut archive = Archive::open(path)?;
+    archive::check(&mut archive, &mut report);
+
+    let document = match archive.document() {
+        Ok(document) => document,
+        // the archive check has reported a missing description
+        Err(Error::ArchiveEntry { problem, .. }) if archive.contains("modelDescription.xml") => {
+            report.problem(Area::Archive, format!("entry `modelDescription.xml`: {problem}"));
+            return Ok(nothing_run(report));
+        }
+        Err(Error::Description { line, problem, .. }) => {
+            report.at_line(line, problem);
+            return Ok(nothing_run(report));
+        }
+        Err(_) => return Ok(nothing_run(report)),
+    };
+    description::check(&document, &mut report);
+    checks.archive(&mut archive, &mut report);
+    if document.description.scheduled_execution.is_some() {
+        report.skipped("scheduled execution: only co-simulation and model exchange are run");
+    }
+    for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
+        if let Some(unpacked) = unpack(path, &document.description, interface, &mut report)? {
+            run(unpacked, &mut report)?;
+        }
+    }
+    checks.end(&mut archive, &mut report);
+    report.forget_repetitions();
+    Ok(report)
+}
+
+/// Runs an FMU; what cannot be read of the archive has been reported.
+fn run(fmu: &Fmu, archive: &mut Archive, checks: &dyn Checks, notes: &mut Notes) {
+    behaviour::check(fmu, notes);
+    match checks.no_derivatives(archive) {
+        Some(reason) => notes.skipped(format!("derivatives: {reason}")),
+        None => derivatives::check(fmu, notes),
+    }
+    checks.run(fmu, archive, notes);
+}
+
+fn nothing_run(mut report: Report) -> Report {
+    report.skipped("the binary and what it computes: modelDescription.xml cannot be read");
+    report
+}
+
+/// The FMU for one of its interfaces, if it offers that and can be run here.
+fn unpack(
+    path: &Path,
+    description: &ModelDescription,
+    interface: InterfaceKind,
+    report: &mut Report,
+) -> crate::Result<Option<Unpacked>> {
+    let Some(offered) = description.interface(interface) else { return Ok(None) };
+    if offered.needs_execution_tool {
+        report.skipped(format!("{interface}: the FMU needs another program to run"));
+        return Ok(None);
+    }
+    match Unpacked::open(path, Some(interface)) {
+        Ok(unpacked) => return Ok(Some(unpacked)),
+        // what of it is wrong has been reported with its line
+        Err(Error::Description { .. }) => {
+            report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
+        }
+        Err(Error::NoBinary { found, expected, .. }) if !found.is_empty() => {
+            let (found, platform) = (found.join(", "), Platform::CURRENT.tuple);
+            report.skipped(format!(
+                "the binary and what it computes: there is no `{expected}` for this platform, {platform}, only for {found}"
+            ));
+        }
+        Err(Error::NoBinary { expected, .. }) => {
+            report.problem(Area::Binary, format!("there is no binary for any platform, expected `{expected}`"));
+        }
+        // the machine's fault
+        Err(error @ Error::Io { .. }) => return Err(error),
+        // the check of the archive may have found it, too
+        Err(Error::ArchiveEntry { entry, problem, .. }) => {
+            report.problem(Area::Archive, format!("entry `{entry}` {problem}"));
+        }
+        Err(error) => report.problem(Area::Archive, error.to_string()),
+    }
+    Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_is_printed_line_by_line() {
+        let mut report = Report::default();
+        assert_eq!(report.to_string(), "no problems found\n");
+        report.at_line(7, "something is wrong");
+        report.skipped("the weather");
+        assert_eq!(
+            report.to_string(),
+            "modelDescription.xml, line 7: something is wrong\nnot checked: the weather\n1 problem found\n"
+        );
+    }
+}

@@ -1,0 +1,191 @@
+//! One run of an FMU in a process of its own, row by row.
+
+use super::{Answer, Job, Replies, Watch, Worker};
+use crate::{
+    Error, Result,
+    fmi::host::{Column, Fmu, InterfaceKind, RowSink, SimulationOptions, Unpacked, simulate_into},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    borrow::Cow,
+    mem::ManuallyDrop,
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+    time::{Duration, Instant},
+};
+
+/// Rows are sent together until there are so many numbers.
+const TOGETHER: usize = 1 << 13;
+/// Or until the first of them is so old.
+const PROMPT: Duration = Duration::from_millis(100);
+
+/// What to run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Task {
+    /// The FMU, for messages.
+    path: PathBuf,
+    interface: InterfaceKind,
+    options: SimulationOptions,
+}
+
+/// What becomes of the run.
+#[derive(Debug, Serialize, Deserialize)]
+enum Reply {
+    /// The instance is there, and this is what is recorded.
+    Begun(Vec<Column>),
+    /// Rows, each with its time first.
+    Rows,
+    /// It is done.
+    Done {
+        /// Whether the FMU ended it before its stop time.
+        terminated: bool,
+    },
+    /// The FMU cannot be loaded, or the run failed.
+    Failed(String),
+}
+
+/// Runs an unpacked FMU in a process of its own and hands on its rows as they come. Returns whether the FMU ended the
+/// simulation before its stop time.
+///
+/// The program has to call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
+///
+/// # Errors
+/// - [`Error::Worker`]: the FMU failed, its process ended, or it took longer than the limit;
+/// - [`Error::Variable`], [`Error::Experiment`]: values or times that are not finite;
+/// - [`Error::Interrupted`];
+/// - those of the sink, and [`Error::Io`] if no process can be started.
+pub fn simulate_apart(
+    unpacked: &Unpacked,
+    options: &SimulationOptions,
+    watch: Watch,
+    sink: &mut impl RowSink,
+) -> Result<bool> {
+    finite(options)?;
+    let (path, begin) = (unpacked.path(), Instant::now());
+    let task = Task { path: path.to_owned(), interface: unpacked.interface(), options: options.clone() };
+    let job = Job::Simulate(Cow::Owned(task));
+    let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
+    let (mut width, mut reached) = (None, None);
+    let failed = |reached: Option<f64>, begun: bool, reason: String| {
+        let when = match (reached, begun) {
+            (Some(time), _) => format!("in the simulation, at {time} s or later"),
+            (None, true) => "when it was initialized".into(),
+            (None, false) => "when it was loaded or instantiated".into(),
+        };
+        Error::Worker { message: format!("{}: {when}, {reason}", path.display()) }
+    };
+    loop {
+        let left = watch.limit.map(|limit| limit.saturating_sub(begin.elapsed()));
+        let (reply, numbers) = match worker.answer(left, watch.workers.stop) {
+            // replies may follow each other without end
+            _ if watch.workers.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
+            Answer::Reply(Reply::Rows, _) | Answer::TimedOut if left.is_some_and(|left| left.is_zero()) => {
+                let seconds = watch.limit.unwrap_or_default().as_secs_f64();
+                return Err(failed(
+                    reached,
+                    width.is_some(),
+                    format!("it took longer than {seconds} s (--time-limit)"),
+                ));
+            }
+            Answer::Reply(reply, numbers) => (reply, numbers),
+            Answer::Died(reason) => return Err(failed(reached, width.is_some(), reason)),
+            Answer::TimedOut => continue,
+            Answer::Stopped => return Err(Error::Interrupted),
+        };
+        match (reply, width) {
+            (Reply::Begun(columns), None) => {
+                sink.begin(&columns)?;
+                width = Some(columns.len() + 1);
+            }
+            (Reply::Rows, Some(width)) if numbers.len().is_multiple_of(width) => {
+                for row in numbers.chunks_exact(width) {
+                    sink.row(row[0], &row[1..])?;
+                    reached = Some(row[0]);
+                }
+            }
+            (Reply::Done { terminated }, Some(_)) => {
+                worker.finish();
+                return Ok(terminated);
+            }
+            (Reply::Failed(message), _) => {
+                worker.finish();
+                return Err(Error::Worker { message });
+            }
+            _ => return Err(failed(reached, width.is_some(), "its process sent a reply that made no sense".into())),
+        }
+    }
+}
+
+/// What is not finite does not reach the other process as it is.
+fn finite(options: &SimulationOptions) -> Result<()> {
+    let SimulationOptions { start, stop, step, .. } = *options;
+    if [start, stop, step].into_iter().flatten().any(|time| !time.is_finite()) {
+        let (start, stop, step) = (start.unwrap_or(0.0), stop.unwrap_or(f64::NAN), step.unwrap_or(f64::NAN));
+        return Err(Error::Experiment { start, stop, step, expected: "finite times" });
+    }
+    let inputs = &options.inputs;
+    let over_time = inputs.rows.iter().flat_map(|row| inputs.names.iter().zip(row));
+    let starts = options.start_values.iter().map(|(name, value)| (name, value));
+    match starts.chain(over_time).find(|(_, value)| !value.is_finite()) {
+        Some((name, value)) => {
+            Err(Error::Variable { name: name.clone(), problem: format!("value {value}, expected a finite number") })
+        }
+        None => Ok(()),
+    }
+}
+
+/// Makes the run and sends what becomes of it.
+pub(super) fn serve(task: &Task, folder: &Path, mut replies: Replies) -> Result<()> {
+    let failed = |error: Error| Reply::Failed(error.to_string());
+    // an FMU need not survive that its library is unloaded
+    let fmu = match Fmu::open_unpacked(&task.path, folder, task.interface) {
+        Ok(fmu) => ManuallyDrop::new(fmu),
+        Err(error) => return replies.send(&failed(error), &[]),
+    };
+    let instance = match fmu.instantiate("metafmu", false) {
+        Ok(instance) => instance,
+        Err(error) => return replies.send(&failed(error), &[]),
+    };
+    let mut sender = Sender { replies: &mut replies, numbers: Vec::new(), sent: None };
+    match simulate_into(&instance, &task.options, &mut sender) {
+        Ok(terminated) => {
+            sender.send()?;
+            drop(instance);
+            replies.send(&Reply::Done { terminated }, &[])
+        }
+        // before the instance is freed, which may not go well either
+        Err(error) => replies.send(&failed(error), &[]),
+    }
+}
+
+/// Sends rows, several at once.
+struct Sender<'a> {
+    replies: &'a mut Replies,
+    numbers: Vec<f64>,
+    sent: Option<Instant>,
+}
+
+impl Sender<'_> {
+    fn send(&mut self) -> Result<()> {
+        self.replies.send(&Reply::Rows, &self.numbers)?;
+        self.numbers.clear();
+        self.sent = Some(Instant::now());
+        Ok(())
+    }
+}
+
+impl RowSink for Sender<'_> {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+        self.replies.send(&Reply::Begun(columns.to_vec()), &[])
+    }
+
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
+        self.numbers.push(time);
+        self.numbers.extend_from_slice(values);
+        // the first row tells that the initialization is over
+        if self.numbers.len() >= TOGETHER || self.sent.is_none_or(|sent| sent.elapsed() > PROMPT) {
+            self.send()?;
+        }
+        Ok(())
+    }
+}

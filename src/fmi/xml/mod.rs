@@ -1,0 +1,222 @@
+//! modelDescription.xml of FMI 2.0 and 3.0: writing ours, reading anyone's.
+
+mod fmi2;
+mod fmi3;
+mod output;
+mod reader;
+mod schema;
+mod tree;
+
+pub use reader::{Document, read};
+
+use super::model_description::{FmiVersion, ModelDescription};
+
+/// The text of a modelDescription.xml in the version of the description; the same description always gives the same
+/// bytes.
+///
+/// Elements stand in the order the standard demands. What a version has no word for is not written, nor is what a
+/// description does not hold: items of enumerations, intervals of clocks, all but the first start value of an array.
+pub fn write(description: &ModelDescription) -> String {
+    match description.fmi_version {
+        FmiVersion::V2 => fmi2::write(description),
+        FmiVersion::V3 => fmi3::write(description),
+    }
+}
+
+/// Something wrong in a modelDescription.xml.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// Line in the file, counted from 1.
+    pub line: usize,
+    /// What is wrong.
+    pub message: String,
+    /// Whether it keeps a host from using the FMU, as against an offence that can be read past.
+    pub unusable: bool,
+}
+
+impl Problem {
+    fn new(line: usize, message: String) -> Self {
+        Self { line, message, unusable: false }
+    }
+
+    fn unusable(line: usize, message: String) -> Self {
+        Self { line, message, unusable: true }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmi::model_description::*;
+    use crate::fmi::unit::BaseUnit;
+
+    /// Something of everything that both versions have.
+    fn description(fmi_version: FmiVersion) -> ModelDescription {
+        let variable = |name: &str, value_reference, causality, variability, kind| ScalarVariable {
+            name: name.into(),
+            value_reference,
+            description: None,
+            causality,
+            variability,
+            initial: Initial::allowed(fmi_version, causality, variability).and_then(|allowed| allowed.first().copied()),
+            declared_type: None,
+            kind,
+            dimensions: vec![],
+            clocks: vec![],
+            aliases: vec![],
+        };
+        let real = |start| VariableType::Real(Real { start, unit: Some("deg".into()), ..Real::default() });
+        let number = Integer { width: Width::Int32, min: Some(-3), max: Some(4), start: Some(1) };
+        let item = Integer { width: if fmi_version == FmiVersion::V2 { Width::Int32 } else { Width::Int64 }, ..number };
+        let interface = Interface {
+            model_identifier: "m".into(),
+            get_and_set_state: true,
+            own_memory_management: fmi_version == FmiVersion::V3,
+            ..Interface::default()
+        };
+        ModelDescription {
+            fmi_version,
+            model_name: "<a> & \"b\" \u{fc}\n'c'\t".into(),
+            token: "{1}".into(),
+            author: Some(String::new()),
+            naming: NamingConvention::Structured,
+            co_simulation: Some(CoSimulation {
+                interface: interface.clone(),
+                max_output_derivative_order: 2,
+                ..CoSimulation::default()
+            }),
+            model_exchange: Some(ModelExchange { interface, needs_completed_integrator_step: true }),
+            units: vec![
+                UnitDefinition {
+                    name: "deg".into(),
+                    base: BaseUnit::parse("deg"),
+                    display: vec![DisplayUnit { name: "rev".into(), factor: 1.0 / 360.0, offset: 0.0 }],
+                },
+                UnitDefinition { name: "furlong".into(), base: None, display: vec![] },
+            ],
+            types: vec![TypeDefinition { name: "angle".into(), description: None, kind: real(None) }],
+            log_categories: vec![("logAll".into(), Some("everything".into()))],
+            default_experiment: Some(DefaultExperiment {
+                stop: Some(1e-9),
+                step_size: Some(1e22),
+                ..Default::default()
+            }),
+            variables: vec![
+                variable("p", 0, Causality::Parameter, Variability::Fixed, real(Some(0.1 + 0.2))),
+                variable("n", 5, Causality::Parameter, Variability::Tunable, VariableType::Integer(number)),
+                variable("u", 1, Causality::Input, Variability::Discrete, VariableType::Boolean { start: Some(false) }),
+                variable(
+                    "s",
+                    2,
+                    Causality::Local,
+                    Variability::Constant,
+                    VariableType::String { start: Some("".into()) },
+                ),
+                variable("x", 3, Causality::Output, Variability::Continuous, real(None)),
+                ScalarVariable {
+                    declared_type: Some("angle".into()),
+                    ..variable("e", 4, Causality::Input, Variability::Discrete, VariableType::Enumeration(item))
+                },
+            ],
+            structure: ModelStructure {
+                outputs: vec![Unknown { variable: 4, dependencies: Some(vec![]), kinds: None }],
+                derivatives: vec![Unknown { variable: 4, dependencies: None, kinds: None }],
+                initial_unknowns: vec![Unknown {
+                    variable: 4,
+                    dependencies: Some(vec![0, 2]),
+                    kinds: Some(vec![DependencyKind::Constant, DependencyKind::Dependent]),
+                }],
+                ..ModelStructure::default()
+            },
+            ..ModelDescription::default()
+        }
+    }
+
+    fn assert_reads_back(description: &ModelDescription) -> String {
+        let text = write(description);
+        let document = read(text.as_bytes()).unwrap();
+        assert_eq!(document.problems, [], "{text}");
+        assert_eq!(document.description, *description);
+        let line = text.lines().nth(document.variable_lines[1] - 1).unwrap();
+        assert_eq!(line.trim().split(' ').nth(1), Some("name=\"n\""));
+        text
+    }
+
+    #[test]
+    fn what_is_written_reads_back_as_it_was() {
+        assert_reads_back(&description(FmiVersion::V2));
+        assert_reads_back(&description(FmiVersion::V3));
+    }
+
+    #[test]
+    fn what_only_fmi_3_has_reads_back_as_it_was() {
+        let mut description = description(FmiVersion::V3);
+        let CoSimulation { event_mode, might_return_early, fixed_internal_step_size, interface, .. } =
+            description.co_simulation.as_mut().unwrap();
+        (*event_mode, *might_return_early, *fixed_internal_step_size) = (true, true, Some(0.125));
+        interface.adjoint_derivative = true;
+        description.scheduled_execution = Some(interface.clone());
+        let variable = description.variables[1].clone();
+        let with = |name: &str, value_reference, causality, variability, kind| ScalarVariable {
+            name: name.into(),
+            value_reference,
+            causality,
+            variability,
+            initial: Some(Initial::Exact),
+            kind,
+            ..variable.clone()
+        };
+        let size = Integer { width: Width::UInt64, start: Some(3), ..Integer::default() };
+        let clock = VariableType::Clock { interval: Some(IntervalVariability::Triggered) };
+        description.variables.extend([
+            with("size", 10, Causality::StructuralParameter, Variability::Fixed, VariableType::Integer(size)),
+            ScalarVariable {
+                dimensions: vec![Dimension::Parameter(10), Dimension::Fixed(2)],
+                aliases: vec![
+                    Alias { name: "b".into(), description: Some("another".into()), display_unit: None },
+                    Alias { name: "c".into(), description: None, display_unit: Some("rev".into()) },
+                ],
+                ..with(
+                    "a",
+                    11,
+                    Causality::Input,
+                    Variability::Continuous,
+                    VariableType::Real(Real { single: true, start: Some(0.5), ..Real::default() }),
+                )
+            },
+            ScalarVariable {
+                clocks: vec![12],
+                ..with(
+                    "bytes",
+                    13,
+                    Causality::Input,
+                    Variability::Discrete,
+                    VariableType::Binary { start: Some("00ff".into()) },
+                )
+            },
+            ScalarVariable { initial: None, ..with("tick", 12, Causality::Input, Variability::Discrete, clock) },
+        ]);
+        description.structure.event_indicators = vec![Unknown { variable: 4, dependencies: None, kinds: None }];
+        description.structure.clocked_states = description.structure.event_indicators.clone();
+        description.event_indicators = 1;
+        assert_reads_back(&description);
+        assert_eq!(description.shape(description.variable("c").unwrap()), Some(vec![3, 2]));
+    }
+
+    #[test]
+    fn the_descriptions_of_a_surrogate_are_the_golden_ones() {
+        for (version, file) in
+            [(FmiVersion::V2, "modelDescription-fmi2.xml"), (FmiVersion::V3, "modelDescription-fmi3.xml")]
+        {
+            let path = format!("{}/tests/data/{file}", env!("CARGO_MANIFEST_DIR"));
+            let description = ModelDescription::of_surrogate(&metafmu_runtime::example::with_input(), version);
+            // the version changes with every release
+            let text = write(&description).replace(env!("CARGO_PKG_VERSION"), "x.y.z");
+            if std::env::var_os("UPDATE_GOLDEN").is_some() {
+                std::fs::write(&path, &text).unwrap();
+            }
+            assert_eq!(text, std::fs::read_to_string(&path).unwrap(), "UPDATE_GOLDEN=1 rewrites {path}");
+            assert_eq!(read(text.as_bytes()).unwrap().problems, []);
+        }
+    }
+}
