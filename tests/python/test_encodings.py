@@ -122,9 +122,10 @@ def test_the_description_tells_the_values_and_no_limits_of_what_is_periodic(buil
 
 
 def test_it_learns_from_both(built):
-    if built.name == "full":
-        metrics = json.loads((built / "metrics.json").read_text())["outputs"]
-        assert all(metrics[output]["r2"] > 0.98 for output in OUTPUTS), metrics
+    # 180 rows for each of the networks of "fixed"
+    least = {"full": 0.98, "fixed": 0.8}[built.name]
+    metrics = json.loads((built / "metrics.json").read_text())["outputs"]
+    assert all(metrics[output]["r2"] > least for output in OUTPUTS), metrics
 
 
 def test_a_baseline_takes_the_same_columns_in_the_fmu_as_when_it_was_measured(study):
