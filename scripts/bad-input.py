@@ -116,7 +116,7 @@ SECTIONS = {
         "a mesh without levels": study('"sobol"\nruns = 8', '"mesh"'),
         "a list without a parameter": {"study.toml": LIST, "points.csv": "c\n0\n1\n"},
         "a point out of range": {"study.toml": LIST, "points.csv": "L\n0.1\n0.3\n"},
-        "a point that stands twice": {"study.toml": LIST, "points.csv": "L\n0.1\n0.2\n0.10\n"},
+        "a duplicated point": {"study.toml": LIST, "points.csv": "L\n0.1\n0.2\n0.10\n"},
         "options of the training that make no sense": {
             "study.toml": STUDY + '[training]\noptimizer = "sgd"\ndropout = 2\nweight_decay = 0.01\nhuber_delta = 0.5\n'
         },
@@ -189,7 +189,7 @@ SECTIONS = {
         "not a number": runs("a,0.5,0.1,2", "a,0.5,0.1,NaN"),
         "a short row": runs("a,0.5,0.1,2", "a,0.5,0.1"),
         "rows out of order": runs("a,0.5", "a,1.5"),
-        "a time that stands twice": runs("a,0.5", "a,0"),
+        "a duplicated time": runs("a,0.5", "a,0"),
         "a parameter that changes in a run": runs("a,0.5,0.1", "a,0.5,0.2"),
         "a run that broke off": runs("a,1,0.1,3\n", ""),
         "a run whose rows are apart": runs("c,0,0.15,6\nc,1", "a,0,0.15,6\na,1"),
@@ -232,9 +232,9 @@ SECTIONS = {
         "no interface": fmu("<CoSimulation", "<Simulation"),
         "no binary for this platform": fmu(more={"binaries/win64/van_der_pol.dll": ""}),
         "a file that leads out of the archive": fmu(more={**BINARY, "../escape": "hello"}),
-        "a value reference that is no number": fmu('valueReference="0"', 'valueReference="mu"'),
+        "a value reference that is not a number": fmu('valueReference="0"', 'valueReference="mu"'),
         "an empty modelIdentifier": fmu('modelIdentifier="van_der_pol"', 'modelIdentifier=""'),
-        "a start value that is no number": fmu('start="1"', 'start="one"'),
+        "a start value that is not a number": fmu('start="1"', 'start="one"'),
     },
     "Studies of FMUs": {
         "no file": {"study.toml": FMU_STUDY},

@@ -37,7 +37,7 @@ pub enum Command {
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
-FMU without such parameters the first ones vary by a tenth around their start values: the study has to be looked at.
+FMU without such parameters the first ones vary by a tenth around their start values: review the study.
 Of a table, columns with one value in each run become parameters, the others outputs.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, report, export, validate
@@ -342,7 +342,7 @@ pub struct SimulateArgs {
 
 fn name_and_value(text: &str) -> Result<(String, f64), String> {
     let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
-    let number = value.trim().parse().map_err(|_| format!("`{value}` is no number"))?;
+    let number = value.trim().parse().map_err(|_| format!("`{value}` is not a number"))?;
     Ok((name.trim().to_owned(), number))
 }
 

@@ -152,7 +152,7 @@ impl Dataset {
     }
 }
 
-/// Runs of a table that are put into words at a time, by all threads.
+/// Runs of a table that are serialized at a time, by all threads.
 const RUNS: usize = 256;
 
 /// The lines of a run.

@@ -215,7 +215,7 @@ fn check_names(columns: &[Column]) -> std::result::Result<(), String> {
             return Err(format!("column {} has no name", index + 1));
         }
         if !before.insert(name.as_str()) {
-            return Err(format!("column `{name}` stands twice"));
+            return Err(format!("column `{name}` is duplicated"));
         }
     }
     Ok(())
@@ -280,7 +280,7 @@ mod tests {
             ("# only this\n", ":1: the table is empty"),
             ("0,1\n1,2\n", ":1: `0` is a number, expected a header"),
             ("time,,x\n", ":1: column 2 has no name"),
-            ("time,x,x\n", ":1: column `x` stands twice"),
+            ("time,x,x\n", ":1: column `x` is duplicated"),
             ("time,x\n0,1\n1\n", ":3: 1 fields, expected 2"),
             ("time,x\n0,1\n1,2,3\n", ":3: 3 fields, expected 2"),
             ("time,x\n0,1\n\n1,\n", ":4: column `x`: is empty, expected a finite number"),

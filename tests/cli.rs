@@ -96,7 +96,7 @@ fn recorded_runs_become_a_fmu_like_simulated_ones() {
     fs::write(bench.path("runs.csv"), format!("# looked at\n{text}")).unwrap();
     bench.fails(&["train", "recorded.toml", "--out", "recorded"], &["sampled from another study"]);
     fs::write(bench.path("runs.csv"), text.replacen("0,0.05,", "0,0.00,", 1)).unwrap();
-    bench.fails(&["sample", "recorded.toml"], &["runs.csv:3: time 0 s stands twice in run `0`"]);
+    bench.fails(&["sample", "recorded.toml"], &["runs.csv:3: time 0 s is duplicated in run `0`"]);
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn new_writes_the_example_and_overwrites_nothing() {
     for name in ["single-pendulum", "single-pendulum.toml"] {
         bench.fails(&["new", name, "--system", "single-pendulum"], &says);
     }
-    bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["`a/b` is no name"]);
+    bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["`a/b` is not a valid name"]);
     let output = bench.run(&["new", "mine", "--system", "single-pendulum"]);
     assert!(output.status.success());
     let mine = fs::read_to_string(bench.path("mine.toml")).unwrap();

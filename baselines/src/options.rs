@@ -158,7 +158,7 @@ impl Baselines {
             budget.map(|(key, message)| (key.to_owned(), message)).into_iter().collect();
         for (key, kinds) in [("models", &self.models), ("build", &self.build)] {
             let twice = kinds.iter().enumerate().find(|(index, kind)| kinds[..*index].contains(kind));
-            problems.extend(twice.map(|(_, kind)| (key.to_owned(), format!("`{}` stands twice", kind.name()))));
+            problems.extend(twice.map(|(_, kind)| (key.to_owned(), format!("`{}` is duplicated", kind.name()))));
         }
         for kind in Kind::ALL {
             let of_model = self.get(kind).problems().into_iter();
@@ -185,7 +185,7 @@ mod tests {
         let parse = |text: &str| toml::from_str::<Baselines>(text).map(|baselines| baselines.problems());
         for (text, expected) in [
             ("time_budget = 0", "time_budget: 0, expected a positive number"),
-            ("models = [\"ridge\", \"ridge\"]", "models: `ridge` stands twice"),
+            ("models = [\"ridge\", \"ridge\"]", "models: `ridge` is duplicated"),
             ("ridge = { alpha = -1 }", "ridge.alpha: -1, expected 0 or a positive number"),
             ("elastic-net = { l1_ratio = 2 }", "elastic-net.l1_ratio: 2, expected a share above 0, at most 1"),
             ("polynomial = { degree = 0 }", "polynomial.degree: 0, expected 1 to 20"),

@@ -169,7 +169,7 @@ unsafe fn tell<C: Call>(component: *mut Component, call: C, answer: Result<Optio
 }
 
 fn panicked(message: &str) -> String {
-    format!("a mistake in this library ({message}); free the instance and please report it")
+    format!("internal error ({message}); free the instance and please report this")
 }
 
 /// Switches log categories, all if none is named.

@@ -247,7 +247,7 @@ fn name_problems(description: &Description) -> Problems {
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {
-                problems.push((key, format!("`{name}` is no name: {PLAIN}")));
+                problems.push((key, format!("`{name}` is not a valid name: {PLAIN}")));
             } else if let Some((other, _)) = seen.iter().find(|(_, known)| known == name) {
                 problems.push((key, format!("`{name}` is the name of {other} already")));
             } else {
@@ -258,7 +258,7 @@ fn name_problems(description: &Description) -> Problems {
     let points = bodies.iter().map(|(name, body)| (format!("bodies.{name}"), &body.points));
     for (key, points) in points.chain([("ground".to_owned(), &description.ground.points)]) {
         for name in points.keys().filter(|name| !is_plain(name)) {
-            problems.push((format!("{key}.points.{name}"), format!("`{name}` is no name: {PLAIN}")));
+            problems.push((format!("{key}.points.{name}"), format!("`{name}` is not a valid name: {PLAIN}")));
         }
     }
     if bodies.is_empty() {
@@ -270,7 +270,7 @@ fn name_problems(description: &Description) -> Problems {
     for name in description.outputs.keys() {
         let key = format!("outputs.{name}");
         if !is_plain(name) {
-            problems.push((key, format!("`{name}` is no name: {PLAIN}")));
+            problems.push((key, format!("`{name}` is not a valid name: {PLAIN}")));
         } else if name == "time" {
             problems.push((key, "`time` is the name of the time already".into()));
         } else if parameters.get(name).is_some_and(|parameter| parameter.min.is_some()) {

@@ -98,7 +98,7 @@ impl Model {
         sum
     }
 
-    /// The first force or effort that is no number in a state, in words: the square root of a negative number, for instance.
+    /// The first force or effort that is not a number in a state, in words: the square root of a negative number, for instance.
     pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
         let components = self.forces.iter().flat_map(|force| &force.components);
         let mut formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));

@@ -281,7 +281,7 @@ fn attempt(project: &Project, number: usize, trial: &Trial, shared: Option<&Data
         Err(panic) => {
             let text = panic.downcast_ref::<String>().cloned();
             let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
-            let message = format!("a mistake in this program: {}", text.unwrap_or_default());
+            let message = format!("internal error: {}", text.unwrap_or_default());
             Record { status: Status::Failed, message, broke: true, ..waiting }
         }
     };

@@ -383,7 +383,7 @@ third,1,3,-0.5,8
             ("first,0.5,1,0.5,2", "first,0.5,1,0.5,nan", "r.csv:3: column `y`: `nan`, expected a finite number"),
             ("first,0.5,1,0.5,2", "first,0.5,1,0.5", "r.csv:3: 4 fields, expected 5"),
             ("first,0.5,1,0.5,2", ",0.5,1,0.5,2", "r.csv:3: column `run`: is empty, expected the run's label"),
-            ("first,0.5,1,0.5,2", "first,0,1,0.5,2", "r.csv:3: time 0 s stands twice in run `first`"),
+            ("first,0.5,1,0.5,2", "first,0,1,0.5,2", "r.csv:3: time 0 s is duplicated in run `first`"),
             (
                 "first,0.5,1,",
                 "first,1.5,1,",

@@ -277,7 +277,7 @@ impl Study {
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !self.name.starts_with(|c: char| c.is_ascii_alphabetic()) || !self.name.chars().all(plain) {
             let expected = "expected a letter, then letters, digits, `-` and `_`";
-            problems.add("name", format!("`{}` is no name: {expected}", self.name));
+            problems.add("name", format!("`{}` is not a valid name: {expected}", self.name));
         }
         let characters = self.name.chars().count();
         if characters > MAX_NAME {
@@ -420,7 +420,7 @@ impl Study {
                 if !self.outputs.contains_key(output) {
                     problems.add(&key, format!("`{output}` is no output"));
                 } else if outputs[..index].contains(output) {
-                    problems.add(&key, format!("`{output}` stands twice"));
+                    problems.add(&key, format!("`{output}` is duplicated"));
                 }
             }
         }
@@ -683,7 +683,7 @@ impl Problems {
     fn expect_variable_name(&mut self, key: &str, name: &str) {
         if name.is_empty() || name.contains(char::is_control) || name.trim() != name {
             let expected = "expected a text on one line without spaces at its ends";
-            self.add(key, format!("`{}` is no name of a variable, {expected}", name.escape_debug()));
+            self.add(key, format!("`{}` is not a valid name of a variable, {expected}", name.escape_debug()));
         }
         if name == extra::TIME.name {
             self.add(key, "`time` is the name of the independent variable".into());
@@ -763,7 +763,7 @@ mod tests {
             ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
             ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
             ("min = 0.1,", "min = nan,", "L = ", "parameters.L", "not finite"),
-            ("\nc = ", "\n\" c\" = ", "c = ", "parameters. c", "` c` is no name of a variable"),
+            ("\nc = ", "\n\" c\" = ", "c = ", "parameters. c", "` c` is not a valid name of a variable"),
             ("\nc = ", "\nin_domain = ", "c = ", "parameters.in_domain", "that every FMU of metafmu has"),
             ("\nc = ", "\ntime = ", "c = ", "parameters.time", "independent variable"),
             ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
@@ -823,7 +823,7 @@ mod tests {
         for (to, says) in [
             ("L = { values = [],", "parameters.L: no `values`, expected at least 2"),
             ("L = { values = [0.1],", "parameters.L: 1 value, expected at least 2"),
-            ("L = { values = [0.1, 0.2, 0.1],", "parameters.L: value 0.1 stands twice"),
+            ("L = { values = [0.1, 0.2, 0.1],", "parameters.L: value 0.1 is duplicated"),
             ("L = { values = [0.1, inf],", "parameters.L: value inf is not finite"),
             ("L = { values = [0.1, nan],", "parameters.L: value NaN is not finite"),
             ("L = { values = [0.1, 0.2], min = 0.1,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
@@ -871,7 +871,7 @@ mod tests {
             ("optimizer = \"sgd\"", ""),
             ("output_weights = [1.0]", "1 weights, expected one for each output"),
             ("refresh = 5", "belongs to the optimizer \"soap\""),
-            ("square_memory = 0.9", "\"sgd\" has `momentum` only"),
+            ("beta2 = 0.9", "\"sgd\" has `momentum` only"),
             ("validation = 1.0", "between 0 and 1"),
             ("warm_up = -0.1", "below 1"),
             ("weight_decay = 0.1", "belongs to the optimizers \"adamw\" and \"soap\""),

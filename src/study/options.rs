@@ -239,7 +239,7 @@ impl ParameterOptions {
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
             Some(format!("value {value} is not finite"))
         } else if let Some(value) = twice(values) {
-            Some(format!("value {value} stands twice"))
+            Some(format!("value {value} is duplicated"))
         } else if values.len() == 1 {
             Some("1 value, expected at least 2".into())
         } else if !min.is_finite() || !max.is_finite() {
@@ -484,7 +484,7 @@ pub struct TrainingOptions {
     pub momentum: Option<f64>,
     /// Share of the mean squared gradient that is kept from step to step: RMSprop's α, β2 of the others. Without it,
     /// the optimizer's own: 0.99 of RMSprop, 0.999 of Adam and AdamW, 0.95 of SOAP.
-    pub square_memory: Option<f64>,
+    pub beta2: Option<f64>,
     /// Steps between two refreshes of SOAP's eigenbases.
     pub refresh: u64,
     /// Learning rate at its highest.
@@ -580,7 +580,7 @@ impl Default for TrainingOptions {
             output_weights: Vec::new(),
             optimizer: Optimizer::Soap,
             momentum: None,
-            square_memory: None,
+            beta2: None,
             refresh: 10,
             learning_rate: 5e-3,
             schedule: Schedule::Restarts,
@@ -642,9 +642,7 @@ impl TrainingOptions {
             expect(not_negative(value), key, &value, "0 or a positive number");
         }
         expect(share(self.dropout), "dropout", &self.dropout, "a share of at least 0 and below 1");
-        for (key, value) in
-            [("momentum", self.momentum), ("square_memory", self.square_memory), ("warm_up", self.warm_up)]
-        {
+        for (key, value) in [("momentum", self.momentum), ("beta2", self.beta2), ("warm_up", self.warm_up)] {
             let value = value.unwrap_or(0.0);
             expect(share(value), key, &value, "a share of at least 0 and below 1");
         }
@@ -683,8 +681,8 @@ impl TrainingOptions {
                 "belongs to the other schedules: one with restarts ends when its cycles gain nothing any more",
             ),
             (
-                "square_memory",
-                self.square_memory.is_some() && self.optimizer == Optimizer::Sgd,
+                "beta2",
+                self.beta2.is_some() && self.optimizer == Optimizer::Sgd,
                 "belongs to the other optimizers: \"sgd\" has `momentum` only",
             ),
             (

@@ -163,7 +163,7 @@ def same_parameters(runs):
 
 MISTAKES = {
     "a missing column": (lambda runs: runs.drop(columns="y"), ": no column `y`, expected it among run, time, a, b, z"),
-    "a name twice": (lambda runs: runs.rename(columns={"y": "z [m]"}), ": column `z` stands twice"),
+    "a name twice": (lambda runs: runs.rename(columns={"y": "z [m]"}), ": column `z` is duplicated"),
     "another unit": (lambda runs: runs.rename(columns={"z": "z [deg]"}), ": column `z`: unit `deg`, expected `rad`"),
     "another unit of time": (lambda runs: runs.rename(columns={"time": "time [ms]"}), ": column `time`: unit `ms`, expected `s`"),
     "a missing value": (cell(10_000, "y", None), ", row 10000: column `y`: is empty, expected a finite number"),
@@ -174,7 +174,7 @@ MISTAKES = {
     "a parameter out of range": (cell(102, "a", 10.5), ", row 102: column `a`: 10.5, expected 0 to 10, the study's range"),
     "a parameter that changes": (cell(103, "b", 0.25), ", row 103: column `b`: 0.25 after "),
     "times out of order": (swap, ", row 303: time 0.99"),
-    "a time twice": (cell(204, "time", 0.0), ", row 204: time 0 s stands twice in run `2`"),
+    "a time twice": (cell(204, "time", 0.0), ", row 204: time 0 s is duplicated in run `2`"),
     "a late beginning": (without(102, 103), ", row 102: run `1` begins at "),
     "an early end": (without(150, 202), ", row 150: run `1` ends before this row at "),
     "an early end of all": (without(12120, 12120), ", row 12119: run `119` ends before this row at "),
@@ -222,7 +222,7 @@ def test_what_only_other_writers_do_is_named(runs, tmp_path):
     value = table.set_column(4, "y", pa.array([1.0] * 4999 + [float("nan")] + [1.0] * (len(runs) - 5000)))
     assert ", row 5000: column `y`: `NaN`, expected a finite number" in says(table=value)
     twice = pa.table([*table.columns, table["y"]], [*table.column_names, "y"])
-    assert ": column `y` stands twice" in says(table=twice)
+    assert ": column `y` is duplicated" in says(table=twice)
     bytes_ = pa.array([b"\xff\xfe"] * len(runs)).view(pa.string())
     assert 'row 1: column `run`: "\ufffd\ufffd" is no UTF-8' in says(table=table.set_column(0, "run", bytes_))
 

@@ -122,7 +122,7 @@ pub enum FormatError {
         what: &'static str,
     },
     /// Two variables of one name.
-    #[error("variable `{name}` stands twice")]
+    #[error("variable `{name}` is duplicated")]
     DuplicateVariable {
         /// The name.
         name: String,
@@ -254,7 +254,7 @@ pub enum FormatError {
         output: String,
     },
     /// An array with an output twice.
-    #[error("array `{array}`: output `{output}` stands twice")]
+    #[error("array `{array}`: output `{output}` is duplicated")]
     DuplicateElement {
         /// The array's name.
         array: String,

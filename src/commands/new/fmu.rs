@@ -59,7 +59,7 @@ seed = 1                    # everything random follows from it
 [source]
 fmu = {}    # relative to this file
 {communication}{integration}# time_limit = 60           # s; a run that takes longer, crashes or fails
-# retries = 1               # is tried again so often, then left out and reported
+# retries = 1               # a run that failed is retried so many times, then left out and reported
 # max_failed = 0.1          # share of the runs that may fail
 # constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
 

@@ -37,7 +37,7 @@ impl<'a> Recorder<'a> {
         for name in more {
             let variable = find(instance, name)?;
             if !variable.kind.is_number() {
-                let problem = "is no number, which is all that can be recorded".into();
+                let problem = "is not a number: only numbers can be recorded".into();
                 return Err(Error::Variable { name: name.clone(), problem });
             }
             if !variables.iter().any(|known| known.name == variable.name) {

@@ -114,7 +114,7 @@ impl Instance<'_> {
     /// array, 0 and 1 for a boolean. Integers beyond 2^53 are rounded.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is no number.
+    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is not a number.
     pub fn get_numbers(&self, variable: &ScalarVariable) -> Result<Vec<f64>> {
         let references = [variable.value_reference];
         let count = self.element_count(variable)?;
@@ -174,7 +174,7 @@ impl Instance<'_> {
     ///
     /// # Errors
     /// [`Error::Fmi`]; [`Error::Variable`] if there are too many or too few numbers, if one does not fit the type, or for
-    /// a variable that is no number.
+    /// a variable that is not a number.
     pub fn set_numbers(&self, variable: &ScalarVariable, values: &[f64]) -> Result<()> {
         let references = [variable.value_reference];
         let wrong = |problem: String| Err(Error::Variable { name: variable.name.clone(), problem });
@@ -476,6 +476,6 @@ impl Instance<'_> {
 }
 
 fn no_number(variable: &ScalarVariable) -> Error {
-    let problem = format!("is of type {}, which is no number", variable.kind.name(FmiVersion::V3));
+    let problem = format!("is of type {}, which is not a number", variable.kind.name(FmiVersion::V3));
     Error::Variable { name: variable.name.clone(), problem }
 }

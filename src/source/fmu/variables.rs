@@ -181,7 +181,7 @@ pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), String> {
 pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
     let starts = matches!(variable.initial, Some(Initial::Exact | Initial::Approx)) && variable.kind.has_start();
     let problem = match variable.causality {
-        _ if !variable.kind.is_number() => "is no number",
+        _ if !variable.kind.is_number() => "is not a number",
         _ if variable.variability == fmi::Variability::Constant => "is constant in the FMU",
         Causality::Independent => "is the time",
         Causality::StructuralParameter => "is a structural parameter: they keep their values here",

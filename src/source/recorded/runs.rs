@@ -73,7 +73,7 @@ impl<'a> Runs<'a> {
             None if t.abs() > 1e-9 * stop => {
                 return Err(table.mistake(&format!("{run} begins at {t} s, expected 0 s")));
             }
-            Some(last) if last == t => return Err(table.mistake(&format!("time {t} s stands twice in {run}"))),
+            Some(last) if last == t => return Err(table.mistake(&format!("time {t} s is duplicated in {run}"))),
             Some(last) if last > t => {
                 let expected = "expected rows in the order of time";
                 return Err(table.mistake(&format!("time {t} s after {last} s in {run}, {expected}")));

@@ -45,16 +45,16 @@ struct Update<'a> {
 impl Elementwise {
     /// For step number `step`, counted from 1.
     pub(super) fn new(rule: Optimizer, coefficients: &Coefficients, step: u64, learning_rate: f64) -> Self {
-        let Coefficients { momentum, square_memory, weight_decay, .. } = *coefficients;
+        let Coefficients { momentum, beta2, weight_decay, .. } = *coefficients;
         let correction = |beta: f64| (1.0 - beta.powf(step as f64)).recip();
         Self {
             rule,
             simd: Simd::detect(),
             rate: learning_rate as f32,
             momentum: momentum as f32,
-            square_share: (1.0 - square_memory) as f32,
+            square_share: (1.0 - beta2) as f32,
             mean_correction: correction(momentum) as f32,
-            root_correction: correction(square_memory).sqrt() as f32,
+            root_correction: correction(beta2).sqrt() as f32,
             kept: (1.0 - learning_rate * weight_decay) as f32,
         }
     }

@@ -24,7 +24,7 @@ struct Coefficients {
     /// μ of SGD and RMSprop, β1 of the others.
     momentum: f64,
     /// α of RMSprop, β2 of the others.
-    square_memory: f64,
+    beta2: f64,
     weight_decay: f64,
     refresh: u64,
 }
@@ -61,7 +61,7 @@ struct Penalty {
 
 impl Updater {
     pub(super) fn new(options: &TrainingOptions, network: &Packed) -> Self {
-        let (momentum, square_memory) = match options.optimizer {
+        let (momentum, beta2) = match options.optimizer {
             Optimizer::Sgd => (0.9, 0.0),
             Optimizer::RmsProp => (0.0, 0.99),
             Optimizer::Adam | Optimizer::AdamW => (0.9, 0.999),
@@ -70,7 +70,7 @@ impl Updater {
         let decays = matches!(options.optimizer, Optimizer::AdamW | Optimizer::Soap);
         let coefficients = Coefficients {
             momentum: options.momentum.unwrap_or(momentum),
-            square_memory: options.square_memory.unwrap_or(square_memory),
+            beta2: options.beta2.unwrap_or(beta2),
             weight_decay: if decays { options.weight_decay } else { 0.0 },
             refresh: options.refresh,
         };
@@ -224,7 +224,7 @@ mod tests {
     use super::*;
 
     pub(super) fn coefficients() -> Coefficients {
-        Coefficients { momentum: 0.95, square_memory: 0.95, weight_decay: 0.0, refresh: 10 }
+        Coefficients { momentum: 0.95, beta2: 0.95, weight_decay: 0.0, refresh: 10 }
     }
 
     #[test]

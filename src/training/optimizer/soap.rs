@@ -80,7 +80,7 @@ impl Soap {
         let Self { simd, layers, bases, turning, turning_back } = self;
         let simd = *simd;
         let adam = Elementwise::new(Optimizer::Soap, coefficients, step, learning_rate);
-        let share = (1.0 - coefficients.square_memory) as f32;
+        let share = (1.0 - coefficients.beta2) as f32;
         // the layers together, so that the members of the team wait for each other three times only
         for_all(team, layers, |layer| layer.take_up(gradient));
         {

@@ -155,14 +155,14 @@ fn arrays_that_make_no_sense_are_refused_by_name() {
     assert_eq!(of(&["x", "z"]), "array `swapped`: `z` is no output");
     assert_eq!(of(&["x", "length"]), "array `swapped`: `length` is no output");
     assert_eq!(of(&["x", "position"]), "array `swapped`: `position` is no output");
-    assert_eq!(of(&["x", "y", "x"]), "array `swapped`: output `x` stands twice");
+    assert_eq!(of(&["x", "y", "x"]), "array `swapped`: output `x` is duplicated");
     assert_eq!(
         refused(&|metadata| metadata.outputs[1].unit = "mm".into()),
         "array `position`: output `y` is in `mm`, expected `m` as the first element"
     );
     for name in ["length", "x", "position"] {
         let twice = refused(&|metadata| metadata.arrays[1].name = name.into());
-        assert_eq!(twice, format!("variable `{name}` stands twice"));
+        assert_eq!(twice, format!("variable `{name}` is duplicated"));
     }
 }
 
@@ -180,7 +180,7 @@ fn error_bounds_that_make_no_sense_are_refused() {
         metadata.bounds = example::with_bounds().bounds().cloned();
         metadata.inputs[0].name = "x_bound".into();
     });
-    assert_eq!(taken.unwrap_err().to_string(), "variable `x_bound` stands twice");
+    assert_eq!(taken.unwrap_err().to_string(), "variable `x_bound` is duplicated");
 }
 
 #[test]
