@@ -67,7 +67,7 @@ stop = 2.0                  # s
 step = 0.01                 # s
 margin = 0.05               # training runs are longer by this share of `stop`; without it, errors are largest at the end
 
-[parameters]                # `variability` is \"fixed\" (default), \"tunable\" or \"continuous\" (an input); README, \"Using the FMU\"
+[parameters]                # `variability` is \"fixed\" (default), \"tunable\" or \"continuous\" (an input); docs/using-the-fmu.md
 ",
         quoted(&mechanism.description().description),
         quoted(&file),
@@ -100,7 +100,7 @@ const RUNS: usize = 1000;
 fn sampling() -> String {
     format!(
         "[sampling]
-method = \"sobol\"            # points without gaps and clusters; README, \"Sampling plans\", has the others
+method = \"sobol\"            # points without gaps and clusters; docs/sampling.md has the others
 runs = {RUNS}
 faces = 0.1                 # share of the training runs on the ends of each range; without it, errors are largest there
 test_runs = 200             # random runs that are never part of training
