@@ -20,9 +20,9 @@ const FEW_OUTPUTS: usize = 8;
 /// A layer's place in the block of all parameters.
 ///
 /// ```text
-/// by panels   W^T in panels of 32 outputs [padded(outputs) / 32, inputs, 32], then b [padded(outputs)]
-/// by rows     W [outputs, padded(inputs)], then b [padded(outputs)]
-/// turned      W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
+/// by panels    W^T in panels of 32 outputs [padded(outputs) / 32, inputs, 32], then b [padded(outputs)]
+/// by rows      W [outputs, padded(inputs)], then b [padded(outputs)]
+/// transposed   W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
 /// ```
 ///
 /// Behind the biases of a hidden layer that is normalised over its rows stand the factors of the normalised values
@@ -36,8 +36,8 @@ pub(crate) struct Shape {
     range: Range<usize>,
     weights: usize,
     pub(crate) normalized: bool,
-    /// Within the block of turned weights; empty for the first layer, whose inputs need no derivative.
-    turned: Range<usize>,
+    /// Within the block of transposed weights; empty for the first layer, whose inputs need no derivative.
+    transposed: Range<usize>,
 }
 
 /// A piece of the parameters that can be updated on its own: a panel of a layer, or a whole small layer.
@@ -46,7 +46,7 @@ pub(crate) struct Piece {
     pub(crate) layer: usize,
     /// Within the block of parameters.
     pub(crate) range: Range<usize>,
-    /// The panel to be turned after the update.
+    /// The panel to be transposed after the update.
     panel: Option<usize>,
 }
 
@@ -61,7 +61,7 @@ impl Layout {
     /// `batch_norm`: whether hidden layers are normalised over their rows.
     pub(crate) fn new(sizes: &[usize], batch_norm: bool) -> Self {
         let (mut shapes, mut pieces) = (Vec::new(), Vec::new());
-        let (mut begin, mut turned) = (0, 0);
+        let (mut begin, mut transposed) = (0, 0);
         let last = sizes.len() - 2;
         for (layer, pair) in sizes.windows(2).enumerate() {
             let (inputs, outputs) = (pair[0], pair[1]);
@@ -69,8 +69,8 @@ impl Layout {
             let weights = if by_rows { outputs * padded(inputs) } else { inputs * padded(outputs) };
             let normalized = batch_norm && layer < last;
             let range = begin..begin + weights + padded(outputs) * if normalized { 2 } else { 1 };
-            let turned_end = if by_rows || layer == 0 { turned } else { turned + outputs * padded(inputs) };
-            if turned_end == turned {
+            let transposed_end = if by_rows || layer == 0 { transposed } else { transposed + outputs * padded(inputs) };
+            if transposed_end == transposed {
                 pieces.push(Piece { layer, range: range.clone(), panel: None });
             } else {
                 let panels = padded(outputs) / WIDTH;
@@ -82,8 +82,16 @@ impl Layout {
                 }
             }
             begin = range.end;
-            shapes.push(Shape { inputs, outputs, by_rows, range, weights, normalized, turned: turned..turned_end });
-            turned = turned_end;
+            shapes.push(Shape {
+                inputs,
+                outputs,
+                by_rows,
+                range,
+                weights,
+                normalized,
+                transposed: transposed..transposed_end,
+            });
+            transposed = transposed_end;
         }
         Self { shapes, pieces }
     }
@@ -93,9 +101,9 @@ impl Layout {
         self.shapes.last().map_or(0, |shape| shape.range.end)
     }
 
-    /// Length of the block of turned weights.
-    pub(crate) fn turned_len(&self) -> usize {
-        self.shapes.last().map_or(0, |shape| shape.turned.end)
+    /// Length of the block of transposed weights.
+    pub(crate) fn transposed_len(&self) -> usize {
+        self.shapes.last().map_or(0, |shape| shape.transposed.end)
     }
 
     /// From the parameters of a [`Network`](super::Network) to this layout.
@@ -205,24 +213,24 @@ impl Shape {
         })
     }
 
-    /// The layer's turned weights.
-    pub(crate) fn turned<'a>(&self, block: &'a [f32]) -> &'a [f32] {
-        &block[self.turned.clone()]
+    /// The layer's transposed weights.
+    pub(crate) fn transposed<'a>(&self, block: &'a [f32]) -> &'a [f32] {
+        &block[self.transposed.clone()]
     }
 
-    /// Where the turned weights of a panel of 32 outputs lie: a range for each panel of 32 inputs.
-    fn turned_ranges(&self, panel: usize) -> impl Iterator<Item = Range<usize>> {
+    /// Where the transposed weights of a panel of 32 outputs lie: a range for each panel of 32 inputs.
+    fn transposed_ranges(&self, panel: usize) -> impl Iterator<Item = Range<usize>> {
         let rows = (self.outputs - panel * WIDTH).min(WIDTH);
-        let (begin, distance) = (self.turned.start + panel * WIDTH * WIDTH, self.outputs * WIDTH);
+        let (begin, distance) = (self.transposed.start + panel * WIDTH * WIDTH, self.outputs * WIDTH);
         (0..padded(self.inputs) / WIDTH)
             .map(move |index| begin + index * distance..begin + index * distance + rows * WIDTH)
     }
 }
 
 impl Piece {
-    /// Renews the turned weights after an update of the piece's `parameters`; `place` is called with a range of the
-    /// turned weights and what fills it.
-    pub(crate) fn turn(
+    /// Renews the transposed weights after an update of the piece's `parameters`; `place` is called with a range of the
+    /// transposed weights and what fills it.
+    pub(crate) fn transpose(
         &self,
         shape: &Shape,
         parameters: &[f32],
@@ -230,7 +238,7 @@ impl Piece {
     ) {
         let Some(panel) = self.panel else { return };
         let panels = parameters[..shape.inputs * WIDTH].chunks(WIDTH * WIDTH);
-        for (weights, range) in panels.zip(shape.turned_ranges(panel)) {
+        for (weights, range) in panels.zip(shape.transposed_ranges(panel)) {
             place(range, &|to| transpose(weights.as_chunks().0, to.as_chunks_mut().0));
         }
     }

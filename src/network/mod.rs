@@ -21,7 +21,7 @@ use metafmu_runtime::{Activation, Layer};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 
-pub(crate) use pass::{BLOCK_ROWS, Noise, Packed, Workspace};
+pub(crate) use pass::{BLOCK_ROWS, DropoutMask, Packed, Workspace};
 
 /// A feed-forward network: dense layers, the hidden ones with an activation, the last one linear.
 #[derive(Clone, Debug, PartialEq)]
@@ -341,7 +341,7 @@ mod tests {
         }
         let rows = x.len() / inputs;
         let numbers: Vec<u32> = (0..rows as u32).collect();
-        packed.forward_in_training(workspace, Noise { seed: 1, step: 1, rows: &numbers });
+        packed.forward_in_training(workspace, DropoutMask { seed: 1, step: 1, rows: &numbers });
         let (_, deltas) = workspace.outputs_and_deltas();
         for (to, row) in deltas.chunks_mut(stride(outputs)).zip(weights.chunks(outputs)) {
             to[..outputs].copy_from_slice(row);

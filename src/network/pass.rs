@@ -24,7 +24,7 @@ pub(crate) struct Packed {
     activation: Activation,
     pub(crate) parameters: Buffer,
     /// The weights once more, as the backward pass reads them.
-    pub(crate) turned: Buffer,
+    pub(crate) transposed: Buffer,
     /// Share of the hidden nodes that is left out in training.
     dropout: f64,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Workspace {
 
 /// What decides which nodes are left out for which rows: the same for any number of threads.
 #[derive(Clone, Copy)]
-pub(crate) struct Noise<'a> {
+pub(crate) struct DropoutMask<'a> {
     pub(crate) seed: u64,
     /// Of the optimizer.
     pub(crate) step: u64,
@@ -61,36 +61,36 @@ impl Packed {
     /// For a training with normalisation or with a share of the hidden nodes left out.
     pub(crate) fn with(network: &Network, batch_norm: bool, dropout: f64) -> Self {
         let layout = Layout::new(network.sizes(), batch_norm);
-        let (parameters, turned) = (Buffer::zeros(layout.len()), Buffer::zeros(layout.turned_len()));
-        let mut packed = Self { layout, activation: network.activation(), parameters, turned, dropout };
+        let (parameters, transposed) = (Buffer::zeros(layout.len()), Buffer::zeros(layout.transposed_len()));
+        let mut packed = Self { layout, activation: network.activation(), parameters, transposed, dropout };
         packed.layout.pack(network.parameters(), &mut packed.parameters);
-        packed.turn();
+        packed.transpose();
         packed
     }
 
     /// Takes over the parameters of a network of the same sizes.
     pub(crate) fn set(&mut self, plain: &[f32]) {
         self.layout.pack(plain, &mut self.parameters);
-        self.turn();
+        self.transpose();
     }
 
-    /// Renews the turned weights.
-    pub(crate) fn turn(&mut self) {
+    /// Renews the transposed weights.
+    pub(crate) fn transpose(&mut self) {
         for piece in &self.layout.pieces {
-            let (shape, turned) = (&self.layout.shapes[piece.layer], &mut self.turned);
-            piece.turn(shape, &self.parameters[piece.range.clone()], |range, fill| fill(&mut turned[range]));
+            let (shape, transposed) = (&self.layout.shapes[piece.layer], &mut self.transposed);
+            piece.transpose(shape, &self.parameters[piece.range.clone()], |range, fill| fill(&mut transposed[range]));
         }
     }
 
     /// Outputs at the first `rows` rows of [`Workspace::inputs_mut`]; see [`Workspace::outputs`].
     pub(crate) fn forward(&self, rows: usize, workspace: &mut Workspace) {
-        workspace.simd.run(Forward { network: self, rows, workspace, noise: None });
+        workspace.simd.run(Forward { network: self, rows, workspace, mask: None });
     }
 
     /// As [`forward`](Self::forward), with what [`backward`](Self::backward) needs, normalisation over the rows, and some
     /// nodes left out.
-    pub(crate) fn forward_in_training(&self, workspace: &mut Workspace, noise: Noise) {
-        workspace.simd.run(Forward { network: self, rows: noise.rows.len(), workspace, noise: Some(noise) });
+    pub(crate) fn forward_in_training(&self, workspace: &mut Workspace, mask: DropoutMask) {
+        workspace.simd.run(Forward { network: self, rows: mask.rows.len(), workspace, mask: Some(mask) });
     }
 
     /// Puts into or onto `gradient`, laid out as the parameters are, the loss's derivatives by the parameters, given
@@ -109,7 +109,7 @@ struct Forward<'a> {
     network: &'a Packed,
     rows: usize,
     workspace: &'a mut Workspace,
-    noise: Option<Noise<'a>>,
+    mask: Option<DropoutMask<'a>>,
 }
 
 impl Kernel for Forward<'_> {
@@ -117,14 +117,14 @@ impl Kernel for Forward<'_> {
 
     #[inline(always)]
     fn run<R: Register, const N: usize>(self) {
-        let Self { network, rows, workspace, noise } = self;
+        let Self { network, rows, workspace, mask } = self;
         let Packed { layout, activation, parameters, dropout, .. } = network;
         let Workspace { values, slopes, normalized, statistics, .. } = workspace;
         for (index, shape) in layout.shapes.iter().enumerate() {
             let (before, after) = values.split_at_mut(index + 1);
             let (x, y) = (&before[index], &mut *after[0]);
             let hidden = index + 1 < layout.shapes.len();
-            let mut slopes = if noise.is_some() { slopes.get_mut(index).map(|slopes| &mut **slopes) } else { None };
+            let mut slopes = if mask.is_some() { slopes.get_mut(index).map(|slopes| &mut **slopes) } else { None };
             let function = if hidden && !shape.normalized { *activation } else { Activation::Identity };
             let slopes_now = if shape.normalized { None } else { slopes.as_deref_mut() };
             layer::forward::<R, N>(shape, parameters, function, rows, x, y, slopes_now);
@@ -132,8 +132,8 @@ impl Kernel for Forward<'_> {
                 let (v, statistics) = (&mut normalized[index], &mut statistics[index]);
                 Normalize { shape, parameters, rows, y, v, slopes, statistics }.with::<R, N>(*activation);
             }
-            if let (Some(noise), Some(slopes), true) = (noise, slopes, hidden && *dropout > 0.0) {
-                leave_out(*dropout, noise, index, shape.outputs, y, slopes);
+            if let (Some(mask), Some(slopes), true) = (mask, slopes, hidden && *dropout > 0.0) {
+                leave_out(*dropout, mask, index, shape.outputs, y, slopes);
             }
         }
     }
@@ -172,12 +172,12 @@ impl Normalize<'_> {
 }
 
 /// Sets a share of the values and slopes to zero, and makes the others larger by as much.
-fn leave_out(share: f64, noise: Noise, layer: usize, nodes: usize, values: &mut [f32], slopes: &mut [f32]) {
+fn leave_out(share: f64, mask: DropoutMask, layer: usize, nodes: usize, values: &mut [f32], slopes: &mut [f32]) {
     let (distance, factor) = (stride(nodes), (1.0 - share).recip() as f32);
     let limit = (share * 65_536.0) as u64;
     let rows = values.chunks_exact_mut(distance).zip(slopes.chunks_exact_mut(distance));
-    for ((values, slopes), &row) in rows.zip(noise.rows) {
-        let key = [noise.step, layer as u64, row.into()].iter().fold(noise.seed, |key, &part| mix(key ^ part));
+    for ((values, slopes), &row) in rows.zip(mask.rows) {
+        let key = [mask.step, layer as u64, row.into()].iter().fold(mask.seed, |key, &part| mix(key ^ part));
         // 16 random bits for each node, four nodes at a time
         for (index, (values, slopes)) in values[..nodes].chunks_mut(4).zip(slopes.chunks_mut(4)).enumerate() {
             let mut bits = mix(key.wrapping_add(index as u64));
@@ -214,7 +214,7 @@ impl Kernel for Backward<'_> {
     fn run<R: Register, const N: usize>(self) {
         let Self { network, rows, workspace, store, gradient } = self;
         let Workspace { values, deltas, slopes, normalized, statistics, .. } = workspace;
-        let Packed { parameters, turned, activation, .. } = network;
+        let Packed { parameters, transposed, activation, .. } = network;
         for (index, shape) in network.layout.shapes.iter().enumerate().rev() {
             let (before, from) = deltas.split_at_mut(index);
             let d = &mut *from[0];
@@ -228,7 +228,7 @@ impl Kernel for Backward<'_> {
                     Some(slopes) => Slope::Stored(slopes),
                     None => Slope::OfValue(*activation, &values[index]),
                 };
-                layer::backward::<R, N>(shape, parameters, turned, slope, rows, d, to);
+                layer::backward::<R, N>(shape, parameters, transposed, slope, rows, d, to);
             }
         }
     }

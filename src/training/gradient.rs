@@ -9,7 +9,7 @@ use super::{
     team::{Divided, Team},
 };
 use crate::network::{
-    BLOCK_ROWS, Noise, Packed, Workspace,
+    BLOCK_ROWS, DropoutMask, Packed, Workspace,
     kernels::{Kernel, Lanes, Register, Simd, Store, WIDTH, buffer::Buffer},
     layout::{padded, stride},
 };
@@ -103,7 +103,7 @@ impl Gradients {
             for block in 0..blocks {
                 let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
                 gather(rows, numbers, &mut workspace);
-                network.forward_in_training(&mut workspace, Noise { seed, step, rows: numbers });
+                network.forward_in_training(&mut workspace, DropoutMask { seed, step, rows: numbers });
                 part.loss += sum_of_losses(function, &mut workspace, rows, numbers, 1.0 / count);
                 network.backward(numbers.len(), &mut workspace, store, &mut part.gradient);
                 part.add_statistics(numbers.len(), &workspace);

@@ -141,7 +141,7 @@ impl Trainer {
     /// To be called after [`state`](Self::state) has been written to.
     pub(super) fn restored(&mut self, steps: u64) {
         self.updater.set_steps(steps);
-        self.packed.turn();
+        self.packed.transpose();
     }
 }
 

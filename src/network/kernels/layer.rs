@@ -133,18 +133,18 @@ fn forward_by_rows<R: Register, const N: usize, const OUTPUTS: usize>(
     }
 }
 
-/// `d_x = (d W) f'`; `turned`: the weights as [`Shape::turn`] leaves them.
+/// `d_x = (d W) f'`; `transposed`: the weights as [`Piece::transpose`] leaves them.
 #[inline(always)]
 pub(crate) fn backward<R: Register, const N: usize>(
     shape: &Shape,
     parameters: &[f32],
-    turned: &[f32],
+    transposed: &[f32],
     slope: Slope,
     rows: usize,
     d: &[f32],
     d_x: &mut [f32],
 ) {
-    let weights = if shape.by_rows { shape.split(parameters).0 } else { shape.turned(turned) };
+    let weights = if shape.by_rows { shape.split(parameters).0 } else { shape.transposed(transposed) };
     let left = Left { values: d, rows, inner: shape.outputs, row_stride: stride(shape.outputs), inner_stride: 1 };
     let distance = stride(shape.inputs);
     for begin in (0..padded(shape.inputs)).step_by(WIDTH) {

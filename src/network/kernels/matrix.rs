@@ -107,10 +107,11 @@ mod tests {
                 matrix
             };
             let (a, b) = (fill(rows, inner, 7), fill(inner, columns, 5));
-            let mut turned = Matrix::zeros(inner, rows);
-            turned.set_transpose(&a);
+            let mut transpose = Matrix::zeros(inner, rows);
+            transpose.set_transpose(&a);
             let plain = Left { values: &a.values, rows, inner, row_stride: a.stride(), inner_stride: 1 };
-            let transposed = Left { values: &turned.values, rows, inner, row_stride: 1, inner_stride: turned.stride() };
+            let transposed =
+                Left { values: &transpose.values, rows, inner, row_stride: 1, inner_stride: transpose.stride() };
             for left in [plain, transposed] {
                 let mut c = fill(rows, columns, 3);
                 let old = c.clone();

@@ -101,7 +101,7 @@ impl Updater {
     ) {
         self.steps += 1;
         let simd = Simd::detect();
-        let Packed { layout, parameters, turned, .. } = network;
+        let Packed { layout, parameters, transposed, .. } = network;
         let pieces = &layout.pieces;
         let mut penalty = self.penalty;
         let mut summed = false;
@@ -109,7 +109,7 @@ impl Updater {
             penalty.factor = self.clip_factor(team, gradients, rows, pieces);
             summed = true;
         }
-        let (parameters_of, turned_of) = (Divided::new(parameters), Divided::new(turned));
+        let (parameters_of, transposed_of) = (Divided::new(parameters), Divided::new(transposed));
         let sum = gradients.sum(rows, summed);
         let penalized = |index: usize| {
             let range = pieces[index].range.clone();
@@ -122,10 +122,12 @@ impl Updater {
                 (gradient, parameters)
             }
         };
-        let turn = |index: usize, parameters: &[f32]| {
+        let transpose = |index: usize, parameters: &[f32]| {
             let piece = &pieces[index];
-            // SAFETY: the turned weights of different pieces do not overlap
-            piece.turn(&layout.shapes[piece.layer], parameters, |range, fill| fill(unsafe { turned_of.range(range) }));
+            piece.transpose(&layout.shapes[piece.layer], parameters, |range, fill| {
+                // SAFETY: the transposed weights of different pieces do not overlap
+                fill(unsafe { transposed_of.range(range) })
+            });
         };
         match &mut self.memory {
             Memory::Elementwise { mean, square } => {
@@ -137,7 +139,7 @@ impl Updater {
                     // SAFETY: the pieces of a layout do not overlap
                     let (mean, square) = unsafe { (mean.range(range()), square.range(range())) };
                     with.update(parameters, gradient, mean, square);
-                    turn(index, parameters);
+                    transpose(index, parameters);
                 });
             }
             Memory::Soap(soap) => {
@@ -148,7 +150,7 @@ impl Updater {
                 let all = unsafe { parameters_of.range(0..layout.len()) };
                 soap.step(team, &self.coefficients, self.steps, learning_rate, gradients.total(), all);
                 let all = &*all;
-                team.for_each(pieces.len(), |_, index| turn(index, &all[pieces[index].range.clone()]));
+                team.for_each(pieces.len(), |_, index| transpose(index, &all[pieces[index].range.clone()]));
             }
         }
     }

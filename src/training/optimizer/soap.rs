@@ -7,7 +7,7 @@
 //! step            G' = U^T G V,  D' = Adam's step for G',  D = U D' V^T,  P = (1 - rate decay) P - rate D
 //! ```
 //!
-//! Adam's mean lies in the eigenbasis too and is turned along with it, which saves two products in each step.
+//! Adam's mean lies in the eigenbasis too and is rotated along with it, which saves two products in each step.
 
 use super::{
     Coefficients,
@@ -37,8 +37,8 @@ pub(super) struct Soap {
     /// `U` and `V` of the first layer, of the second, ...
     bases: Vec<Eigenbasis>,
     /// The pieces of work on all layers, each a layer and a number within it.
-    turning: Vec<(usize, usize)>,
-    turning_back: Vec<(usize, usize)>,
+    into_basis: Vec<(usize, usize)>,
+    out_of_basis: Vec<(usize, usize)>,
 }
 
 /// All matrices `[m, n]`.
@@ -47,7 +47,7 @@ struct Layer {
     shape: Shape,
     gradient: Matrix,
     /// `[n, m]`
-    gradient_turned: Matrix,
+    gradient_transposed: Matrix,
     /// In the eigenbasis.
     mean: Matrix,
     square: Matrix,
@@ -63,8 +63,8 @@ impl Soap {
         let items = |of: fn(&Layer) -> usize| {
             layers.iter().enumerate().flat_map(|(index, layer)| (0..of(layer)).map(move |item| (index, item))).collect()
         };
-        let turning = items(|layer| layer.row_chunks() + layer.gradient.columns.div_ceil(CHUNK));
-        Self { simd: Simd::detect(), bases, turning, turning_back: items(Layer::row_chunks), layers }
+        let into_basis = items(|layer| layer.row_chunks() + layer.gradient.columns.div_ceil(CHUNK));
+        Self { simd: Simd::detect(), bases, into_basis, out_of_basis: items(Layer::row_chunks), layers }
     }
 
     /// Step number `step`, counted from 1. `gradient` and `parameters`: laid out as the packed parameters are.
@@ -77,7 +77,7 @@ impl Soap {
         gradient: &[f32],
         parameters: &mut [f32],
     ) {
-        let Self { simd, layers, bases, turning, turning_back } = self;
+        let Self { simd, layers, bases, into_basis, out_of_basis } = self;
         let simd = *simd;
         let adam = Elementwise::new(Optimizer::Soap, coefficients, step, learning_rate);
         let share = (1.0 - coefficients.beta2) as f32;
@@ -85,19 +85,19 @@ impl Soap {
         for_all(team, layers, |layer| layer.take_up(gradient));
         {
             let pairs = layers.iter_mut().zip(bases.as_chunks_mut::<2>().0);
-            let layers: Vec<Turning> = pairs.map(|(layer, bases)| Turning::new(layer, bases)).collect();
-            team.for_each(turning.len(), |_, index| {
-                let (layer, item) = turning[index];
+            let layers: Vec<IntoBasis> = pairs.map(|(layer, bases)| IntoBasis::new(layer, bases)).collect();
+            team.for_each(into_basis.len(), |_, index| {
+                let (layer, item) = into_basis[index];
                 // SAFETY: each item once
                 unsafe { layers[layer].run(simd, share, adam, item) };
             });
         }
         {
             let pairs = layers.iter_mut().zip(bases.as_chunks::<2>().0);
-            let layers: Vec<TurningBack> = pairs.map(|(layer, bases)| TurningBack::new(layer, bases)).collect();
+            let layers: Vec<OutOfBasis> = pairs.map(|(layer, bases)| OutOfBasis::new(layer, bases)).collect();
             let parameters = Divided::new(parameters);
-            team.for_each(turning_back.len(), |_, index| {
-                let (layer, item) = turning_back[index];
+            team.for_each(out_of_basis.len(), |_, index| {
+                let (layer, item) = out_of_basis[index];
                 // SAFETY: each item once
                 unsafe { layers[layer].run(simd, adam, item, &parameters) };
             });
@@ -106,7 +106,7 @@ impl Soap {
         if step > 1 && (step - 1).is_multiple_of(coefficients.refresh) {
             for_all(team, bases, Eigenbasis::refresh);
             let bases = bases.as_chunks::<2>().0;
-            for_all(team, layers, |layer| layer.turn_mean(simd, &bases[layer.index]));
+            for_all(team, layers, |layer| layer.rotate_mean(simd, &bases[layer.index]));
         }
     }
 
@@ -145,7 +145,7 @@ impl Layer {
             index,
             shape: shape.clone(),
             gradient: zeros(),
-            gradient_turned: Matrix::zeros(columns, rows),
+            gradient_transposed: Matrix::zeros(columns, rows),
             mean: zeros(),
             square: zeros(),
             direction: zeros(),
@@ -161,7 +161,7 @@ impl Layer {
                 to[column..column + range.len()].copy_from_slice(&gradient[range]);
             }
         }
-        self.gradient_turned.set_transpose(&self.gradient);
+        self.gradient_transposed.set_transpose(&self.gradient);
     }
 
     /// How many times [`CHUNK`] rows.
@@ -170,16 +170,16 @@ impl Layer {
     }
 
     /// Adam's mean in the new eigenbasis.
-    fn turn_mean(&mut self, simd: Simd, [left, right]: &[Eigenbasis; 2]) {
+    fn rotate_mean(&mut self, simd: Simd, [left, right]: &[Eigenbasis; 2]) {
         multiply(simd, all(&left.turn), &self.mean, Store::Replace, &mut self.product.values);
         multiply(simd, all(&self.product), &right.turn_back, Store::Replace, &mut self.mean.values);
     }
 }
 
 /// Both covariances, `G'`, and with it Adam's means and `D'`, of a layer.
-struct Turning<'a> {
+struct IntoBasis<'a> {
     gradient: &'a Matrix,
-    gradient_turned: &'a Matrix,
+    gradient_transposed: &'a Matrix,
     left_rows: &'a Matrix,
     right_columns: &'a Matrix,
     left_covariance: Rows<'a>,
@@ -190,13 +190,13 @@ struct Turning<'a> {
     product: Rows<'a>,
 }
 
-impl<'a> Turning<'a> {
+impl<'a> IntoBasis<'a> {
     fn new(layer: &'a mut Layer, [left, right]: &'a mut [Eigenbasis; 2]) -> Self {
-        let Layer { gradient, gradient_turned, mean, square, direction, product, .. } = layer;
+        let Layer { gradient, gradient_transposed, mean, square, direction, product, .. } = layer;
         let [mean, square, direction, product] = [mean, square, direction, product].map(Rows::new);
         Self {
             gradient,
-            gradient_turned,
+            gradient_transposed,
             left_rows: &left.rows,
             right_columns: &right.columns,
             left_covariance: Rows::new(&mut left.covariance),
@@ -214,7 +214,15 @@ impl<'a> Turning<'a> {
     /// No item overlaps with another call for the same one.
     unsafe fn run(&self, simd: Simd, share: f32, adam: Elementwise, item: usize) {
         let Self {
-            gradient, gradient_turned, left_covariance, right_covariance, mean, square, direction, product, ..
+            gradient,
+            gradient_transposed,
+            left_covariance,
+            right_covariance,
+            mean,
+            square,
+            direction,
+            product,
+            ..
         } = self;
         let Some(index) = item.checked_sub(gradient.rows.div_ceil(CHUNK)) else {
             let rows = left_covariance.chunk(item);
@@ -228,7 +236,7 @@ impl<'a> Turning<'a> {
                     product.get(rows.clone()),
                 )
             };
-            multiply(simd, some(gradient, rows.clone()), gradient_turned, Store::Blend(share), covariance);
+            multiply(simd, some(gradient, rows.clone()), gradient_transposed, Store::Blend(share), covariance);
             multiply(simd, some(self.left_rows, rows.clone()), gradient, Store::Replace, product);
             let half = Left { values: product, inner: gradient.columns, ..some(gradient, rows) };
             multiply(simd, half, self.right_columns, Store::Replace, direction);
@@ -237,12 +245,12 @@ impl<'a> Turning<'a> {
         let rows = right_covariance.chunk(index);
         // SAFETY: one chunk for each item
         let to = unsafe { right_covariance.get(rows.clone()) };
-        multiply(simd, some(gradient_turned, rows), gradient, Store::Blend(share), to);
+        multiply(simd, some(gradient_transposed, rows), gradient, Store::Blend(share), to);
     }
 }
 
 /// `D = U D' V^T`, and with it the new parameters, of a layer.
-struct TurningBack<'a> {
+struct OutOfBasis<'a> {
     shape: &'a Shape,
     direction: &'a Matrix,
     left_columns: &'a Matrix,
@@ -252,7 +260,7 @@ struct TurningBack<'a> {
     product: Rows<'a>,
 }
 
-impl<'a> TurningBack<'a> {
+impl<'a> OutOfBasis<'a> {
     fn new(layer: &'a mut Layer, [left, right]: &'a [Eigenbasis; 2]) -> Self {
         let Layer { shape, gradient, direction, product, .. } = layer;
         let (result, product) = (Rows::new(gradient), Rows::new(product));
