@@ -32,6 +32,7 @@ fn main() -> ExitCode {
         Ok(commands::Outcome::ProblemsFound) => ExitCode::from(1),
         Ok(commands::Outcome::Interrupted) => ExitCode::from(130),
         Err(error) => {
+            commands::terminal::end();
             for line in error.to_string().lines() {
                 commands::say(format_args!("error: {line}"));
             }

@@ -11,7 +11,7 @@ pub mod sample;
 pub mod search;
 pub mod simulate;
 mod stdout;
-mod terminal;
+pub mod terminal;
 pub mod train;
 pub mod validate;
 

@@ -18,10 +18,16 @@ use std::{
 /// Time between two messages of a bar.
 const BETWEEN: Duration = Duration::from_millis(100);
 
+static TERMINAL: Terminal = Terminal { shown: Mutex::new(Shown { bar: None, on_terminal: false, at: None }) };
+
+/// Takes the bar away that a stage has left behind because of an error.
+pub fn end() {
+    TERMINAL.event(Event::End);
+}
+
 /// What a pipeline gets from this command.
 pub fn control() -> Result<Control<'static>> {
-    static TERMINAL: OnceLock<Terminal> = OnceLock::new();
-    let observer = TERMINAL.get_or_init(Terminal::default);
+    let observer = &TERMINAL;
     Ok(Control { observer, stop: interrupt::flag(), program: program()?, heard })
 }
 
@@ -41,13 +47,11 @@ fn program() -> Result<&'static Path> {
 }
 
 /// Shows one stage after the other.
-#[derive(Default)]
 struct Terminal {
     shown: Mutex<Shown>,
 }
 
 /// The bar of the work at hand.
-#[derive(Default)]
 struct Shown {
     bar: Option<ProgressBar>,
     on_terminal: bool,
