@@ -3,8 +3,9 @@
 use super::{
     constraint::{Constraint, Constraints, Formula, Slot, Target},
     coordinate::{Coordinate, Frame, Point},
-    description::{Description, JointKind, JointOptions, Vector},
+    description::{Description, JointOptions, JointType, Vector},
     expression::{Expression, Jet},
+    joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
     model::{Actuator, Force, Model, Spring},
 };
@@ -20,7 +21,8 @@ pub type Problems = Vec<(String, String)>;
 /// # Errors
 /// Every problem found, with its key.
 pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Measure>), Problems> {
-    let mut builder = Builder { description, values, problems: Vec::new() };
+    let mut builder = Builder { description, values, joints: Vec::new(), problems: Vec::new() };
+    builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
     let model = builder.model();
     let measures: Vec<Measure> = description
         .outputs
@@ -33,9 +35,17 @@ pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Me
     if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
 }
 
+/// Measures of points.
+const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
+
+/// Further measures of bodies.
+const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_acceleration"];
+
 struct Builder<'a> {
     description: &'a Description,
     values: &'a [f64],
+    /// In the order of the description.
+    joints: Vec<Joint>,
     problems: Problems,
 }
 
@@ -71,64 +81,59 @@ impl Builder<'_> {
         }
     }
 
-    /// Those of the joints, then those of the drivers: the order of [`Builder::joint_rows`] and [`Builder::driver_row`].
+    /// Those of the joints, then those of the drivers: the order of [`Builder::joint_rows`].
     fn constraints(&mut self) -> Constraints {
         let mut constraints = Vec::new();
-        for (name, joint) in &self.description.joints {
-            let coordinates = self.joint(name, joint);
-            let held = |(coordinate, value)| Constraint {
+        for (name, joint) in self.description.joints.keys().zip(&self.joints) {
+            constraints.extend(joint.held().into_iter().map(|(coordinate, value)| Constraint {
                 coordinate,
                 target: Target::Fixed { value, rate: 0.0 },
                 owner: format!("joints.{name}"),
-            };
-            constraints.extend(coordinates.into_iter().map(held));
+            }));
         }
         for (name, driver) in &self.description.drivers {
             let coordinate = self.coordinate(&driver.coordinate);
             let coordinate = self.noted(&format!("drivers.{name}.coordinate"), coordinate);
             let motion = self.formula(&format!("drivers.{name}.motion"), &driver.motion, false);
             if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
-                let owner = format!("drivers.{name}");
-                constraints.push(Constraint { coordinate, target: Target::Motion(motion), owner });
+                let (coordinate, target) = Driver { coordinate, motion }.held();
+                constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
             }
         }
         Constraints(constraints)
     }
 
-    /// What a joint holds at which value (Haug, chapter 3): a revolute joint both components of the difference of its
-    /// points, a prismatic joint the component across its axis and the angle, a fixed joint the difference and the angle.
-    fn joint(&mut self, name: &str, joint: &JointOptions) -> Vec<(Coordinate, f64)> {
+    /// Numbers put in for a joint; one whose points are not found is a joint of the ground.
+    fn joint(&mut self, name: &str, options: &JointOptions) -> Joint {
         let key = |field: &str| format!("joints.{name}.{field}");
-        if joint.kind != JointKind::Prismatic && joint.axis.is_some() {
-            self.problems.push((key("axis"), "belongs to prismatic joints".into()));
-        }
-        if joint.kind == JointKind::Revolute && joint.angle.is_some() {
-            self.problems.push((key("angle"), "belongs to prismatic and fixed joints".into()));
-        }
-        let Some([from, to]) = self.ends(&key("between"), &joint.between) else { return Vec::new() };
-        let across = |frame, axis| (Coordinate::Projection { from, to, frame, axis }, 0.0);
-        let coincident = [across(None, Vector2::x()), across(None, Vector2::y())];
-        let angle = joint.angle.as_ref().map_or(0.0, |angle| self.number(&key("angle"), angle));
-        let turn = (Coordinate::Angle { from: from.frame, to: to.frame }, angle);
-        match joint.kind {
-            JointKind::Revolute => coincident.to_vec(),
-            JointKind::Fixed => vec![coincident[0], coincident[1], turn],
-            JointKind::Prismatic => {
-                let axis = self.axis(name, joint);
-                vec![across(from.frame, Vector2::new(-axis.y, axis.x)), turn]
+        for (option, field, is_set) in [
+            (JointOption::Axis, "axis", options.axis.is_some()),
+            (JointOption::Angle, "angle", options.angle.is_some()),
+        ] {
+            if is_set && !option.joints().any(|joint| joint == options.joint) {
+                let names: Vec<&str> = option.joints().map(JointType::name).collect();
+                self.problem(&key(field), format!("belongs to {} joints", names.join(" and ")));
             }
         }
+        let ends = self.ends(&key("between"), &options.between);
+        let [from, to] = ends.unwrap_or([Point::ORIGIN; 2]);
+        let axis = self.axis(name, options);
+        let angle = options.angle.as_ref().map_or(0.0, |angle| self.number(&key("angle"), angle));
+        Joint::new(options.joint, Ends { from, to }, axis, angle)
     }
 
-    fn axis(&mut self, name: &str, joint: &JointOptions) -> Vector2<f64> {
+    /// The direction of a joint's `axis`, as a unit vector.
+    fn axis(&mut self, name: &str, options: &JointOptions) -> Vector2<f64> {
         let key = format!("joints.{name}.axis");
-        let Some(axis) = &joint.axis else {
-            self.problems.push((format!("joints.{name}"), "a prismatic joint needs an `axis`".into()));
+        let Some(axis) = &options.axis else {
+            if JointOption::Axis.joints().any(|joint| joint == options.joint) {
+                self.problem(&format!("joints.{name}"), format!("a {} joint needs an `axis`", options.joint.name()));
+            }
             return Vector2::x();
         };
         let axis = self.vector(&key, axis);
         if axis.norm() == 0.0 {
-            self.problems.push((key, "[0, 0] is no direction".into()));
+            self.problem(&key, "[0, 0] is not a direction".into());
         }
         axis.normalize()
     }
@@ -224,7 +229,7 @@ impl Builder<'_> {
         (positions, velocities)
     }
 
-    /// What a name stands for; see [`super::measure`].
+    /// What a name refers to; see [`super::measure`].
     fn measure(&mut self, name: &str) -> Result<Measure, String> {
         match name {
             "kinetic_energy" => return Ok(Measure::KineticEnergy),
@@ -232,15 +237,17 @@ impl Builder<'_> {
             _ => {}
         }
         let Some((owner, what)) = name.rsplit_once('.') else {
-            return Err(format!("`{name}` is no measure, expected for instance `BODY.angle`"));
+            return Err(format!("`{name}` is not a measure, expected for instance `BODY.angle`"));
         };
         let description = self.description;
-        let unknown = |known: &str| {
-            let known: Vec<&str> = known.split(", ").collect();
-            Err(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, &known)))
+        let unknown = |known: &[&str]| Err(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known)));
+        let one_of = |measures: Measures| {
+            let known: Vec<&str> = measures.iter().map(|(name, _)| *name).collect();
+            let found = measures.iter().find(|(name, _)| *name == what);
+            found.map_or_else(|| unknown(&known), |(_, measure)| Ok(measure.clone()))
         };
-        if let Some((index, _, joint)) = description.joints.get_full(owner) {
-            return self.joint_measure(index, joint, what).map_or_else(unknown, Ok);
+        if let Some(index) = description.joints.get_index_of(owner) {
+            return one_of(self.joints[index].measures(self.joint_rows(index)));
         }
         if let Some((index, _, spring)) = description.springs.get_full(owner) {
             let ends = spring.between.as_ref().map(|[from, to]| Ok::<_, String>([self.point(from)?, self.point(to)?]));
@@ -249,13 +256,12 @@ impl Builder<'_> {
                 ("force", _) => Ok(Measure::SpringEffort(index)),
                 ("length", Some(distance)) => Ok(Measure::Position(distance)),
                 ("velocity", Some(distance)) => Ok(Measure::Velocity(distance)),
-                (_, Some(_)) => unknown("length, velocity, force"),
-                (_, None) => unknown("force"),
+                (_, Some(_)) => unknown(&["length", "velocity", "force"]),
+                (_, None) => unknown(&["force"]),
             };
         }
         if let Some(index) = description.drivers.get_index_of(owner) {
-            let row = self.joint_rows(description.joints.len()).start + index;
-            return if what == "effort" { Ok(Measure::DriverEffort(row)) } else { unknown("effort") };
+            return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));
         }
         let point = self.point(owner)?;
         let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
@@ -274,42 +280,16 @@ impl Builder<'_> {
             (_, Some(body)) if description.bodies[body].points.contains_key(what) => {
                 Err(format!("`{name}` is a point, expected a component such as `{name}.x`"))
             }
-            (_, Some(_)) => unknown("x, y, vx, vy, ax, ay, angle, angular_velocity, angular_acceleration"),
-            (_, None) => unknown("x, y, vx, vy, ax, ay"),
-        }
-    }
-
-    /// A joint's measure, or what there is.
-    fn joint_measure(&mut self, index: usize, joint: &JointOptions, what: &str) -> Result<Measure, &'static str> {
-        let rows = self.joint_rows(index);
-        let [from, to] = joint.between.each_ref().map(|name| self.point(name).unwrap_or(Point::ORIGIN));
-        let angle = Coordinate::Angle { from: from.frame, to: to.frame };
-        let slide = || {
-            let [x, y] = joint.axis.clone().unwrap_or_default().map(|component| self.quiet_number(&component));
-            let axis = Vector2::new(x, y).normalize();
-            Coordinate::Projection { from, to, frame: from.frame, axis }
-        };
-        match (joint.kind, what) {
-            (_, "fx") => Ok(Measure::JointForce { rows, component: 0 }),
-            (_, "fy") => Ok(Measure::JointForce { rows, component: 1 }),
-            (JointKind::Prismatic | JointKind::Fixed, "moment") => Ok(Measure::JointMoment { rows }),
-            (JointKind::Revolute, "angle") => Ok(Measure::Position(angle)),
-            (JointKind::Revolute, "angular_velocity") => Ok(Measure::Velocity(angle)),
-            (JointKind::Revolute, "angular_acceleration") => Ok(Measure::Acceleration(angle)),
-            (JointKind::Prismatic, "position") => Ok(Measure::Position(slide())),
-            (JointKind::Prismatic, "velocity") => Ok(Measure::Velocity(slide())),
-            (JointKind::Prismatic, "acceleration") => Ok(Measure::Acceleration(slide())),
-            (JointKind::Revolute, _) => Err("angle, angular_velocity, angular_acceleration, fx, fy"),
-            (JointKind::Prismatic, _) => Err("position, velocity, acceleration, fx, fy, moment"),
-            (JointKind::Fixed, _) => Err("fx, fy, moment"),
+            (_, Some(_)) => unknown(&[&POINT_MEASURES[..], &BODY_MEASURES].concat()),
+            (_, None) => unknown(&POINT_MEASURES),
         }
     }
 
     /// A joint's constraints; those of the joint after the last are empty and where the drivers begin.
     fn joint_rows(&self, index: usize) -> Range<usize> {
-        let count = |joint: &JointOptions| if joint.kind == JointKind::Fixed { 3 } else { 2 };
-        let before: usize = self.description.joints.values().take(index).map(count).sum();
-        before..before + self.description.joints.get_index(index).map_or(0, |(_, joint)| count(joint))
+        let count = |joint: &Joint| joint.held().len();
+        let before: usize = self.joints.iter().take(index).map(count).sum();
+        before..before + self.joints.get(index).map_or(0, count)
     }
 
     fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
@@ -318,7 +298,7 @@ impl Builder<'_> {
                 Err(format!("`{name}` belongs to the ground, expected a coordinate of a body"))
             }
             Measure::Position(coordinate) => Ok(coordinate),
-            _ => Err(format!("`{name}` is no position, expected for instance `BODY.angle`")),
+            _ => Err(format!("`{name}` is not a position, expected for instance `BODY.angle`")),
         }
     }
 

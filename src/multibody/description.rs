@@ -88,7 +88,7 @@ pub struct Description {
     /// Coordinates and velocities at the start, by the name of what they belong to and their own.
     #[serde(default)]
     pub initial: IndexMap<String, IndexMap<String, Expression>>,
-    /// What a study may ask for.
+    /// What a study may have as outputs.
     pub outputs: IndexMap<String, OutputOptions>,
 }
 
@@ -107,7 +107,7 @@ pub enum FormulationKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table such as { default = 0.15, unit = \"m\" }")]
 pub struct ParameterOptions {
-    /// Value where the study says nothing; within the range if there is one.
+    /// Value if the study does not set it; within the range if there is one.
     pub default: f64,
     /// Lower end of the range that `metafmu new` proposes; there are both ends or none.
     pub min: Option<f64>,
@@ -163,7 +163,7 @@ pub struct BodyOptions {
 pub struct JointOptions {
     /// What it leaves free.
     #[serde(rename = "type")]
-    pub kind: JointKind,
+    pub joint: JointType,
     /// The points it connects.
     pub between: [String; 2],
     /// Prismatic: direction of the slide in the frame of the first point's body.
@@ -172,16 +172,30 @@ pub struct JointOptions {
     pub angle: Option<Expression>,
 }
 
-/// What a joint leaves free.
+/// What a joint leaves free; see [`super::joints`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum JointKind {
-    /// Turning about the common point.
+pub enum JointType {
+    /// Rotation about the common point.
     Revolute,
-    /// Sliding along the axis.
+    /// Translation along the axis.
     Prismatic,
     /// Nothing.
     Fixed,
+}
+
+impl JointType {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Revolute, Self::Prismatic, Self::Fixed];
+
+    /// As in the file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Revolute => "revolute",
+            Self::Prismatic => "prismatic",
+            Self::Fixed => "fixed",
+        }
+    }
 }
 
 /// An entry of `[drivers]`.

@@ -10,6 +10,7 @@ pub mod coordinate;
 pub mod description;
 pub mod expression;
 pub mod formulation;
+pub mod joints;
 pub mod kinematics;
 pub mod measure;
 mod mechanism;

@@ -1,0 +1,25 @@
+//! The driver: any coordinate of the mechanism moves as a function of time prescribes.
+
+use super::{Coordinate, Measure, Measures};
+use crate::multibody::constraint::{Formula, Target};
+
+/// Holds one coordinate at a motion.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    /// The coordinate.
+    pub coordinate: Coordinate,
+    /// Its value, of `time` alone.
+    pub motion: Formula,
+}
+
+impl Driver {
+    /// What its constraint holds, and at what.
+    pub fn held(self) -> (Coordinate, Target) {
+        (self.coordinate, Target::Motion(self.motion))
+    }
+
+    /// What can be measured of a driver whose constraint is `row`.
+    pub fn measures(row: usize) -> Measures {
+        vec![("effort", Measure::DriverEffort(row))]
+    }
+}
