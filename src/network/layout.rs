@@ -25,7 +25,7 @@ const FEW_OUTPUTS: usize = 8;
 /// transposed   W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
 /// ```
 ///
-/// Behind the biases of a hidden layer that is normalised over its rows stand the factors of the normalised values
+/// The biases of a hidden layer that is normalised over its rows are followed by the factors of the normalised values
 /// [padded(outputs)]. The padding is zero and stays so.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Shape {
@@ -206,7 +206,7 @@ impl Shape {
             } else if row < self.inputs {
                 (begin + (index * self.inputs + row) * WIDTH, WIDTH, index * WIDTH)
             } else {
-                // the biases, and behind them the factors
+                // the biases, and after them the factors
                 (biases + (row - self.inputs) * padded(self.outputs) + index * WIDTH, WIDTH, index * WIDTH)
             };
             (at..at + length, column)

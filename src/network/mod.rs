@@ -114,7 +114,7 @@ impl Network {
         Ok(Self { activation, sizes, parameters })
     }
 
-    /// The layers as they stand in the model file.
+    /// The layers as they are in the model file.
     pub fn to_layers(&self) -> Vec<Layer> {
         self.layers()
             .map(|LayerView { inputs, outputs, weight, bias, .. }| Layer {
@@ -211,19 +211,12 @@ impl From<NetworkError> for crate::Error {
 #[cfg(test)]
 mod tests {
     use super::{
-        kernels::{Simd, Store},
+        kernels::{
+            Simd, Store,
+            activation::tests::{self as activations, ALL},
+        },
         *,
     };
-
-    const ALL: [Activation; 7] = [
-        Activation::Tanh,
-        Activation::Sigmoid,
-        Activation::Relu,
-        Activation::Gelu,
-        Activation::Silu,
-        Activation::Sine,
-        Activation::Identity,
-    ];
 
     fn network(inputs: usize, hidden: &[usize], outputs: usize, activation: Activation) -> Network {
         let options = NetworkOptions { hidden: hidden.into(), activation, ..NetworkOptions::default() };
@@ -246,20 +239,7 @@ mod tests {
             let sum = |row: &[f64]| row.iter().zip(&y).map(|(w, y)| w * y).sum::<f64>();
             let z = weight.chunks(pair[0]).zip(bias).map(|(row, bias)| sum(row) + bias);
             let last = index + 2 == sizes.len();
-            y = z
-                .map(|z| match activation {
-                    _ if last => z,
-                    Activation::Tanh => z.tanh(),
-                    Activation::Sigmoid => 1.0 / (1.0 + (-z).exp()),
-                    Activation::Relu => z.max(0.0),
-                    Activation::Gelu => {
-                        0.5 * z * (1.0 + ((2.0 / std::f64::consts::PI).sqrt() * (z + 0.044715 * z.powi(3))).tanh())
-                    }
-                    Activation::Silu => z / (1.0 + (-z).exp()),
-                    Activation::Sine => z.sin(),
-                    Activation::Identity => z,
-                })
-                .collect();
+            y = z.map(|z| if last { z } else { activations::reference(activation, z).0 }).collect();
         }
         y
     }

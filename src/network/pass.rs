@@ -4,10 +4,10 @@ use super::{
     Network,
     kernels::{
         Kernel, Register, Simd, Store,
-        activation::{Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh},
+        activation::{Function, Visitor, slope_follows_from_value, visit},
         batch_norm,
         buffer::Buffer,
-        layer::{self, Slope, slope_follows_from_value},
+        layer::{self, Slope},
     },
     layout::{Layout, Shape, padded, stride},
 };
@@ -17,13 +17,13 @@ use metafmu_runtime::Activation;
 /// activations and deltas to stay in the cache of one core.
 pub(crate) const BLOCK_ROWS: usize = 64;
 
-/// A network whose parameters lie as the kernels want them.
+/// A network whose parameters are laid out as the kernels need them.
 #[derive(Clone, Debug)]
 pub(crate) struct Packed {
     pub(crate) layout: Layout,
     activation: Activation,
     pub(crate) parameters: Buffer,
-    /// The weights once more, as the backward pass reads them.
+    /// The weights again, as the backward pass reads them.
     pub(crate) transposed: Buffer,
     /// Share of the hidden nodes that is left out in training.
     dropout: f64,
@@ -130,7 +130,8 @@ impl Kernel for Forward<'_> {
             layer::forward::<R, N>(shape, parameters, function, rows, x, y, slopes_now);
             if let (true, Some(slopes)) = (shape.normalized, &mut slopes) {
                 let (v, statistics) = (&mut normalized[index], &mut statistics[index]);
-                Normalize { shape, parameters, rows, y, v, slopes, statistics }.with::<R, N>(*activation);
+                let normalize = Normalize { shape, parameters, rows, y, v, slopes, statistics };
+                visit::<R, N, _>(*activation, normalize);
             }
             if let (Some(mask), Some(slopes), true) = (mask, slopes, hidden && *dropout > 0.0) {
                 leave_out(*dropout, mask, index, shape.outputs, y, slopes);
@@ -150,22 +151,11 @@ struct Normalize<'a> {
     statistics: &'a mut [f32],
 }
 
-impl Normalize<'_> {
-    #[inline(always)]
-    fn with<R: Register, const N: usize>(self, activation: Activation) {
-        match activation {
-            Activation::Tanh => self.run::<R, N, Tanh>(),
-            Activation::Sigmoid => self.run::<R, N, Sigmoid>(),
-            Activation::Relu => self.run::<R, N, Relu>(),
-            Activation::Gelu => self.run::<R, N, Gelu>(),
-            Activation::Silu => self.run::<R, N, Silu>(),
-            Activation::Sine => self.run::<R, N, Sine>(),
-            Activation::Identity => self.run::<R, N, Identity>(),
-        }
-    }
+impl Visitor for Normalize<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize, F: Function>(self) {
+    fn visit<R: Register, const N: usize, F: Function>(self) {
         let Self { shape, parameters, rows, y, v, slopes, statistics } = self;
         batch_norm::forward::<R, N, F>(shape, parameters, rows, y, v, slopes, statistics);
     }
@@ -226,7 +216,7 @@ impl Kernel for Backward<'_> {
             if let Some(to) = before.last_mut() {
                 let slope = match slopes.get(index - 1) {
                     Some(slopes) => Slope::Stored(slopes),
-                    None => Slope::OfValue(*activation, &values[index]),
+                    None => Slope::FromValue(*activation, &values[index]),
                 };
                 layer::backward::<R, N>(shape, parameters, transposed, slope, rows, d, to);
             }
@@ -253,7 +243,7 @@ impl Workspace {
         }
     }
 
-    /// Where [`Packed::forward`] expects the inputs: rows of `stride(inputs)`; what is behind an input stays zero.
+    /// Where [`Packed::forward`] expects the inputs: rows of `stride(inputs)`; the padding after the inputs stays zero.
     pub(crate) fn inputs_mut(&mut self) -> &mut [f32] {
         &mut self.values[0]
     }

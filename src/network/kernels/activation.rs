@@ -1,9 +1,13 @@
 //! Activation functions in single precision, and their derivatives.
 
-use super::{Lanes, Register};
+use super::{Lanes, Portable, Register};
+use metafmu_runtime::Activation;
 
 /// An activation function.
 pub(crate) trait Function {
+    /// How its derivative is found in the backward pass.
+    type Derivative: Derivative;
+
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N>;
 
     /// `f(x)` and `f'(x)`.
@@ -12,14 +16,59 @@ pub(crate) trait Function {
 
 /// The derivative of an activation function times something: `d f'(x)`.
 pub(crate) trait Derivative {
+    /// Whether it is computed from the function's value; otherwise from the derivative, stored in the forward pass.
+    const FOLLOWS_FROM_VALUE: bool;
+
     /// `from`: what the derivative is computed from.
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, from: Lanes<R, N>) -> Lanes<R, N>;
 }
 
-/// A derivative that has been computed before.
+/// Work with an activation function that is known when the program is compiled. Its fields are its arguments: a closure would
+/// not be compiled with the caller's instruction set.
+pub(crate) trait Visitor {
+    /// What it computes.
+    type Output;
+
+    /// Does the work with the function `F`. To be marked `#[inline(always)]`, as [`Kernel::run`](super::Kernel::run).
+    fn visit<R: Register, const N: usize, F: Function>(self) -> Self::Output;
+}
+
+/// Has a visitor work with the function of an activation.
+#[inline(always)]
+pub(crate) fn visit<R: Register, const N: usize, V: Visitor>(activation: Activation, visitor: V) -> V::Output {
+    match activation {
+        Activation::Tanh => visitor.visit::<R, N, Tanh>(),
+        Activation::Sigmoid => visitor.visit::<R, N, Sigmoid>(),
+        Activation::Relu => visitor.visit::<R, N, Relu>(),
+        Activation::Gelu => visitor.visit::<R, N, Gelu>(),
+        Activation::Silu => visitor.visit::<R, N, Silu>(),
+        Activation::Sine => visitor.visit::<R, N, Sine>(),
+        Activation::Identity => visitor.visit::<R, N, Identity>(),
+    }
+}
+
+/// Whether the derivative of an activation follows from its value.
+pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
+    struct Follows;
+
+    impl Visitor for Follows {
+        type Output = bool;
+
+        #[inline(always)]
+        fn visit<R: Register, const N: usize, F: Function>(self) -> bool {
+            F::Derivative::FOLLOWS_FROM_VALUE
+        }
+    }
+
+    visit::<Portable, 8, _>(activation, Follows)
+}
+
+/// A derivative that was stored in the forward pass.
 pub(crate) struct Stored;
 
 impl Derivative for Stored {
+    const FOLLOWS_FROM_VALUE: bool = false;
+
     #[inline(always)]
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, slope: Lanes<R, N>) -> Lanes<R, N> {
         d.mul(slope)
@@ -30,6 +79,8 @@ impl Derivative for Stored {
 pub(crate) struct Identity;
 
 impl Function for Identity {
+    type Derivative = Self;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         x
@@ -41,12 +92,23 @@ impl Function for Identity {
     }
 }
 
+impl Derivative for Identity {
+    const FOLLOWS_FROM_VALUE: bool = true;
+
+    #[inline(always)]
+    fn times<R: Register, const N: usize>(d: Lanes<R, N>, _: Lanes<R, N>) -> Lanes<R, N> {
+        d
+    }
+}
+
 /// `tanh x`, absolute error below 1.2e-7, relative error below 3e-7, NaN for NaN. The derivative is from the value.
 ///
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero.
 pub(crate) struct Tanh;
 
 impl Function for Tanh {
+    type Derivative = Self;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         // above 9.02, tanh x rounds to 1
@@ -63,6 +125,8 @@ impl Function for Tanh {
 }
 
 impl Derivative for Tanh {
+    const FOLLOWS_FROM_VALUE: bool = true;
+
     #[inline(always)]
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
         Lanes::splat(1.0).sub(y.mul(y)).mul(d)
@@ -73,6 +137,8 @@ impl Derivative for Tanh {
 pub(crate) struct Sigmoid;
 
 impl Function for Sigmoid {
+    type Derivative = Self;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         let half = Lanes::splat(0.5);
@@ -87,6 +153,8 @@ impl Function for Sigmoid {
 }
 
 impl Derivative for Sigmoid {
+    const FOLLOWS_FROM_VALUE: bool = true;
+
     #[inline(always)]
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
         y.sub(y.mul(y)).mul(d)
@@ -97,6 +165,8 @@ impl Derivative for Sigmoid {
 pub(crate) struct Relu;
 
 impl Function for Relu {
+    type Derivative = Self;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         x.at_least_zero()
@@ -110,6 +180,8 @@ impl Function for Relu {
 }
 
 impl Derivative for Relu {
+    const FOLLOWS_FROM_VALUE: bool = true;
+
     #[inline(always)]
     fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
         d.where_positive(y)
@@ -126,6 +198,8 @@ impl Gelu {
 }
 
 impl Function for Gelu {
+    type Derivative = Stored;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         Self::value_and_slope(x).0
@@ -148,6 +222,8 @@ impl Function for Gelu {
 pub(crate) struct Silu;
 
 impl Function for Silu {
+    type Derivative = Stored;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         x.mul(Sigmoid::value(x))
@@ -166,6 +242,8 @@ impl Function for Silu {
 pub(crate) struct Sine;
 
 impl Function for Sine {
+    type Derivative = Stored;
+
     #[inline(always)]
     fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
         Self::value_and_slope(x).0
@@ -198,7 +276,7 @@ impl Function for Sine {
     }
 }
 
-/// Adding 1.5 * 2^23 rounds to an integer, which then stands in the low bits of the mantissa.
+/// Adding 1.5 * 2^23 rounds to an integer, which is then in the low bits of the mantissa.
 const ROUND: f32 = 12_582_912.0;
 
 /// `exp(x) - 1` for `0 <= x <= 18.2`: `x = k ln 2 + r` with `|r| <= ln(2) / 2`, a Taylor polynomial in `r`, scaled by `2^k`.
@@ -221,12 +299,12 @@ fn exp_minus_one<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::network::kernels::{Kernel, Simd, WIDTH};
-    use metafmu_runtime::Activation;
 
-    const ALL: [Activation; 7] = [
+    /// Every activation.
+    pub(crate) const ALL: [Activation; 7] = [
         Activation::Tanh,
         Activation::Sigmoid,
         Activation::Relu,
@@ -248,21 +326,15 @@ mod tests {
 
         #[inline(always)]
         fn run<R: Register, const N: usize>(self) {
-            match self.activation {
-                Activation::Tanh => self.apply::<R, N, Tanh>(),
-                Activation::Sigmoid => self.apply::<R, N, Sigmoid>(),
-                Activation::Relu => self.apply::<R, N, Relu>(),
-                Activation::Gelu => self.apply::<R, N, Gelu>(),
-                Activation::Silu => self.apply::<R, N, Silu>(),
-                Activation::Sine => self.apply::<R, N, Sine>(),
-                Activation::Identity => self.apply::<R, N, Identity>(),
-            }
+            visit::<R, N, _>(self.activation, self);
         }
     }
 
-    impl Values<'_> {
+    impl Visitor for Values<'_> {
+        type Output = ();
+
         #[inline(always)]
-        fn apply<R: Register, const N: usize, F: Function>(self) {
+        fn visit<R: Register, const N: usize, F: Function>(self) {
             for (points, slopes) in
                 self.points.as_chunks_mut::<WIDTH>().0.iter_mut().zip(self.slopes.as_chunks_mut::<WIDTH>().0)
             {
@@ -287,7 +359,8 @@ mod tests {
         (values, slopes)
     }
 
-    fn reference(activation: Activation, x: f64) -> (f64, f64) {
+    /// The textbook formulas of the function and its derivative.
+    pub(crate) fn reference(activation: Activation, x: f64) -> (f64, f64) {
         let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
         let s = sigmoid(x);
         match activation {

@@ -6,12 +6,12 @@
 //! gradient   dW = d^T x, db = sum over rows of d
 //! ```
 //!
-//! `x`, `y` and `d` are row by row at a distance of [`stride`]; what is behind the last column is zero in `d` and harmless
+//! `x`, `y` and `d` are row by row at a distance of [`stride`]; the padding after the last column is zero in `d` and harmless
 //! in the others. The weights are laid out as [`Shape`] says.
 
 use super::{
     Lanes, Left, Panel, Register, Store, WIDTH,
-    activation::{Derivative, Function, Gelu, Identity, Relu, Sigmoid, Silu, Sine, Stored, Tanh},
+    activation::{Derivative, Function, Stored, Visitor, visit},
     lanes, lanes_mut, product,
 };
 use crate::network::layout::{Shape, padded, stride};
@@ -21,17 +21,9 @@ use metafmu_runtime::Activation;
 #[derive(Clone, Copy)]
 pub(crate) enum Slope<'a> {
     /// It follows from the activation's value.
-    OfValue(Activation, &'a [f32]),
-    /// It stands there.
+    FromValue(Activation, &'a [f32]),
+    /// It was stored in the forward pass.
     Stored(&'a [f32]),
-}
-
-/// Whether the derivative of an activation follows from its value.
-pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
-    match activation {
-        Activation::Tanh | Activation::Sigmoid | Activation::Relu | Activation::Identity => true,
-        Activation::Gelu | Activation::Silu | Activation::Sine => false,
-    }
 }
 
 /// `y = f(x W^T + b)`, and `f'` into `slopes` where they are wanted; the slopes of a layer by rows are not written.
@@ -67,40 +59,40 @@ pub(crate) fn forward<R: Register, const N: usize>(
         let y = &mut y[index * WIDTH..];
         product::<R, N>(left, panel, start, Store::Replace, y, distance);
         let slopes = slopes.as_deref_mut().map(|slopes| &mut slopes[index * WIDTH..]);
-        match activation {
-            Activation::Tanh => activate::<R, N, Tanh>(rows, y, slopes, distance),
-            Activation::Sigmoid => activate::<R, N, Sigmoid>(rows, y, slopes, distance),
-            Activation::Relu => activate::<R, N, Relu>(rows, y, slopes, distance),
-            Activation::Gelu => activate::<R, N, Gelu>(rows, y, slopes, distance),
-            Activation::Silu => activate::<R, N, Silu>(rows, y, slopes, distance),
-            Activation::Sine => activate::<R, N, Sine>(rows, y, slopes, distance),
-            Activation::Identity if slopes.is_none() => {}
-            Activation::Identity => activate::<R, N, Identity>(rows, y, slopes, distance),
+        if activation != Activation::Identity || slopes.is_some() {
+            visit::<R, N, _>(activation, Activate { rows, y, slopes, distance });
         }
     }
 }
 
-/// A panel's values replaced by the activation, and its derivative into `slopes`.
-#[inline(always)]
-fn activate<R: Register, const N: usize, F: Function>(
+/// Replaces a panel's values by the activation, and puts its derivative into `slopes`.
+struct Activate<'a> {
     rows: usize,
-    y: &mut [f32],
-    slopes: Option<&mut [f32]>,
+    y: &'a mut [f32],
+    slopes: Option<&'a mut [f32]>,
     distance: usize,
-) {
-    match slopes {
-        None => {
-            for row in 0..rows {
-                let y = lanes_mut(y, row * distance);
-                F::value(Lanes::<R, N>::load(y)).store(y);
+}
+
+impl Visitor for Activate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn visit<R: Register, const N: usize, F: Function>(self) {
+        let Self { rows, y, slopes, distance } = self;
+        match slopes {
+            None => {
+                for row in 0..rows {
+                    let y = lanes_mut(y, row * distance);
+                    F::value(Lanes::<R, N>::load(y)).store(y);
+                }
             }
-        }
-        Some(slopes) => {
-            for row in 0..rows {
-                let y = lanes_mut(y, row * distance);
-                let (value, slope) = F::value_and_slope(Lanes::<R, N>::load(y));
-                value.store(y);
-                slope.store(lanes_mut(slopes, row * distance));
+            Some(slopes) => {
+                for row in 0..rows {
+                    let y = lanes_mut(y, row * distance);
+                    let (value, slope) = F::value_and_slope(Lanes::<R, N>::load(y));
+                    value.store(y);
+                    slope.store(lanes_mut(slopes, row * distance));
+                }
             }
         }
     }
@@ -156,13 +148,28 @@ pub(crate) fn backward<R: Register, const N: usize>(
         let d_x = &mut d_x[begin..];
         product::<R, N>(left, panel, Lanes::splat(0.0), Store::Replace, d_x, distance);
         match slope {
-            Slope::OfValue(Activation::Tanh, y) => derive::<R, N, Tanh>(rows, &y[begin..], d_x, distance),
-            Slope::OfValue(Activation::Sigmoid, y) => derive::<R, N, Sigmoid>(rows, &y[begin..], d_x, distance),
-            Slope::OfValue(Activation::Relu, y) => derive::<R, N, Relu>(rows, &y[begin..], d_x, distance),
-            // of the identity; the others store theirs
-            Slope::OfValue(..) => {}
+            Slope::FromValue(activation, y) => {
+                visit::<R, N, _>(activation, Derive { rows, y: &y[begin..], d: d_x, distance });
+            }
             Slope::Stored(slopes) => derive::<R, N, Stored>(rows, &slopes[begin..], d_x, distance),
         }
+    }
+}
+
+/// Multiplies a panel's values by the derivative of the activation, given the activation's values.
+struct Derive<'a> {
+    rows: usize,
+    y: &'a [f32],
+    d: &'a mut [f32],
+    distance: usize,
+}
+
+impl Visitor for Derive<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn visit<R: Register, const N: usize, F: Function>(self) {
+        derive::<R, N, F::Derivative>(self.rows, self.y, self.d, self.distance);
     }
 }
 
@@ -188,7 +195,7 @@ pub(crate) fn gradient<R: Register, const N: usize>(
 ) {
     let (weight, bias) = shape.split_mut(gradient);
     let (x_stride, d_stride) = (stride(shape.inputs), stride(shape.outputs));
-    // what is at home in the rows of the result, and what is at home in its columns
+    // the factor that the rows of the result belong to, and the one that its columns belong to
     let (row_values, row_count, row_stride, column_values, column_stride, columns) = if shape.by_rows {
         (d, shape.outputs, d_stride, x, x_stride, padded(shape.inputs))
     } else {
@@ -202,7 +209,7 @@ pub(crate) fn gradient<R: Register, const N: usize>(
         product::<R, N>(left, panel, Lanes::splat(0.0), store, &mut weight[begin..], distance);
     }
     if shape.by_rows {
-        // the inputs behind the last one are not zero after every activation
+        // the padding after the last input is not zero after every activation
         for row in weight.chunks_exact_mut(columns) {
             row[shape.inputs..].fill(0.0);
         }

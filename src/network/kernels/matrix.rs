@@ -3,7 +3,7 @@
 use super::{Kernel, Lanes, Left, Panel, Register, Simd, Store, WIDTH, buffer::Buffer, product, transpose};
 use crate::network::layout::{padded, stride};
 
-/// A matrix; what is behind its last column is zero.
+/// A matrix; the padding after its last column is zero.
 #[derive(Clone, Debug)]
 pub(crate) struct Matrix {
     pub(crate) rows: usize,
@@ -52,7 +52,7 @@ impl Matrix {
                 for (row, source) in source[..rows].iter_mut().enumerate() {
                     source.copy_from_slice(&from.row(first_row + row)[first_column..first_column + WIDTH]);
                 }
-                // the rows that are not there stay zero, and so does what is behind the last column of the result
+                // rows beyond the last one stay zero, and so do columns beyond the last one of the result
                 target.as_flattened_mut().fill(0.0);
                 transpose(&source[..rows], &mut target[..columns]);
                 for (column, target) in target[..columns].iter().enumerate() {

@@ -1,4 +1,4 @@
-//! SIMD registers, and 32 numbers in as many of them as it takes.
+//! SIMD registers, and 32 numbers in as many of them as necessary.
 //!
 //! All matrices are worked on in pieces of [`WIDTH`] columns. [`Lanes`] is such a piece: two AVX-512 registers, four AVX2
 //! registers, eight NEON or SSE2 registers. Everything above this file is written once, for `Lanes`.
