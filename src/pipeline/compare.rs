@@ -30,10 +30,13 @@ use std::{
 /// The argument that makes `metafmu` a process which fits one baseline: it calls [`work`].
 pub const FIT_BASELINE: &str = "fit-baseline";
 
-/// The network beside the baselines `kinds`, as far as there is a network: without one its row says why.
+/// Runs over which the prediction of a row is timed, at the most.
+const TIMED_RUNS: usize = 50;
+
+/// The network beside the baselines `kinds`, if there is a network: without one its row says why.
 ///
 /// # Errors
-/// [`Error::Io`]; a model that fails is a row that says so.
+/// [`Error::Io`]; a model that fails has a row that says so.
 pub fn compare(project: &Project, kinds: &[Kind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
@@ -84,29 +87,36 @@ pub(super) fn stage(
     Ok(comparison)
 }
 
-/// The network's row, with its predictions timed one after the other on one core.
+/// The network's row.
 pub(super) fn network_row(
     surrogate: &Surrogate,
     accuracy: &Accuracy,
     training: &TrainingRecord,
     test: &Dataset,
 ) -> Network {
-    let evaluator = Evaluator::new(surrogate);
-    let began = Instant::now();
-    for run in &test.runs {
-        std::hint::black_box(evaluation::predict(surrogate, &evaluator, run));
-    }
-    let seconds = began.elapsed().as_secs_f64();
     let row = ModelRow {
         rows: training.train_rows,
         fit_seconds: Some(training.train_seconds),
-        predict_seconds_per_point: Some(seconds / test.row_count().max(1) as f64),
+        predict_seconds_per_point: seconds_per_row(surrogate, test),
         memory_bytes: surrogate.to_bytes().ok().map(|bytes| bytes.len() as u64),
         exportable: true,
         outputs: accuracy.outputs.iter().map(|(name, metrics)| (name.clone(), metrics.into())).collect(),
         ..row(NETWORK, Status::Fine, String::new())
     };
     Network { content_digest: Some(surrogate.metadata().provenance.content_digest.clone()), row }
+}
+
+/// Seconds of the prediction of a row on one core: the median over some runs; none if there is no run.
+pub(super) fn seconds_per_row(surrogate: &Surrogate, test: &Dataset) -> Option<f64> {
+    let evaluator = Evaluator::new(surrogate);
+    let time = |run: &Run| {
+        let began = Instant::now();
+        std::hint::black_box(evaluation::predict(surrogate, &evaluator, run));
+        began.elapsed().as_secs_f64() / run.times.len() as f64
+    };
+    let mut times: Vec<f64> = test.runs.iter().take(TIMED_RUNS).map(time).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied()
 }
 
 fn row(model: &str, status: Status, note: String) -> ModelRow {
@@ -198,7 +208,7 @@ fn fit(project: &Project, task: &Task) -> Result<Ended> {
     let mut child = command.spawn().map_err(failed)?;
     let (to, from) = (child.stdin.take(), child.stdout.take());
     std::thread::scope(|scope| {
-        // a worker that ended early does not listen: how it ended says why
+        // a worker that ended early does not read: its exit status says why
         scope.spawn(|| to.map(|to| task.write(BufWriter::with_capacity(1 << 16, to))));
         let answer = scope.spawn(|| {
             let mut bytes = Vec::new();

@@ -1,6 +1,7 @@
-//! The surrogate beside the truth, on one page for people.
+//! The report: the surrogate beside the truth, on one page.
 
 use super::{
+    compare::seconds_per_row,
     project::{Project, SamplesRecord},
     train::TrainingRecord,
 };
@@ -17,7 +18,6 @@ use serde::Serialize;
 use std::{
     collections::HashSet,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 /// What was written.
@@ -40,7 +40,7 @@ pub struct BesideStudy<'a> {
     pub folder: Option<&'a Path>,
 }
 
-/// Writes `report.html` of the surrogate and the test runs that are there, and on request its plots.
+/// Writes `report.html` of the project's surrogate and test runs, and on request its plots.
 ///
 /// # Errors
 /// [`Error::Stale`] if something is missing or does not belong together, [`Error::Io`].
@@ -198,7 +198,10 @@ impl<'p> Other<'p> {
             ("model file", [kilobytes(&self.project), kilobytes(project)]),
             (
                 "prediction of a row, one core",
-                [other, own].map(|evaluated| format!("{:.2} µs", 1e6 * seconds_per_row(evaluated))),
+                [other, own].map(|evaluated| {
+                    let seconds = seconds_per_row(evaluated.surrogate, evaluated.test);
+                    seconds.map_or("-".into(), |seconds| format!("{:.2} µs", 1e6 * seconds))
+                }),
             ),
         ];
         let (own_study, other_study) = (&project.study, &self.project.study);
@@ -215,7 +218,7 @@ impl<'p> Other<'p> {
         }
         let mut evaluated = [other, own];
         let mut costs = costs.map(|(name, values)| (name.to_owned(), values));
-        // S_fixed stands on the left
+        // S_fixed is on the left
         if mixed && fixed(own_study) {
             names.reverse();
             evaluated.reverse();
@@ -223,18 +226,4 @@ impl<'p> Other<'p> {
         }
         Beside { names, evaluated, costs: costs.into() }
     }
-}
-
-/// Median over some runs.
-fn seconds_per_row(evaluated: &Evaluated) -> f64 {
-    let evaluator = metafmu_runtime::Evaluator::new(evaluated.surrogate);
-    let time = |run: &crate::dataset::Run| {
-        let begin = Instant::now();
-        let predictions = crate::evaluation::predict(evaluated.surrogate, &evaluator, run);
-        std::hint::black_box(predictions);
-        begin.elapsed().as_secs_f64() / run.times.len() as f64
-    };
-    let mut times: Vec<f64> = evaluated.test.runs.iter().take(50).map(time).collect();
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
