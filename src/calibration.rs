@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// `1 / (n + 1) sum_k share of the rows of run k with |y - prediction| <= q  >=  coverage`,
 ///
 /// as if the next run lay outside altogether. If the next run is exchangeable with these, that is drawn in the same way,
-/// then the expected share of its rows within `q` is at least `coverage`, whatever the surrogate; the rows of a run need
+/// then the expected share of its rows within `q` is at least `coverage`, for any surrogate; the rows of a run need
 /// not be independent. It says nothing about a particular run, nor about runs from other ranges.
 ///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free

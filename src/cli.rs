@@ -46,7 +46,7 @@ Of a table, columns with one value in each run become parameters, the others out
 Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
 Exit code 1 if the surrogate is rejected: the training diverged, an output is worse than its mean or than simpler models. `[accept]`
 in the study has the limits.
-Ctrl-C during training keeps the best network so far, goes on with it and ends with exit code 130; --resume goes on with the
+Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the
 training. Pressed again, it ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
@@ -62,17 +62,17 @@ the shorter plan; the first column of a printed plan says what a run is for.")]
     /// Train the network on train.csv and write NAME.safetensors and history.csv
     #[command(after_help = "Examples:
   metafmu train examples/single-pendulum.toml
-  metafmu train examples/single-pendulum.toml --resume    # after it was stopped, killed, or the power went")]
+  metafmu train examples/single-pendulum.toml --resume    # after it was stopped, killed, or lost power")]
     Train(TrainArgs),
     /// Train variants of the study side by side and write search.csv and NAME-best.toml
     #[command(after_help = "Examples:
   metafmu search study.toml
-  metafmu search study.toml --resume    # after it was stopped, killed, or the power went
+  metafmu search study.toml --resume    # after it was stopped, killed, or lost power
 
 The study says what to try, for instance:
 
   [search]
-  method = \"halving\"       # after each rung the better ones go on; or \"random\", \"grid\"
+  method = \"halving\"       # after each rung the best ones continue; or \"random\", \"grid\"
   trials = 18
   [search.space]
   \"training.learning_rate\" = { min = 1e-3, max = 1e-2, scale = \"log\" }
@@ -100,7 +100,7 @@ their options, for instance:
   time_budget = 60              # seconds for each
   svr = { rows = 2000, c = 100.0 }
 
-A model that fails or takes too long is a row that says so. `metafmu export STUDY --model ridge` makes an FMU of one.")]
+A model that fails or takes too long has a row that says so. `metafmu export STUDY --model ridge` makes an FMU of one.")]
     Compare(CompareArgs),
     /// Fit one baseline; `compare` runs this
     #[command(hide = true)]
@@ -126,8 +126,8 @@ The FMU has a binary for every platform embedded in this program unless --platfo
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
-Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: that an FMU
-crashes, exits or hangs is a problem like others. What it prints goes to stderr. Exit code 1 if there are problems.")]
+Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: an FMU that
+crashes, exits or hangs is reported as a problem. What it prints goes to stderr. Exit code 1 if there are problems.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV
     #[command(after_help = "Example:
@@ -162,7 +162,7 @@ pub struct NewArgs {
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub time: Option<String>,
-    /// Column of the table that tells the runs apart [default: `run`, else one that numbers them, else where the time begins anew]
+    /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
 }
@@ -187,7 +187,7 @@ pub struct SampleArgs {
     /// Print the parameters of every run as CSV instead, and write nothing
     #[arg(long, conflicts_with = "json")]
     pub dry_run: bool,
-    /// Simulate only this part of all runs, for instance 3/8, and write it to DIR/shard-3-of-8.bin
+    /// Simulate only one part of all runs, for instance 3/8, and write it to DIR/shard-3-of-8.bin
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
     /// Put the shards in DIR together, or those given, and write train.csv and test.csv
@@ -199,7 +199,7 @@ pub struct SampleArgs {
 pub struct SearchArgs {
     #[command(flatten)]
     pub study: StudyArgs,
-    /// Keep the trials that a stopped search has finished, and go on from the checkpoints of the others
+    /// Keep the trials that a stopped search has finished, and continue from the checkpoints of the others
     #[arg(long)]
     pub resume: bool,
 }
@@ -217,7 +217,7 @@ pub struct CompareArgs {
 pub struct TrainArgs {
     #[command(flatten)]
     pub study: StudyArgs,
-    /// Go on from the checkpoint of a training that was stopped; the result is the same to the last bit
+    /// Continue from the checkpoint of a training that was stopped; the result is the same to the last bit
     #[arg(long)]
     pub resume: bool,
 }
@@ -226,7 +226,7 @@ pub struct TrainArgs {
 pub struct BuildArgs {
     #[command(flatten)]
     pub export: ExportArgs,
-    /// Keep what a stopped build of the same study has finished, and go on from its checkpoint
+    /// Keep what a stopped build of the same study has finished, and continue from its checkpoint
     #[arg(long)]
     pub resume: bool,
 }
@@ -250,7 +250,7 @@ pub struct ReportArgs {
 pub struct ExportModelArgs {
     #[command(flatten)]
     pub export: ExportArgs,
-    /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` tells them apart
+    /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` compares them
     #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
     pub model: Option<Kind>,
 }

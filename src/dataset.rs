@@ -238,7 +238,7 @@ impl Piece {
                     self.values[last_row + index]
                 } else {
                     number(&record[index])
-                        .map_err(|found| (line, format!("column `{column}`: `{found}` is no finite number")))?
+                        .map_err(|found| (line, format!("column `{column}`: `{found}` is not a finite number")))?
                 };
                 self.values.push(value);
             }
@@ -386,8 +386,8 @@ mod tests {
         for (text, says) in [
             ("run,time,a,u,v\n", "t.csv:1: columns `run,time,a,u,v`, expected `run,time,a,b,u,v`"),
             ("run,time,a,b,u,v\n", "t.csv:2: the table has no rows"),
-            ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,1,1,1,x,1\n", "t.csv:3: column `u`: `x` is no finite number"),
-            ("run,time,a,b,u,v\n0,0,1,1,1,NaN\n", "t.csv:2: column `v`: `NaN` is no finite number"),
+            ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,1,1,1,x,1\n", "t.csv:3: column `u`: `x` is not a finite number"),
+            ("run,time,a,b,u,v\n0,0,1,1,1,NaN\n", "t.csv:2: column `v`: `NaN` is not a finite number"),
             ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,1,2,1,1,1\n", "t.csv:3: run 0: parameters differ"),
             ("run,time,a,b,u,v\n0,0,1,1,1,1\n0,0,1,1,1,1\n", "t.csv:3: run 0: time 0 does not come after"),
             ("run,time,a,b,u,v\n0,0,1,1,1\n", "t.csv:2: 5 fields, expected 6"),

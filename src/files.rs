@@ -1,9 +1,9 @@
 //! Files written whole or not at all.
 
-mod place;
+mod destination;
 
 use crate::{Error, Result};
-use place::{Place, folder_of};
+use destination::{Destination, folder_of};
 use sha2::{Digest, Sha256};
 use std::{
     fs::{File, Metadata, OpenOptions},
@@ -18,10 +18,10 @@ const UNFINISHED: &str = ".metafmu-";
 /// Writes a file, see [`write_with`].
 ///
 /// # Errors
-/// [`Error::Io`]; whatever was at `path` is still there.
+/// [`Error::Io`]; what was at `path` is unchanged.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_at(path, |place| match place {
-        Place::File(target) => replace(target, false, |file| file.write_all(bytes)),
+    write_at(path, |destination| match destination {
+        Destination::File(target) => replace(target, false, |file| file.write_all(bytes)),
         stream => stream.write(|stream| stream.write_all(bytes)),
     })
     .map_err(|error| sized(error, bytes.len()))
@@ -31,14 +31,14 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 ///
 /// Symbolic links are followed, and what they lead to is created if it is not there. An existing file keeps its mode, and its
 /// owner and group where the system allows it; one that must not be written to is not replaced. Another name of it (a hard
-/// link) stays with the old content, so that copies made of links stay what they were. What is no file on a disk (a device, a
+/// link) stays with the old content, so that copies made of links stay unchanged. Anything but a file on a disk (a device, a
 /// pipe, a socket, `/dev/stdout`) is written to as it is, and not whole if that fails midway.
 ///
 /// # Errors
 /// [`Error::Io`]; a file that was at `path` is still there.
 pub fn write_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
-    write_at(path, |place| match place {
-        Place::File(target) => replace(target, false, write),
+    write_at(path, |destination| match destination {
+        Destination::File(target) => replace(target, false, write),
         stream => stream.write(write),
     })
 }
@@ -50,8 +50,8 @@ pub fn write_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<
 /// # Errors
 /// [`Error::Io`]; a file that was at `path` is still there.
 pub fn write_output(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
-    write_at(path, |place| match place {
-        Place::File(target) => replace(target, true, write),
+    write_at(path, |destination| match destination {
+        Destination::File(target) => replace(target, true, write),
         stream => stream.write(write),
     })
 }
@@ -61,15 +61,15 @@ pub fn write_output(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Resul
 /// # Errors
 /// [`Error::Io`].
 pub fn check_output(path: &Path) -> Result<()> {
-    write_at(path, |place| match place {
-        Place::File(target) if target.exists() => OpenOptions::new().write(true).open(target).map(drop),
-        Place::File(target) => tempfile::tempfile_in(folder_of(target)).map(drop),
+    write_at(path, |destination| match destination {
+        Destination::File(target) if target.exists() => OpenOptions::new().write(true).open(target).map(drop),
+        Destination::File(target) => tempfile::tempfile_in(folder_of(target)).map(drop),
         _ => Ok(()),
     })
 }
 
-fn write_at(path: &Path, write: impl FnOnce(&Place) -> io::Result<()>) -> Result<()> {
-    Place::find(path).and_then(|place| write(&place)).map_err(Error::io(path, "write"))
+fn write_at(path: &Path, write: impl FnOnce(&Destination) -> io::Result<()>) -> Result<()> {
+    Destination::find(path).and_then(|destination| write(&destination)).map_err(Error::io(path, "write"))
 }
 
 /// Puts a file in the place of another one, or of none; `in_place`, that is written to if it has other names or its folder takes
@@ -86,7 +86,7 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
         found => found,
     };
     let mut file = file?;
-    // not by the name of the unfinished file, which would stand in errors
+    // not by the name of the unfinished file, which would appear in errors
     let mut writer = BufWriter::with_capacity(1 << 16, file.as_file_mut());
     write(&mut writer)?;
     writer.flush()?;
@@ -102,7 +102,7 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
     }
 }
 
-/// Copies a file into another one. What is behind its end goes first, so that nothing has changed if there is no room for it.
+/// Copies a file into another one. The part beyond its end is written first, so that nothing has changed if there is no room for it.
 fn overwrite(path: &Path, from: &mut File) -> io::Result<()> {
     let mut to = OpenOptions::new().write(true).open(path)?;
     let (old, new) = (to.metadata()?.len(), from.metadata()?.len());
@@ -138,7 +138,7 @@ fn unfinished(folder: &Path) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Removes the files that processes did not finish because they were killed. What cannot be removed is in nobody's way.
+/// Removes the files that processes did not finish because they were killed. What cannot be removed does no harm.
 fn remove_unfinished(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_one = entry.file_name().as_encoded_bytes().starts_with(UNFINISHED.as_bytes());
@@ -182,7 +182,7 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
-/// Whether a folder takes no new file, maybe in the place of one that can be written to all the same: one that is mounted into a
+/// Whether a folder refuses new files, although the file to be replaced may still be writable: one that is mounted into a
 /// container, for instance.
 fn is_of_folder(error: &io::Error) -> bool {
     use ErrorKind::{CrossesDevices, PermissionDenied, ReadOnlyFilesystem, ResourceBusy};
@@ -316,7 +316,7 @@ mod tests {
         for (path, says) in [
             (folder.path().to_owned(), "is a directory"),
             (path("absent/"), "is a directory"),
-            (path("absent/run.csv"), "there is no folder"),
+            (path("absent/run.csv"), "there is not a folder"),
         ] {
             for refused in
                 [write_output(&path, |file| file.write_all(b"text")), write_whole(&path, b"text"), check_output(&path)]

@@ -28,7 +28,7 @@ pub struct Integration<State> {
     pub evaluations: u32,
 }
 
-/// Right-hand side `f(y)` of `y' = f(y)` as `ode_solvers` wants it.
+/// Right-hand side `f(y)` of `y' = f(y)` in the form that `ode_solvers` needs.
 struct RightHandSide<F>(F);
 
 impl<const N: usize, F: Fn(&SVector<f64, N>) -> SVector<f64, N>> System<f64, SVector<f64, N>> for RightHandSide<F> {

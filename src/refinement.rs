@@ -31,7 +31,7 @@ pub fn next_points(
     let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, study)).collect::<Vec<_>>();
     let (mut runs, mut errors) = (Vec::new(), errors(surrogate, dataset));
     runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, study)));
-    // nothing is to be gained where runs fail
+    // there is nothing to gain where runs fail
     runs.extend(places(failed));
     errors.resize(runs.len(), 0.0);
     let chosen = choose(&runs, &errors, &places(&candidates), count);

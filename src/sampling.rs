@@ -15,7 +15,7 @@ pub struct Sets<T> {
     pub train: T,
     /// Measuring the accuracy.
     pub test: T,
-    /// Measuring the error bounds; empty if there are to be none.
+    /// Measuring the error bounds; empty if none are wanted.
     pub calibration: T,
 }
 
@@ -135,7 +135,7 @@ pub(crate) fn place(
 }
 
 /// Latin hypercube (McKay, Beckman, Conover 1979) of the unit cube: each of `runs` equal slices of each coordinate has one point, at
-/// random in it. It is made for its number of runs: a shorter plan is no beginning of a longer one.
+/// random in it. It is made for its number of runs: a longer plan does not begin with a shorter one.
 fn latin_hypercube(parameters: usize, runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
     let mut points = vec![Vec::with_capacity(parameters); runs];
     for _ in 0..parameters {

@@ -45,7 +45,7 @@ pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
 pub enum Selection {
     /// All of them; the time is the last input column.
     All,
-    /// That with this number of each run; the time is no input.
+    /// The row with this number of each run; the time is not an input.
     At(usize),
 }
 
@@ -188,7 +188,7 @@ mod tests {
             let variance = column.iter().map(|value| value * value).sum::<f64>() / 8.0;
             assert!(mean.abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{mean} {variance}");
         }
-        // at one instant the time is no column, and the first output of the two runs is 1e6 + p
+        // at one instant the time is not a column, and the first output of the two runs is 1e6 + p
         let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(0));
         assert_eq!((scaling.input_mean, scaling.input_scale), (vec![1.5], vec![0.5]));
         assert_eq!((&scaling.output_mean[..], &scaling.output_scale[..]), (&[1e6 + 1.5, 3.0][..], &[0.5, 1.0][..]));

@@ -67,7 +67,7 @@ pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize
 /// absolute ones, so that the text may lie anywhere.
 ///
 /// # Errors
-/// [`Error::Study`] if a key leads through something that is no table.
+/// [`Error::Study`] if a key leads through something that is not a table.
 pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> Result<String> {
     // the study has been read already
     let mut root: toml::Table = text.parse().unwrap_or_default();
@@ -82,7 +82,7 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     }
     for (key, value) in keys.iter().zip(values) {
         set(&mut root, key, value.clone()).ok_or_else(|| {
-            let message = "leads through something that is no table".to_owned();
+            let message = "leads through something that is not a table".to_owned();
             let problem = crate::diagnostics::origin::Problem {
                 path: path.to_owned(),
                 line: 1,
@@ -114,7 +114,7 @@ fn set(table: &mut toml::Table, key: &str, value: Value) -> Option<()> {
 /// [`Error::Study`] with every value of the space, the ends of its ranges among them, that no study can have.
 pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
     let Some(options) = &study.search else {
-        let message = "missing: `metafmu search` wants to know what to try".to_owned();
+        let message = "missing: `metafmu search` needs to know what to vary".to_owned();
         return Err(study.refuse(vec![("search".into(), message)]).expect_err("there is a problem"));
     };
     let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();

@@ -1,6 +1,6 @@
 //! Tables of other tools, read row by row: CSV (module `csv`) and Parquet (module `parquet`), told apart by how they begin.
 //!
-//! Both give named columns with units and one row after the other; whatever is checked is checked here and by those who read,
+//! Both give named columns with units and one row after the other; everything is checked here and by the readers of rows,
 //! for both alike.
 
 mod csv;

@@ -126,7 +126,7 @@ fn a_sampling_that_is_killed_loses_no_finished_run() {
 
     let output = bench.run(&["sample", "study.toml", "--out", "killed"]);
     assert!(output.status.success(), "{}", stderr(&output));
-    assert!(stderr(&output).contains("runs are there from a sampling that was not finished"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("runs are kept from a sampling that was not finished"), "{}", stderr(&output));
     assert!(!journal.exists());
     assert!(bench.run(&["sample", "study.toml", "--out", "whole"]).status.success());
     for name in ["train.csv", "test.csv"] {
@@ -597,7 +597,7 @@ fn own_tuple() -> &'static str {
 fn inputs_that_cannot_be_are_refused() {
     let bench = Bench::built();
     fs::write(bench.path("inputs.csv"), "time,L\n0,0.1\n").unwrap();
-    bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &["variable `L`: is no input"]);
+    bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &["variable `L`: is not an input"]);
     bench.fails(&["simulate", FMU, "--input", "absent.csv"], &["absent.csv", "cannot read"]);
 }
 

@@ -5,8 +5,8 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-/// Turns true at the first Ctrl-C. A stage that it has stopped may clear it and leave the rest to be done; the second
-/// Ctrl-C ends the program all the same.
+/// Turns true at the first Ctrl-C. A stage that it has stopped may clear it and leave the rest to be done; a second
+/// Ctrl-C ends the program in any case.
 pub fn flag() -> &'static AtomicBool {
     static STOP: AtomicBool = AtomicBool::new(false);
     static PRESSED: AtomicBool = AtomicBool::new(false);

@@ -50,7 +50,7 @@ fn conclude(verdict: &Verdict, json: bool) -> Result<Outcome> {
     Ok(if verdict.accepted { Outcome::Fine } else { Outcome::ProblemsFound })
 }
 
-/// Prints to stdout; a reader that has seen enough (`| head`) is no error, a stdout that is closed (`>&-`) is one.
+/// Prints to stdout; a reader that has seen enough (`| head`) is not an error, a stdout that is closed (`>&-`) is one.
 fn print(text: &str) -> Result<()> {
     match write(visible(text).as_bytes()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
@@ -68,7 +68,7 @@ fn write(bytes: &[u8]) -> std::io::Result<()> {
     stdout.flush()
 }
 
-/// Prints a line of progress, a warning or an error to stderr. Nobody reading it any more (`2>&1 | head`) is no reason to stop.
+/// Prints a line of progress, a warning or an error to stderr. A closed stderr (`2>&1 | head`) does not stop the program.
 pub fn say(line: impl Display) {
     let _ = writeln!(std::io::stderr(), "{}", visible(&line.to_string()));
 }

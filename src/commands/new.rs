@@ -93,7 +93,7 @@ margin = 0.05               # training runs are longer by this share of `stop`; 
     Ok(text)
 }
 
-/// Runs that a study samples unless its author says otherwise.
+/// Runs that a new study samples.
 const RUNS: usize = 1000;
 
 /// `[sampling]` of a source that can be sampled anywhere in the ranges.

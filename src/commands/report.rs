@@ -1,4 +1,4 @@
-//! `metafmu report`: the surrogate beside the truth, on one page for people.
+//! `metafmu report`: the surrogate beside the truth, on one page.
 
 use super::{Outcome, print, print_json, project};
 use crate::cli::ReportArgs;

@@ -138,7 +138,7 @@ impl Write for Stdout {
     }
 }
 
-/// What the FMU says about its domain of validity, which nobody looks for in a long table.
+/// A warning about the FMU's domain of validity, which would be overlooked in a long table.
 #[derive(Default)]
 struct Domain {
     column: Option<usize>,

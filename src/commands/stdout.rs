@@ -1,7 +1,7 @@
 //! Whether stdout was open when the program began.
 //!
 //! Before `main` the standard library puts `/dev/null` in the place of closed standard streams: results would vanish there
-//! without an error. On Windows writing to a missing stdout is no error either, and nothing is done about it.
+//! without an error. On Windows writing to a missing stdout is not an error either, and is ignored.
 
 #[cfg(any(target_os = "linux", target_vendor = "apple"))]
 mod at_start {

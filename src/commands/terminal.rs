@@ -20,7 +20,7 @@ const BETWEEN: Duration = Duration::from_millis(100);
 
 static TERMINAL: Terminal = Terminal { shown: Mutex::new(Shown { bar: None, on_terminal: false, at: None }) };
 
-/// Takes the bar away that a stage has left behind because of an error.
+/// Removes the bar that a stage has left because of an error.
 pub fn end() {
     TERMINAL.event(Event::End);
 }

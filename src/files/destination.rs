@@ -1,4 +1,4 @@
-//! What a path stands for when something is to be written there.
+//! What a path refers to when something is to be written there.
 
 use std::{
     fs::{self, OpenOptions},
@@ -11,7 +11,7 @@ const LINKS: usize = 40;
 
 /// Where a path leads, symbolic links followed.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum Destination {
     /// A file, or nothing yet.
     File(PathBuf),
     /// A device, a pipe, a socket, or a file that a process has open.
@@ -22,7 +22,7 @@ pub(super) enum Place {
     Stderr,
 }
 
-impl Place {
+impl Destination {
     /// # Errors
     /// If it is a folder, or in none.
     pub(super) fn find(path: &Path) -> io::Result<Self> {
@@ -31,7 +31,7 @@ impl Place {
             let (Some(name), false) = (path.file_name(), ends_like_a_folder(&path)) else {
                 return Err(ErrorKind::IsADirectory.into());
             };
-            let folder = fs::canonicalize(folder_of(&path)).map_err(|error| of_folder(&path, error))?;
+            let folder = fs::canonicalize(folder_of(&path)).map_err(|error| in_folder(&path, error))?;
             if folder.starts_with("/proc") || folder == Path::new("/dev/fd") {
                 let is_own =
                     ["/proc/self/fd", "/dev/fd"].iter().any(|own| fs::canonicalize(own).is_ok_and(|own| own == folder));
@@ -47,13 +47,13 @@ impl Place {
                 Ok(found) if found.is_file() => return Ok(Self::File(path)),
                 Ok(_) => return Ok(Self::Stream(path)),
                 Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Self::File(path)),
-                Err(error) => return Err(of_folder(&path, error)),
+                Err(error) => return Err(in_folder(&path, error)),
             }
         }
         Err(io::Error::other("too many symbolic links"))
     }
 
-    /// Writes to what is no file on a disk. A reader that has seen enough (`| head`) is no error.
+    /// Writes to something other than a file on a disk. A reader that has seen enough (`| head`) is not an error.
     pub(super) fn write(&self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
         let mut stream = BufWriter::with_capacity(1 << 16, self.open()?);
         match write(&mut stream).and_then(|()| stream.flush()) {
@@ -68,7 +68,7 @@ impl Place {
             Self::Stderr => Ok(Box::new(io::stderr())),
             #[cfg(unix)]
             Self::Stream(path) if is_socket(path) => Ok(Box::new(std::os::unix::net::UnixStream::connect(path)?)),
-            // a file that a process has open goes on at its end
+            // writing to a file that a process has open continues at its end
             Self::Stream(path) | Self::File(path) => Ok(Box::new(OpenOptions::new().append(true).open(path)?)),
         }
     }
@@ -83,11 +83,11 @@ fn ends_like_a_folder(path: &Path) -> bool {
     path.as_os_str().to_string_lossy().ends_with(std::path::is_separator)
 }
 
-fn of_folder(path: &Path, error: io::Error) -> io::Error {
+fn in_folder(path: &Path, error: io::Error) -> io::Error {
     let folder = folder_of(path).display();
     match error.kind() {
-        ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, format!("there is no folder {folder}")),
-        ErrorKind::NotADirectory => io::Error::new(ErrorKind::NotADirectory, format!("{folder} is no folder")),
+        ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, format!("there is not a folder {folder}")),
+        ErrorKind::NotADirectory => io::Error::new(ErrorKind::NotADirectory, format!("{folder} is not a folder")),
         _ => error,
     }
 }

@@ -23,7 +23,7 @@ pub struct Archive {
     zip: ZipArchive<BufReader<File>>,
 }
 
-/// What the archive's directory says about one entry.
+/// One entry of the archive's directory.
 #[derive(Clone, Debug)]
 pub struct Entry {
     /// Name as it is in the archive.
@@ -42,7 +42,7 @@ impl Archive {
     /// Opens an archive and reads its directory.
     ///
     /// # Errors
-    /// [`Error::Io`] if there is no such file or it cannot be read, [`Error::Archive`] if it is no zip archive.
+    /// [`Error::Io`] if there is no such file or it cannot be read, [`Error::Archive`] if it is not a zip archive.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         // a folder can be opened like a file on some systems
@@ -158,7 +158,7 @@ impl Archive {
     fn unpack_entry(&mut self, index: usize, entry: &Entry, folder: &Path) -> Result<()> {
         let path = self.path.clone();
         let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: entry.name.clone(), problem };
-        // some names are none for a file here, or for a file what is a folder for another entry: the archive's fault
+        // some names are not valid for files here, or name a file that is a folder for another entry: the archive's fault
         let failed = |target: &Path, action, error: io::Error| match error.kind() {
             ErrorKind::InvalidFilename
             | ErrorKind::InvalidInput
@@ -280,7 +280,7 @@ mod tests {
         assert!(message(archive.read("zeros", (1 << 20) - 1)).ends_with("is larger than 1048575 bytes"));
     }
 
-    /// The sizes that the archive says become another.
+    /// Replaces the sizes that the archive declares.
     fn declare(path: &Path, size: u32) {
         let mut bytes = fs::read(path).unwrap();
         for place in 0..bytes.len() - 28 {

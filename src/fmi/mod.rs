@@ -1,6 +1,6 @@
 //! FMI, the standard: FMUs of any tool are read, run and checked. Nothing here knows of surrogates.
 //!
-//! - [`ModelDescription`]: what an FMU says about itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
+//! - [`ModelDescription`]: an FMU's description of itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
 //! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
 //! - [`worker`]: FMUs run in processes of their own; [`simulate_apart`] does a whole run in one.
 //! - [`validate()`]: every problem of an FMU; [`validate_apart`] in processes of their own.

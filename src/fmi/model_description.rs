@@ -1,4 +1,4 @@
-//! What an FMU says about itself, independent of the FMI version that writes it down.
+//! An FMU's description of itself, independent of the FMI version in which it is written.
 //!
 //! Terms are those of the FMI standard. Variables are referred to by their position in
 //! [`ModelDescription::variables`], counted from 0; readers and writers translate.
@@ -76,7 +76,7 @@ pub enum NamingConvention {
     Structured,
 }
 
-/// What every kind of interface says about itself.
+/// Capabilities that every type of interface has.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Interface {
     /// Name of the binary and prefix of its functions in source code: a C identifier.
@@ -89,7 +89,7 @@ pub struct Interface {
     pub own_memory_management: bool,
     /// Whether the state can be taken and put back.
     pub get_and_set_state: bool,
-    /// Whether a taken state can be turned into bytes.
+    /// Whether a saved state can be serialized.
     pub serialize_state: bool,
     /// Whether directional derivatives are offered.
     pub directional_derivative: bool,
@@ -102,7 +102,7 @@ pub struct Interface {
 /// The model exchange interface.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ModelExchange {
-    /// What every interface says.
+    /// Capabilities that every type of interface has.
     pub interface: Interface,
     /// Whether the host must report every completed integrator step.
     pub needs_completed_integrator_step: bool,
@@ -111,7 +111,7 @@ pub struct ModelExchange {
 /// The co-simulation interface.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoSimulation {
-    /// What every interface says.
+    /// Capabilities that every type of interface has.
     pub interface: Interface,
     /// Whether communication steps may differ in size.
     pub variable_step_size: bool,
@@ -129,7 +129,7 @@ pub struct CoSimulation {
     pub intermediate_update: bool,
     /// Whether a step may end before the time it was asked for; FMI 3.0 only.
     pub might_return_early: bool,
-    /// Whether the host may ask for that in the middle of a step; FMI 3.0 only.
+    /// Whether the host may get them in the middle of a step; FMI 3.0 only.
     pub return_early_after_intermediate_update: bool,
 }
 
@@ -188,7 +188,7 @@ pub struct ScalarVariable {
     pub value_reference: u32,
     /// One sentence for people.
     pub description: Option<String>,
-    /// What it is to the host.
+    /// Its role for the host.
     pub causality: Causality,
     /// When it changes.
     pub variability: Variability,
@@ -227,7 +227,7 @@ pub struct Alias {
     pub display_unit: Option<String>,
 }
 
-/// What a variable is to the host.
+/// The role of a variable for the host.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Causality {
     /// Set by the host, not by other FMUs.
@@ -355,7 +355,7 @@ pub struct Integer {
     pub start: Option<i128>,
 }
 
-/// How an integer is stored. FMI 2.0 knows 32 bits only, enumerations included; those of FMI 3.0 have 64.
+/// How an integer is stored. FMI 2.0 has 32 bits only, also for enumerations; those of FMI 3.0 have 64.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Width {
     /// 8 bits, signed.
@@ -588,7 +588,7 @@ impl VariableType {
 }
 
 /// FMUs with more numbers than this, all elements of all variables, are refused: their descriptions are mistaken, and not to be
-/// answered by running out of memory.
+/// met by running out of memory.
 pub const MAX_ELEMENTS: u64 = 1 << 24;
 
 impl ModelDescription {

@@ -2,7 +2,7 @@
 //!
 //! A unit expression is a product of factors; `.`, `*` or a space multiply, `/` divides by the one factor after it.
 //! A factor is a unit symbol of the table below, with an SI prefix where that is usual, and an integer exponent written
-//! `m2`, `m^2`, `m-2` or `m^-2`; `1` stands for nothing, as in `1/s`. Symbols and factors: the SI brochure, 9th edition.
+//! `m2`, `m^2`, `m-2` or `m^-2`; `1` is allowed as a numerator, as in `1/s`. Symbols and factors: the SI brochure, 9th edition.
 
 use std::f64::consts::PI;
 
@@ -22,9 +22,9 @@ impl BaseUnit {
     /// Symbols of the base units, in the order of the exponents.
     pub const SYMBOLS: [&'static str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
 
-    /// Parses a unit expression; `None` if it holds a symbol that is not known, or is no unit expression.
+    /// Parses a unit expression; `None` if it contains an unknown symbol, or is not a unit expression.
     pub fn parse(expression: &str) -> Option<Self> {
-        // a temperature scale is no multiple of the kelvin and only stands alone
+        // a temperature scale is not a multiple of the kelvin and only valid alone
         if matches!(expression, "degC" | "°C") {
             return Some(Self { exponents: [0, 0, 0, 0, 1, 0, 0, 0], factor: 1.0, offset: 273.15 });
         }

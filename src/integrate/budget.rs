@@ -16,7 +16,7 @@ const EVALUATIONS: f64 = 2e7;
 const AHEAD: f64 = 5e5;
 /// Evaluations after which a run must have got on.
 const WINDOW: u64 = 1 << 14;
-/// A run that would take so many at the rate of the last window has come to a standstill.
+/// A run that would take this many at the rate of the last window has come to a standstill.
 const STANDSTILL: f64 = 1e10;
 /// Evaluations between two looks at the clock and at the flags.
 const LOOK: u64 = 1 << 8;
@@ -51,7 +51,7 @@ impl<'a> Budget<'a> {
         Self { stops, clock: time_limit.map(|limit| (Instant::now(), limit)), ..Self::default() }
     }
 
-    /// The times that a run goes through; without this there is no limit to the evaluations.
+    /// The times of a run; without this the evaluations are not limited.
     pub(crate) fn begin(&self, times: &[f64]) {
         if let [start, .., stop] = times {
             self.start.set(*start);
@@ -60,7 +60,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Counts an evaluation; false if the run is to be given up.
+    /// Counts an evaluation; false if the run must be given up.
     pub(crate) fn spend(&self) -> bool {
         let spent = self.evaluations.get() + 1;
         self.evaluations.set(spent);
@@ -109,12 +109,12 @@ impl<'a> Budget<'a> {
         self.last_step.get()
     }
 
-    /// Whether the run is to be given up.
+    /// Whether the run must be given up.
     pub(crate) fn is_over(&self) -> bool {
         self.end.get().is_some()
     }
 
-    /// Fails if the run is to be given up; `cause` may say more about equations that cannot be integrated.
+    /// Fails if the run must be given up; `cause` may explain why the equations cannot be integrated.
     ///
     /// # Errors
     /// A sentence that says what was tried and why the run is given up.
@@ -142,7 +142,7 @@ impl<'a> Budget<'a> {
 mod tests {
     use super::*;
 
-    /// Evaluations until the end of a run that gets on so far with each of them.
+    /// Evaluations until the end of a run that advances by this much in each of them.
     fn spent(step: f64) -> u64 {
         let budget = Budget::default();
         budget.begin(&[0.0, 1.0, 2.0]);

@@ -34,7 +34,7 @@ pub enum Slot {
 }
 
 impl Formula {
-    /// Value and time derivatives where nothing but time matters.
+    /// Value and time derivatives of a formula of time alone.
     pub fn of_time(&self, t: f64) -> Jet {
         self.expression.evaluate(|position| match self.slots[position] {
             Slot::Value(value) => Jet::constant(value),
@@ -101,7 +101,7 @@ pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
 /// beyond 10 km, 10 000 rad, or these in a second: doubles have 16 digits, and a constraint is a difference of coordinates.
 pub const CONSTRAINT_ROUNDING: f64 = 1e-14;
 
-/// A row of the Jacobian counts as dependent on those before it if less than this part of it stands out of their span.
+/// A row of the Jacobian counts as dependent on those before it if its component outside their span is below this fraction of it.
 const DEPENDENT: f64 = 1e-9;
 
 impl Constraints {
@@ -291,7 +291,7 @@ impl Constraints {
     }
 }
 
-/// For each column the part of it that stands out of the span of the columns before it, between 0 and 1.
+/// For each column the fraction of it that is outside the span of the columns before it, between 0 and 1.
 pub(super) fn independence(columns: &DMatrix<f64>) -> Vec<f64> {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut parts = Vec::new();

@@ -278,7 +278,7 @@ impl<'de> Deserialize<'de> for Expression {
     }
 }
 
-/// Recursive descent; each rule leaves its steps behind those of its operands.
+/// Recursive descent; each rule appends its steps after those of its operands.
 struct Parser<'a> {
     text: &'a str,
     position: usize,
@@ -406,7 +406,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// The next character that is no space.
+    /// The next character that is not a space.
     fn peek(&mut self) -> Option<char> {
         let rest = &self.text[self.position..];
         self.position += rest.len() - rest.trim_start().len();

@@ -22,7 +22,7 @@ const SAFE_PIVOT: f64 = 1e-6;
 /// Part of the determinant of `C_d` when it was chosen at which another partition is chosen.
 const DEGRADED: f64 = 0.5;
 
-/// Part of that determinant below which a partition is not used: behind the singularity lies another assembly.
+/// Part of that determinant below which a partition is not used: beyond the singularity lies another assembly.
 const UNUSABLE: f64 = 0.05;
 
 /// Accelerations and multipliers in one state.
@@ -73,7 +73,7 @@ impl Formulation {
     pub fn state(&self, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
         match self {
             Self::Augmented => stack(q, v),
-            Self::Embedding(partition) => stack(&pick(q, &partition.independent), &pick(v, &partition.independent)),
+            Self::Embedding(partition) => stack(&gather(q, &partition.independent), &gather(v, &partition.independent)),
         }
     }
 
@@ -162,7 +162,7 @@ fn eliminated(
     is_finite.then_some(Acceleration { qdd, multipliers })
 }
 
-/// The augmented equations as they stand.
+/// The augmented equations without elimination.
 fn whole(
     mass: &DVector<f64>,
     transposed: &DMatrix<f64>,
@@ -224,7 +224,7 @@ impl Partition {
         Ok(Self { dependent, independent, determinant, left: Cell::new(1.0) })
     }
 
-    /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or behind a singularity.
+    /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or beyond a singularity.
     fn split(&self, transposed: &DMatrix<f64>) -> Option<Split> {
         let factors = transposed.select_rows(&self.dependent).transpose().lu();
         let left = factors.determinant() / self.determinant;
@@ -240,12 +240,12 @@ impl Partition {
         guess: &DVector<f64>,
     ) -> Result<(DVector<f64>, DVector<f64>), String> {
         let mut q = guess.clone();
-        place(&mut q, &self.independent, q_i);
+        scatter(&mut q, &self.independent, q_i);
         let (factors, c_i) = self.correct_dependent(model, t, &mut q)?;
         let dependent = factors.solve(&(model.constraints.target_rates(t) - c_i * v_i)).ok_or("C_d is singular")?;
         let mut v = DVector::zeros(q.len());
-        place(&mut v, &self.independent, v_i);
-        place(&mut v, &self.dependent, &dependent);
+        scatter(&mut v, &self.independent, v_i);
+        scatter(&mut v, &self.dependent, &dependent);
         Ok((q, v))
     }
 
@@ -274,14 +274,14 @@ impl Partition {
         let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&model.constraints.acceleration_side(t, q, v)));
         let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
         let forces = model.applied_forces(t, q, v);
-        let (m_d, m_i) = (pick(&model.mass, &self.dependent), pick(&model.mass, &self.independent));
+        let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
         // (T^T M T) qdd_i = T^T F_a - T^T M r
         let mut weighted = t_d.clone();
         weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&m_d));
         let matrix = t_d.tr_mul(&weighted) + DMatrix::from_diagonal(&m_i);
-        let f_d = pick(&forces, &self.dependent);
-        let side = pick(&forces, &self.independent) + t_d.tr_mul(&(&f_d - m_d.component_mul(&r_d)));
+        let f_d = gather(&forces, &self.dependent);
+        let side = gather(&forces, &self.independent) + t_d.tr_mul(&(&f_d - m_d.component_mul(&r_d)));
         let qdd_i = matrix.lu().solve(&side).filter(|x| x.iter().all(|value| value.is_finite()));
         let qdd_i = qdd_i.ok_or_else(|| without_solution(model, t, &transposed))?;
 
@@ -290,17 +290,17 @@ impl Partition {
         let c_d_transposed = transposed.select_rows(&self.dependent).lu();
         let multipliers = c_d_transposed.solve(&(f_d - m_d.component_mul(&qdd_d))).ok_or("C_d is singular")?;
         let mut qdd = DVector::zeros(q.len());
-        place(&mut qdd, &self.independent, &qdd_i);
-        place(&mut qdd, &self.dependent, &qdd_d);
+        scatter(&mut qdd, &self.independent, &qdd_i);
+        scatter(&mut qdd, &self.dependent, &qdd_d);
         Ok(Acceleration { qdd, multipliers })
     }
 }
 
-fn pick(vector: &DVector<f64>, positions: &[usize]) -> DVector<f64> {
+fn gather(vector: &DVector<f64>, positions: &[usize]) -> DVector<f64> {
     DVector::from_iterator(positions.len(), positions.iter().map(|&position| vector[position]))
 }
 
-fn place(vector: &mut DVector<f64>, positions: &[usize], values: &DVector<f64>) {
+fn scatter(vector: &mut DVector<f64>, positions: &[usize], values: &DVector<f64>) {
     for (&position, &value) in positions.iter().zip(values.iter()) {
         vector[position] = value;
     }

@@ -1,13 +1,13 @@
 //! Runs whose drivers leave nothing free: `C(q, t) = 0` with a square `C_q`, solved position by position.
 //!
-//! The positions are followed in steps of their own length, whatever the rows are: a parabola through the last position
+//! The positions are followed in steps that do not depend on the rows: a parabola through the last position
 //! predicts the next one, Newton's method corrects it. A step counts only if it stays on the way the mechanism moves:
 //! - the first correction is small: angles on the scale of a radian, lengths on that of the lever arms;
 //! - the next one is much smaller (Newton-Kantorovich; Deuflhard, *Newton Methods for Nonlinear Problems*, section 5.1);
 //! - the determinant of each loop keeps its sign. The two ways to close a loop that meet in a singular position have
 //!   opposite signs; two loops that change sides together leave the sign of the whole determinant as it was.
 //!
-//! Otherwise it is tried again with half the length. Rows lie within steps: a polynomial of degree 5 through both ends
+//! Otherwise it is retried with half the length. Rows lie within steps: a polynomial of degree 5 through both ends
 //! predicts them, and they count under the same conditions.
 
 use super::{
@@ -24,14 +24,14 @@ const CORRECTION: f64 = 0.02;
 /// Largest ratio of a correction to the one before it.
 const CONTRACTION: f64 = 0.1;
 
-/// Correction behind which another one with the same Jacobian leaves nothing but rounding.
+/// Correction after which another one with the same Jacobian leaves only rounding errors.
 const CONVERGED: f64 = 1e-8;
 
 /// Part of the longest step so far at which shorter ones are given up: closer to a singular position, rounding is as large as
 /// the distance between the ways that meet there.
 const SHORTEST: f64 = 1e-6;
 
-/// A position on the way, with what the constraints say about velocities and accelerations.
+/// A position on the way, with the velocities and accelerations that the constraints determine.
 struct Position {
     t: f64,
     q: DVector<f64>,
@@ -173,7 +173,7 @@ impl<'a> Way<'a> {
         vector.iter().zip(&self.scale).fold(0.0, largest)
     }
 
-    /// Why there is no way from a position to a time right behind it.
+    /// Why there is no way from a position to a time right after it.
     fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> String {
         let constraints = &self.model.constraints;
         if let Some(message) = constraints.undefined_motion(to) {

@@ -96,7 +96,7 @@ impl Mechanism {
         parts.join(", ")
     }
 
-    /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
+    /// Fails if there are problems; each is a dotted key and its message, and is given its line here.
     ///
     /// # Errors
     /// [`crate::Error::Study`].
@@ -104,7 +104,7 @@ impl Mechanism {
         self.origin.refuse(problems)
     }
 
-    /// What the file says.
+    /// The content of the file.
     pub fn description(&self) -> &Description {
         &self.description
     }
@@ -114,7 +114,7 @@ impl Mechanism {
         &self.description.parameters
     }
 
-    /// What a study may ask for.
+    /// What a study may have as outputs.
     pub fn outputs(&self) -> &[Variable] {
         &self.outputs
     }
@@ -154,7 +154,7 @@ fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// Arrays that are no vectors in the plane, or do not name two points. Reading them would drop the elements behind the second.
+/// Arrays that are not vectors in the plane, or do not name two points. Reading them would drop the elements after the second.
 fn length_problems(origin: &Origin) -> Problems {
     let problem = |(key, found): (String, usize)| {
         let mut names = key.rsplit('.');
@@ -175,7 +175,7 @@ fn of_plane(found: usize) -> String {
     format!("{}, expected 2: x and y", counted(found, "component", "components"))
 }
 
-/// Ranges of parameters that are none, or do not hold the default.
+/// Ranges of parameters that are empty or incomplete, or do not contain the default.
 fn range_problems(description: &Description) -> Problems {
     let mut problems = Problems::new();
     for (name, &ParameterOptions { default, min, max, .. }) in &description.parameters {
@@ -200,7 +200,7 @@ fn range_problems(description: &Description) -> Problems {
     problems
 }
 
-/// Bodies that neither mass nor inertia keeps from moving as fast as you like.
+/// Bodies with a motion that neither mass nor inertia resists.
 fn free_of_inertia(description: &Description, model: &Model, q: &DVector<f64>) -> Problems {
     let problem = |coordinate: usize| {
         let body = description.bodies.get_index(coordinate / 3).map_or("", |(name, _)| name.as_str());
@@ -214,7 +214,7 @@ fn free_of_inertia(description: &Description, model: &Model, q: &DVector<f64>) -
     problems
 }
 
-/// Outputs that measure what stands still.
+/// Outputs that measure something that does not move.
 fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems {
     let constant = |measure: &Measure| match measure {
         Measure::Position(coordinate) | Measure::Velocity(coordinate) | Measure::Acceleration(coordinate) => {
@@ -223,10 +223,11 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
         _ => false,
     };
     let odd = description.outputs.keys().zip(measures).filter(|(_, measure)| constant(measure));
-    odd.map(|(name, _)| (format!("outputs.{name}.measure"), "never changes: it is of the ground".to_owned())).collect()
+    odd.map(|(name, _)| (format!("outputs.{name}.measure"), "never changes: it belongs to the ground".to_owned()))
+        .collect()
 }
 
-/// Names that cannot be told apart or cannot stand in an expression.
+/// Names that are ambiguous or cannot be used in an expression.
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::new();
     let Description { parameters, bodies, joints, drivers, springs, forces, actuators, .. } = description;
@@ -241,7 +242,7 @@ fn name_problems(description: &Description) -> Problems {
         ("actuators", actuators.keys().collect()),
     ];
     for (section, names) in &sections {
-        // parameters stand alone in expressions, parts of the mechanism with a dot behind them
+        // in expressions, parameters are names without a dot, parts of the mechanism are followed by one
         let mut taken = vec![("the time", "time"), ("a number", "pi")];
         let seen = if *section == "parameters" { &mut taken } else { &mut parts };
         for name in names {

@@ -47,7 +47,7 @@ pub struct Actuator {
     pub effort: Formula,
 }
 
-/// Everything of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
+/// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// How the equations of motion are solved.
@@ -98,7 +98,7 @@ impl Model {
         sum
     }
 
-    /// The first force or effort that is not a number in a state, in words: the square root of a negative number, for instance.
+    /// A message about the first force or effort that is not a number in a state: the square root of a negative number, for instance.
     pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
         let components = self.forces.iter().flat_map(|force| &force.components);
         let mut formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));

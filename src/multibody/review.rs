@@ -1,4 +1,4 @@
-//! What a description says without effect: mistakes more often than not.
+//! Parts of a description that have no effect: usually mistakes.
 
 use super::{
     build::Problems,
@@ -7,7 +7,7 @@ use super::{
 };
 use std::collections::BTreeSet;
 
-/// Parts that do nothing although nothing else can be their purpose: dotted keys and what is wrong.
+/// Parts that have no effect although that is their only purpose: dotted keys and messages.
 pub fn idle_parts(description: &Description) -> Problems {
     let names = Names::of(description);
     let idle = |(name, spring): (&String, &SpringOptions)| {
@@ -19,7 +19,7 @@ pub fn idle_parts(description: &Description) -> Problems {
     description.springs.iter().filter_map(idle).collect()
 }
 
-/// What is odd but may be meant: dotted keys and what is odd.
+/// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
     let Description { parameters, ground, bodies, springs, forces, actuators, .. } = description;
@@ -53,7 +53,7 @@ pub fn oddities(description: &Description) -> Problems {
     oddities
 }
 
-/// Zero whatever the parameters.
+/// Zero for any parameters.
 fn is_zero(expression: &Expression) -> bool {
     expression.names().is_empty() && expression.evaluate(|_| Jet::constant(f64::NAN)).value == 0.0
 }
@@ -100,7 +100,7 @@ impl<'a> Names<'a> {
     }
 }
 
-/// Whether a name is a part's, or goes on with a dot after it.
+/// Whether a name is a part's, or continues with a dot after it.
 fn is_of(name: &str, part: &str) -> bool {
     name.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }

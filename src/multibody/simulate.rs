@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
 
-/// Part of what a constraint stood out of the others at the start of a run below which its position is nearly singular.
+/// Fraction of a constraint's [independence] at the start of a run below which its position is nearly singular.
 const NEARLY_SINGULAR: f64 = 0.1;
 
 /// Everything about a model at one time.
@@ -47,7 +47,7 @@ pub fn simulate(model: &Model, times: &[f64], budget: &Budget) -> Result<Vec<Sam
         let from = &samples[samples.len() - 1];
         let next = match stretch(model, from, &times[samples.len() - 1..], budget) {
             Ok(next) => next,
-            // other independent coordinates on the way may do
+            // with other independent coordinates on the way it may succeed
             Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
                 vec![bridge(model, from, times[samples.len()], 5, budget)?]
             }
@@ -58,7 +58,7 @@ pub fn simulate(model: &Model, times: &[f64], budget: &Budget) -> Result<Vec<Sam
     Ok(samples)
 }
 
-/// The sample at the next time, on the way there with as many fresh choices as it takes.
+/// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
 fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
     match stretch(model, from, &[from.t, t], budget) {
         Ok(mut samples) => Ok(samples.swap_remove(0)),
@@ -108,7 +108,7 @@ struct Stretch<'a> {
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
     budget: &'a Budget<'a>,
-    /// A force that was no number where the integrator has been.
+    /// A force that was not a number where the integrator has been.
     undefined: RefCell<Option<String>>,
 }
 
@@ -120,7 +120,7 @@ impl Stretch<'_> {
         let Integration { states, failure, .. } =
             integrate::advance(problem, state, times, self.model.tolerance, self.budget);
         self.budget.check(|| self.cause())?;
-        // after a failure the next stretch may do better, if there is a row from which it goes on
+        // after a failure the next stretch may succeed, if there is a row from which to continue
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
     }
 
@@ -138,7 +138,7 @@ impl Stretch<'_> {
         format!("integration failed after t = {t} s: {error}{reason}")
     }
 
-    /// What keeps the integration from getting on, if that can be told.
+    /// What prevents the integration from progressing, if that is known.
     fn cause(&self) -> Option<String> {
         // its motion decides the length of the steps
         let stiff = self.stiffest_spring().filter(|(_, rate)| rate * self.budget.last_step() > 0.01);
@@ -173,7 +173,7 @@ impl Stretch<'_> {
         let (q, v) = self.formulation.complete(self.model, t, &state, &guess)?;
         let acceleration = self.formulation.accelerate(self.model, t, &q, &v);
         let is_finite = |qdd: &DVector<f64>| qdd.iter().all(|value| value.is_finite());
-        // stages behind one that was no number have no time either
+        // stages after one that was not a number have no time either
         if t.is_finite()
             && !acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
             && let Some(force) = self.model.undefined_force(t, &q, &v)
@@ -187,7 +187,7 @@ impl Stretch<'_> {
     }
 }
 
-/// A stretch as `ode_solvers` wants it: the time is the last of the states.
+/// A stretch in the form that `ode_solvers` needs: the time is the last of the states.
 struct Problem<'a> {
     stretch: &'a Stretch<'a>,
     start: f64,
@@ -197,12 +197,12 @@ impl System<f64, DVector<f64>> for Problem<'_> {
     fn system(&self, _: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
         match self.stretch.derivative(state) {
             Ok(value) => derivative.copy_from(&value),
-            // a step into a place without solution is tried again shorter
+            // a step to a state without a solution is retried with a shorter one
             Err(_) => derivative.fill(f64::NAN),
         }
     }
 
-    /// Stops behind a row where the formulation is worn.
+    /// Stops after a row where the formulation is worn.
     fn solout(&mut self, _: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
         let (t, state) = split_time(row);
         t > self.start && self.stretch.formulation.is_worn(self.stretch.model, t, &state)

@@ -433,7 +433,7 @@ length = { measure = "gauge.length" }
             "m.toml:12: springs.gauge.rest: has no effect without `stiffness`",
             "m.toml:19: forces.push.force: is zero: it has no effect",
             "m.toml:22: actuators.pull.effort: is zero: it has no effect",
-            "m.toml:25: outputs.y.measure: never changes: it is of the ground",
+            "m.toml:25: outputs.y.measure: never changes: it belongs to the ground",
         ]
     );
     assert_eq!(mechanism.summary(), "2 bodies, 0 joints, 6 degrees of freedom");

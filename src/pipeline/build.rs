@@ -19,7 +19,7 @@ use metafmu_runtime::Surrogate;
 pub struct Built {
     /// What `metrics.json` holds.
     pub metrics: Metrics,
-    /// What is to be thought of the surrogate.
+    /// Whether the surrogate is good enough, and if not, why.
     pub verdict: Verdict,
     /// The network beside the baselines that the study wants in a build.
     pub comparison: Option<Comparison>,

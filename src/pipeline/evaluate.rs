@@ -32,7 +32,7 @@ pub struct Metrics {
     tool: String,
 }
 
-/// Measures the surrogate that is there on the test runs that are there.
+/// Measures the project's surrogate on its test runs.
 ///
 /// # Errors
 /// [`Error::Stale`](crate::Error::Stale) if one of them is missing or of another study, [`Error::Io`](crate::Error::Io).

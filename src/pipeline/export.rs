@@ -17,7 +17,7 @@ use metafmu_runtime::Surrogate;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What is asked for; by default what the study says, with every library that is embedded in this one.
+/// What to export; by default what the study says, with every library that is embedded in this one.
 #[derive(Clone, Debug, Default)]
 pub struct ExportOptions {
     /// Versions of FMI.
@@ -30,7 +30,7 @@ pub struct ExportOptions {
     pub sources: bool,
 }
 
-/// What is to be made.
+/// The FMUs to write.
 #[derive(Debug)]
 pub struct Plan {
     choice: FmiChoice,
@@ -131,7 +131,7 @@ pub fn export_baseline(project: &Project, plan: &Plan, kind: Kind) -> Result<Vec
     write(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
 }
 
-/// An FMU of a rejected surrogate is made all the same, and says so.
+/// An FMU of a rejected surrogate is written nevertheless, and says so.
 fn with_verdict(project: &Project, accuracy: Accuracy, verdict: Verdict) -> Accuracy {
     verdict.text().lines().for_each(|line| project.say(line));
     Accuracy { verdict: Some(verdict), ..accuracy }

@@ -1,8 +1,8 @@
 //! What the verbs of the command do, without a terminal: from a study file to validated FMUs, for every program.
 //!
 //! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
-//! folder, tells an [`Observer`] how it goes, and ends when a token says so. Nothing here prints, reads the command line, or
-//! asks which program runs.
+//! folder, reports its progress to an [`Observer`], and ends when a token says so. Nothing here prints, reads the command line, or
+//! depends on which program runs.
 
 pub mod build;
 pub mod compare;
@@ -30,11 +30,11 @@ pub use search::search;
 
 use crate::{Result, export::serve_worker, fmi::worker};
 
-/// Does the work of a worker process if this process was started as one; then the program is to end. Programs that name
+/// Does the work of a worker process if this process was started as one; then the program must end. Programs that name
 /// themselves in [`Control::program`] call it first thing.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if nobody has started it.
+/// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if it was not started by a program as a worker.
 pub fn serve_workers() -> Result<bool> {
     match std::env::args().nth(1).as_deref() {
         Some(worker::ARGUMENT) => serve_worker()?,

@@ -1,4 +1,4 @@
-//! Who is told what a pipeline does, how it is stopped, and what runs its worker processes.
+//! What a pipeline gets from the program around it: who observes it, how it is stopped, and which program runs its worker processes.
 
 use std::{
     fmt::{Arguments, Debug},
@@ -29,7 +29,7 @@ pub enum Work {
 /// What happens in a pipeline. Texts are formatted only by those who show them.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
-    /// Work of so many units begins.
+    /// Work begins.
     Begin {
         /// What is counted.
         work: Work,
@@ -61,7 +61,7 @@ pub trait Observer: Sync {
     fn event(&self, event: Event<'_>);
 }
 
-/// Tells nobody.
+/// Ignores all events.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

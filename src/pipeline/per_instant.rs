@@ -30,13 +30,13 @@ const CONSTANT: f32 = 1e-6;
 pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> {
     let (instants, prepared) = prepare_instants(&project.study, dataset)?;
     if !resume {
-        // of whatever training it is: this one begins anew
+        // of any earlier training: this one starts from scratch
         files::remove(&project.checkpoint())?;
         files::remove(&project.unfinished_networks())?;
     }
     let kept = Finished::open(project, &prepared)?;
     if resume {
-        project.say(format_args!("{} of {} networks are finished already", kept.journal.len(), prepared.len()));
+        project.say(format_args!("{} of {} networks are already finished", kept.journal.len(), prepared.len()));
     }
     let began = Instant::now();
     let (total, finished) = (prepared.len(), AtomicUsize::new(0));
@@ -46,7 +46,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         if outcome.reason == StopReason::Interrupted {
             return Err(Error::Interrupted);
         }
-        // a full disk is no reason to lose the training
+        // a full disk must not cost the training
         if let Err(error) = kept.keep(instant, &outcome) {
             project.warn(format_args!("no checkpoint: {error}"));
         }
@@ -55,7 +55,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
     });
     let outcomes = outcomes.inspect_err(|_| {
         project.finish(format_args!(
-            "networks that are finished are kept in {}: go on with --resume",
+            "networks that are finished are kept in {}: continue with --resume",
             project.unfinished_networks().display()
         ));
     })?;
@@ -87,7 +87,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
     Ok(Trained { model: Model::Series { instants: instants.to_vec(), networks }, history, record })
 }
 
-/// Tells that so many of all networks are finished, this one the last.
+/// Tells how many of all networks are finished; this one is the last.
 fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: Instant) {
     let loss = outcome.history.iter().map(|epoch| epoch.validation_loss).fold(f64::INFINITY, f64::min);
     let about = format_args!("the last one's loss on held-out runs {loss:.2e}");

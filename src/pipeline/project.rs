@@ -108,7 +108,7 @@ impl<'a> Project<'a> {
         self.control
     }
 
-    /// Whether the work is to end.
+    /// Whether the work must end.
     pub(super) fn is_stopped(&self) -> bool {
         self.control.stop.load(Ordering::Relaxed)
     }
@@ -143,7 +143,7 @@ impl<'a> Project<'a> {
         self.event(Event::Note(format_args!("{line}")));
     }
 
-    /// Tells the observer that work of so many units begins.
+    /// Tells the observer that work of `total` units begins.
     pub(super) fn begin(&self, work: Work, total: usize) {
         self.event(Event::Begin { work, total });
     }
@@ -216,7 +216,7 @@ impl<'a> Project<'a> {
         self.folder.join("history.csv")
     }
 
-    /// Where a training that is under way, or was stopped, goes on from.
+    /// Where a training that was stopped continues from.
     pub(super) fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint.safetensors")
     }
@@ -308,7 +308,7 @@ impl<'a> Project<'a> {
         Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
     }
 
-    /// What is to be thought of a surrogate with this accuracy on the test runs.
+    /// The verdict on a surrogate with this accuracy on the test runs.
     pub(super) fn judge(
         &self,
         surrogate: &Surrogate,

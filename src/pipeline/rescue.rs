@@ -1,4 +1,4 @@
-//! What a training gave is not lost where its folder takes no file: a full disk, or a folder that is gone.
+//! The result of a training is not lost if it cannot be written to its folder: a full disk, or a folder that is gone.
 
 use super::project::Project;
 use crate::{Error, Result, files};
@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How long room is waited for, if there is no other place.
+/// How long to wait for room, if the results cannot go anywhere else.
 const PATIENCE: Duration = Duration::from_secs(3600);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_secs(2);
@@ -37,7 +37,7 @@ pub fn write(project: &Project, write: impl Fn(&Project) -> Result<()>) -> Resul
         }
     }
     let unfinished = project.checkpoint().exists() || project.unfinished_networks().exists();
-    let left = if unfinished { ": --resume goes on from the last checkpoint" } else { "" };
+    let left = if unfinished { ": --resume continues from the last checkpoint" } else { "" };
     Err(beside(error, &format!("the trained network is lost{left}")))
 }
 

@@ -93,7 +93,7 @@ fn tell(project: &Project, failed: &[FailedRun], total: usize) {
     }
 }
 
-/// Refuses what is left if nothing can be trained or tested with it.
+/// Fails if too few runs are left to train or test with.
 fn enough(sets: &Sets<Dataset>, failed: &[FailedRun]) -> Result<()> {
     let (found, expected) =
         ((sets.train.runs.len(), sets.test.runs.len()), "expected at least 2 to train and 1 to test");
@@ -184,7 +184,7 @@ fn all_points(plan: &Plan) -> Vec<Vec<f64>> {
     plan.named().map(|(_, points)| points.as_slice()).concat()
 }
 
-/// Runs points that are all or part of so many.
+/// Runs points, which may be only a part of all.
 fn run_points(
     project: &Project,
     simulation: &Simulation,
@@ -194,7 +194,7 @@ fn run_points(
 ) -> Result<Vec<Outcome>> {
     project.begin(Work::Runs, points.len());
     if !journal.is_empty() {
-        project.note(format_args!("{} runs are there from a sampling that was not finished", journal.len()));
+        project.note(format_args!("{} runs are kept from a sampling that was not finished", journal.len()));
     }
     let outcomes = simulation.run_all(points, total, journal, project.workers(), || project.event(Event::Advance));
     outcomes.inspect_err(|_| project.event(Event::End))
@@ -212,7 +212,7 @@ fn sort(
     let mut outcomes = outcomes.into_iter();
     let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
     let Sets { train, test, calibration } = plan.try_map(next)?;
-    // only training goes on beyond the end
+    // only training runs continue beyond the end
     let stop = project.study.time.stop;
     let sets = Sets { train, test: test.until(stop), calibration: calibration.until(stop) };
     enough(&sets, &failed)?;

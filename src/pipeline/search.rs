@@ -111,11 +111,11 @@ pub struct Searched {
     pub has_errors: bool,
 }
 
-/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to go on from
+/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to continue from
 /// what an earlier search has finished.
 ///
 /// # Errors
-/// [`Error::Study`] if the search itself makes no sense, [`Error::Stale`] if no trial came to its end, [`Error::Interrupted`],
+/// [`Error::Study`] if the search itself makes no sense, [`Error::Stale`] if no trial finished, [`Error::Interrupted`],
 /// [`Error::Io`]. A trial that fails is none of them.
 pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
@@ -145,7 +145,7 @@ pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> 
     write_table(project, &records)?;
     let Some(best) = best(&records) else {
         let message = records.first().map_or("there was none", |record| &record.message);
-        return Err(Error::Stale { path: table, message: format!("no trial came to its end; the first: {message}") });
+        return Err(Error::Stale { path: table, message: format!("no trial finished; the first: {message}") });
     };
     let keys: Vec<&str> = keys(project).collect();
     let text = search::study_text(&text, path, &keys, &best.values)?;
@@ -166,7 +166,7 @@ fn tell_unfit(project: &Project, trials: &[Trial]) {
         let (count, first) = (unfit.len(), first.to_string().replace('\n', "; "));
         let total = trials.len();
         project.say(format_args!(
-            "{count} of {total} trials have values that do not go together and fail, the first: {first}"
+            "{count} of {total} trials have values that are not valid together and fail, the first: {first}"
         ));
     }
 }
@@ -186,7 +186,7 @@ fn best(records: &[Record]) -> Option<&Record> {
     scored.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, record)| record)
 }
 
-/// Trains every trial rung by rung; after each, some go on.
+/// Trains every trial rung by rung; after each, the best ones continue.
 fn train_all(project: &Project, trials: &[Trial]) -> Result<Vec<Record>> {
     let Some(options) = &project.study.search else { return Ok(Vec::new()) };
     let shared = if trials.iter().any(|trial| shares_samples(project, trial)) {
@@ -354,7 +354,7 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
     })
 }
 
-/// The same for a network for each instant. They are quickly trained: each rung begins anew.
+/// The same for a network for each instant. They are trained quickly: each rung starts from scratch.
 fn train_instants(
     project: &Project,
     study: &Study,
@@ -414,7 +414,7 @@ fn fit_baseline(project: &Project, study: &Study, kind: Kind, dataset: &Dataset,
     })
 }
 
-/// Mean over the outputs of 1 - R², on standardised rows: comparable whatever the trial's loss is.
+/// Mean over the outputs of 1 - R², on standardised rows: comparable for any loss of the trials.
 fn score(network: &Network, rows: &Rows) -> f64 {
     mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
 }

@@ -58,7 +58,7 @@ impl TrainingRecord {
         self.stopped == StopReason::Interrupted
     }
 
-    /// What is wrong with the training, whatever the accuracy is.
+    /// Problems of the training itself, regardless of the accuracy.
     pub fn problems(&self, study: &Study) -> Vec<String> {
         let Self { epochs, stopped, target_met, .. } = self;
         let diverged = *stopped == StopReason::Diverged;
@@ -75,7 +75,7 @@ fn is_zero(count: &usize) -> bool {
     *count == 0
 }
 
-/// What is to be thought of a surrogate by the runs that were held out of its training: the test runs are not for this.
+/// The verdict on a surrogate by the runs that were held out of its training: the test runs must not be used here.
 pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: &TrainingRecord) -> Verdict {
     let study = &project.study;
     let accuracy = Accuracy::of(surrogate, &held_out(study, train));
@@ -84,7 +84,7 @@ pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: 
 }
 
 /// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
-/// go on from its checkpoint, if there is one.
+/// continue from its checkpoint, if there is one.
 pub fn stage(
     project: &Project,
     dataset: &Dataset,
@@ -130,7 +130,7 @@ pub(super) fn once(
     Ok((surrogate, record))
 }
 
-/// What a training leaves behind.
+/// The result of a training.
 pub(super) struct Trained {
     pub(super) model: Model,
     pub(super) history: Vec<EpochRecord>,
@@ -151,7 +151,7 @@ fn train(
     let mut follower = Follower::new(project, training_rows.len());
     let outcome = match load_checkpoint(project, resume)? {
         None => {
-            // of whatever training it is: this one begins anew
+            // of any earlier training: this one starts from scratch
             files::remove(&project.checkpoint())?;
             training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?
         }
@@ -207,7 +207,7 @@ pub(super) fn finished(project: &Project) -> Result<Option<(Surrogate, TrainingR
     let record = project.load_training_record()?;
     let complete = !record.was_interrupted();
     if complete {
-        project.say(format_args!("{} is finished already", project.model().display()));
+        project.say(format_args!("{} is already finished", project.model().display()));
     }
     Ok(complete.then_some((surrogate, record)))
 }
@@ -227,14 +227,14 @@ fn load_checkpoint(project: &Project, resume: bool) -> Result<Option<Vec<u8>>> {
 fn unusable_checkpoint(project: &Project, error: TrainingError) -> Error {
     match error {
         TrainingError::Checkpoint { problem } => {
-            let message = format!("{problem}: train without --resume to begin anew");
+            let message = format!("{problem}: train without --resume to start from scratch");
             Error::Stale { path: project.checkpoint(), message }
         }
         other => other.into(),
     }
 }
 
-/// Tells how the training goes, ends it if the work is to stop, and keeps its checkpoints.
+/// Reports the progress of the training, ends it if the work must stop, and keeps its checkpoints.
 struct Follower<'a> {
     project: &'a Project<'a>,
     /// Rows of an epoch.
@@ -286,7 +286,7 @@ impl Observer for Follower<'_> {
 
     fn resumed(&mut self, history: &[EpochRecord]) {
         self.history = history.to_vec();
-        self.project.say(format_args!("going on after epoch {}", history.len()));
+        self.project.say(format_args!("continuing after epoch {}", history.len()));
     }
 
     fn epoch(&mut self, record: &EpochRecord) {
@@ -306,7 +306,7 @@ impl Observer for Follower<'_> {
         if !due || epoch == self.epochs() {
             return;
         }
-        // a full disk is no reason to lose the training
+        // a full disk must not cost the training
         if let Err(error) = self.write_checkpoint(make) {
             self.project.warn(format_args!("no checkpoint: {error}"));
         }

@@ -77,7 +77,7 @@ impl Axis {
         }
     }
 
-    /// Values of the ticks, at most so many.
+    /// Values of the ticks, at most `count`.
     fn ticks(&self, count: usize) -> Vec<f64> {
         match self.scale {
             Scale::Linear | Scale::Whole => {
@@ -101,7 +101,7 @@ impl Axis {
         }
     }
 
-    /// Distance of the ticks, at most so many.
+    /// Distance of the ticks, at most `count`.
     fn step(&self, count: usize) -> f64 {
         let step = round_step((self.high - self.low) / count.max(1) as f64);
         if self.scale == Scale::Whole { step.max(1.0) } else { step }

@@ -16,7 +16,7 @@ use plotters::{
     },
 };
 
-/// Two axes and what is drawn between them.
+/// Two axes and the marks between them.
 #[derive(Clone, Debug)]
 pub struct Chart {
     /// The horizontal axis.
@@ -360,7 +360,7 @@ fn finish(svg: &str, title: &str, height: u32) -> String {
 }
 
 fn text(size: f64) -> TextStyle<'static> {
-    // plotters shrinks what is asked for by this factor
+    // plotters shrinks the requested size by this factor
     ("sans-serif", size * 1.24 * f64::from(SCALE)).into_font().color(&BLACK)
 }
 
@@ -392,7 +392,7 @@ fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     points.chunks(group).flat_map(ends).collect()
 }
 
-/// Numbers in circles. A circle that has no room at its place stands beside it, on a leader.
+/// Numbers in circles. A circle without room at its point is drawn beside it, with a leader line.
 fn draw_numbered(area: &Area, points: &[(usize, (i32, i32))], ink: Ink) -> Drawn {
     let unit = SCALE as i32;
     let radius = 10 * unit;

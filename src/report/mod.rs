@@ -1,4 +1,4 @@
-//! Pictures and pages for people: a report of a study's surrogate as one page that loads nothing, and plots of runs.
+//! Pictures and pages: a report of a study's surrogate as one self-contained page, and plots of runs.
 //!
 //! One way: test runs and surrogate -> [`Evaluated`] numbers -> sections of [`Figure`]s and tables -> [`page`].
 
@@ -25,7 +25,7 @@ pub struct Material<'a> {
     pub study: &'a Study,
     /// The surrogate on the test runs.
     pub evaluated: &'a Evaluated<'a>,
-    /// What is thought of it.
+    /// The verdict on it.
     pub verdict: &'a Verdict,
     /// Points whose paths are shown.
     pub points: &'a [Point],
@@ -61,7 +61,7 @@ enum Block {
 pub struct Figure {
     /// Unique in a report: letters, digits, `-` and `_`.
     pub id: String,
-    /// What is to be seen.
+    /// What the chart shows.
     pub caption: String,
     /// The chart.
     pub chart: Chart,

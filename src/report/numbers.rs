@@ -30,9 +30,9 @@ pub struct Evaluated<'a> {
 pub struct Row {
     /// In seconds.
     pub time: f64,
-    /// What the source says.
+    /// The source's value.
     pub label: f64,
-    /// What the surrogate says.
+    /// The surrogate's value.
     pub prediction: f64,
 }
 

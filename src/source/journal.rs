@@ -1,4 +1,4 @@
-//! Runs of a sampling that is not finished: after a crash, a kill or Ctrl-C the next sampling of the study goes on from them.
+//! Runs of a sampling that is not finished: after a crash, a kill or Ctrl-C the next sampling of the study continues from them.
 //!
 //! One file, appended to by a single write for each run: 32 bytes that name study and version, then records of one size:
 //! parameters, outputs, and 8 bytes of their SHA-256, numbers as little-endian doubles. What a dying process left of a last
@@ -101,7 +101,7 @@ impl Journal {
         };
         let write = |file: &mut File| {
             let length = file.metadata()?.len();
-            // what is behind a part of a record could not be read: a full disk may have room again for the next one
+            // nothing after an incomplete record could be read: a full disk may have room again for the next one
             file.write_all(&record).inspect_err(|_| drop(file.set_len(length)))
         };
         write(file).map_err(Error::io(&self.path, "write"))
@@ -168,13 +168,13 @@ mod tests {
         drop(second);
         assert_eq!(open("study").len(), 3, "what was appended behind the cut is whole");
 
-        // a byte that changed ends what is trusted
+        // nothing after a changed byte is trusted
         let mut bytes = std::fs::read(&path).unwrap();
         bytes[32 + 48 + 20] ^= 1;
         std::fs::write(&path, bytes).unwrap();
         assert_eq!(open("study").len(), 1);
         assert!(open("another study").is_empty());
-        assert!(open("study").is_empty(), "the other study's sampling has begun anew");
+        assert!(open("study").is_empty(), "the other study's sampling has been started again");
         open("study").remove().unwrap();
         assert!(!path.exists());
     }

@@ -87,7 +87,7 @@ impl Source {
     }
 }
 
-/// Values are taken in the source's own unit; a study that says another one would be wrong without notice.
+/// Values are taken in the source's own unit; a study with another one would be silently wrong.
 fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<(String, String)> {
     let found = found.filter(|&found| found != expected)?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };

@@ -1,4 +1,4 @@
-//! Points of a mechanism whose paths can be told from its outputs.
+//! Points of a mechanism whose paths follow from its outputs.
 
 use super::systems::SystemPoint;
 

@@ -123,7 +123,7 @@ impl Recorded {
     /// Reads all runs and chooses those for the tests and for error bounds at random; each set is in the table's order.
     ///
     /// # Errors
-    /// [`Error::Table`] with file and line of what is wrong, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    /// [`Error::Table`] with file and line of the mistake, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
     pub fn sample(&self, stop: &AtomicBool) -> Result<Sets<Dataset>> {
         let mut runs = Runs::new(self, stop);
         let mut table = Table::open(&self.path)?;
@@ -394,7 +394,7 @@ third,1,3,-0.5,8
             ("second,0,", "second,0.1,", "r.csv:5: run `second` begins at 0.1 s, expected 0 s"),
             ("first,1,1,0.5,3\n", "", "r.csv:4: run `first` ends before this line at 0.5 s, expected 1 s"),
             ("third,1,3,-0.5,8\n", "", "r.csv:8: run `third` ends before this line at 0 s, expected 1 s"),
-            ("third", "first", "r.csv:8: run `first` again, it began in line 2: a run's rows must stand together"),
+            ("third", "first", "r.csv:8: run `first` again, it began in line 2: a run's rows must be contiguous"),
             ("third,0,3,-0.5", "third,0,2,0.5", "r.csv:8: a second run with a = 2, b = 0.5, the first is in line 5"),
         ] {
             assert!(LONG.contains(from), "{from}");

@@ -45,7 +45,7 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
-    /// Positions of its runs among so many.
+    /// Positions of its runs among `runs`.
     pub fn positions(self, runs: usize) -> impl Iterator<Item = usize> {
         (self.number - 1..runs).step_by(self.of)
     }

@@ -88,12 +88,12 @@ impl Simulation {
         &self.outputs
     }
 
-    /// Points whose paths follow from the outputs; an FMU does not say which it has.
+    /// Points whose paths follow from the outputs; an FMU does not describe any.
     pub fn points(&self) -> Vec<Point> {
         let outputs: Vec<&str> = self.outputs.iter().map(|output| output.name.as_str()).collect();
         match &self.model {
-            Model::Equations(Equations { of, quantities, parameter_positions, .. }) => {
-                of.points(quantities, parameter_positions, &outputs)
+            Model::Equations(Equations { simulator, quantities, parameter_positions, .. }) => {
+                simulator.points(quantities, parameter_positions, &outputs)
             }
             Model::Fmu(_) => Vec::new(),
         }
@@ -147,7 +147,7 @@ impl Simulation {
     }
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
-    /// from there. `done` is called after each run; when the token of `workers` turns true, what is under way is given up. A share of the `total`
+    /// from there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. A share of the `total`
     /// that the points are all or part of may fail.
     ///
     /// # Errors
@@ -227,7 +227,7 @@ impl Simulation {
         Ok(outcomes)
     }
 
-    /// How many runs of so many may fail.
+    /// How many of `total` runs may fail.
     fn allowed(&self, total: usize) -> usize {
         (self.max_failed * total as f64).floor() as usize
     }
@@ -265,10 +265,10 @@ impl Simulation {
 struct Equations {
     /// Name for messages.
     name: String,
-    of: Of,
-    /// Of the integration.
+    simulator: Simulator,
+    /// Simulator the integration.
     tolerance: f64,
-    /// Of a run.
+    /// Simulator a run.
     time_limit: Option<Duration>,
     /// Value of each quantity; those of parameters are overwritten for each run.
     quantities: Vec<f64>,
@@ -278,14 +278,14 @@ struct Equations {
     output_positions: Vec<usize>,
 }
 
-/// Where equations come from.
+/// What solves the equations.
 #[derive(Clone, Debug)]
-enum Of {
+enum Simulator {
     System(&'static System),
     Mechanism(Arc<Mechanism>),
 }
 
-impl Of {
+impl Simulator {
     /// Every quantity that may be a parameter or a constant, with its default.
     fn quantities(&self) -> Vec<(Variable, f64)> {
         match self {
@@ -350,8 +350,8 @@ impl Of {
 impl Equations {
     /// Also the variables of the study's parameters and outputs.
     fn new(study: &Study) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
-        let (name, of) = match (study.mechanism(), &study.source.system) {
-            (Some(mechanism), _) => ("the mechanism".to_owned(), Of::Mechanism(Arc::clone(mechanism))),
+        let (name, simulator) = match (study.mechanism(), &study.source.system) {
+            (Some(mechanism), _) => ("the mechanism".to_owned(), Simulator::Mechanism(Arc::clone(mechanism))),
             (None, name) => {
                 let name = name.as_deref().unwrap_or_default();
                 let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
@@ -359,14 +359,15 @@ impl Equations {
                     let message = format!("no system `{name}`, {}", expected_one_of(name, &known));
                     return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
                 };
-                (name.to_owned(), Of::System(system))
+                (name.to_owned(), Simulator::System(system))
             }
         };
-        let quantities = of.quantities().iter().map(|(_, default)| *default).collect();
+        let quantities = simulator.quantities().iter().map(|(_, default)| *default).collect();
         let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
         let tolerance = study.source.tolerance.unwrap_or(TOLERANCE);
         let time_limit = study.source.time_limit();
-        let mut equations = Self { name, of, tolerance, time_limit, quantities, parameter_positions, output_positions };
+        let mut equations =
+            Self { name, simulator, tolerance, time_limit, quantities, parameter_positions, output_positions };
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
@@ -381,14 +382,14 @@ impl Equations {
             quantities[position] = value;
         }
         let budget = Budget::new(stops, self.time_limit);
-        let rows = self.of.simulate(&quantities, times, self.tolerance, &budget)?;
-        let rows = rows.chunks(self.of.output_count());
+        let rows = self.simulator.simulate(&quantities, times, self.tolerance, &budget)?;
+        let rows = rows.chunks(self.simulator.output_count());
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }
 
     fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<Variable>) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let quantities: Vec<Variable> = self.of.quantities().into_iter().map(|(quantity, _)| quantity).collect();
+        let quantities: Vec<Variable> = self.simulator.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
             let known: Vec<&str> = quantities.iter().map(|quantity| quantity.name.as_str()).collect();
             format!("{} has no quantity `{name}`, {}", self.name, expected_one_of(name, &known))
@@ -422,7 +423,7 @@ impl Equations {
 
     fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<Variable>) -> Vec<(String, String)> {
         let mut problems = Vec::new();
-        let known = self.of.outputs();
+        let known = self.simulator.outputs();
         for (name, output) in &study.outputs {
             let key = format!("outputs.{name}");
             match known.iter().position(|known| known.name == *name) {

@@ -207,7 +207,7 @@ fn line_end(text: &[u8]) -> u8 {
     }
 }
 
-/// What separates the columns of a header: the first of these that stands outside of quotes.
+/// What separates the columns of a header: the first of these outside of quotes.
 fn separator(header: &[u8]) -> u8 {
     let mut is_quoted = false;
     let plain: Vec<u8> = header

@@ -1,8 +1,8 @@
 //! Rows of Parquet, as pandas, pyarrow, Polars and DuckDB write it.
 //!
 //! Numbers are DOUBLE, FLOAT, INT32, INT64 or BOOLEAN, text is BYTE_ARRAY in UTF-8; names may carry a unit as in CSV. Nulls
-//! are missing values. Columns of other types may be there as long as nobody asks for them. The index that pandas adds to rows
-//! (`__index_level_0__`) is no column.
+//! are missing values. Columns of other types are allowed as long as the study does not name them. The index that pandas adds to rows
+//! (`__index_level_0__`) is not a column.
 //!
 //! A column is decoded when it is first asked for, some thousand rows at a time.
 
@@ -52,10 +52,10 @@ pub(super) struct Parquet {
     row: usize,
 }
 
-/// A column and what is decoded of it.
+/// A column and the part of it that is decoded.
 struct Leaf {
     name: String,
-    kind: Kind,
+    content: ColumnType,
     /// Position among the columns that are stored.
     index: usize,
     reader: Option<ColumnReader>,
@@ -69,7 +69,7 @@ struct Leaf {
 
 /// What a column holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Kind {
+enum ColumnType {
     Number { is_unsigned: bool },
     Text,
     Other(String),
@@ -139,7 +139,7 @@ impl Parquet {
             Chunk::Texts(values) => match &values[index] {
                 None => "".into(),
                 Some(bytes) => std::str::from_utf8(bytes.data()).map(Cow::from).map_err(|_| {
-                    let message = format!("column `{name}`: {:?} is no UTF-8", String::from_utf8_lossy(bytes.data()));
+                    let message = format!("column `{name}`: {:?} is not UTF-8", String::from_utf8_lossy(bytes.data()));
                     wrong(&self.path, self.place(), message)
                 })?,
             },
@@ -169,10 +169,10 @@ impl Parquet {
     /// Decodes the rows of a column from `row` on.
     fn read_chunk(&mut self, column: usize, row: usize, expected: &str) -> Result<()> {
         let leaf = &self.columns[column];
-        let is_unsigned = match &leaf.kind {
-            Kind::Number { is_unsigned } => *is_unsigned,
-            Kind::Text => false,
-            Kind::Other(found) => return Err(self.refused(column, found, expected)),
+        let is_unsigned = match &leaf.content {
+            ColumnType::Number { is_unsigned } => *is_unsigned,
+            ColumnType::Text => false,
+            ColumnType::Other(found) => return Err(self.refused(column, found, expected)),
         };
         if leaf.reader.is_none() || leaf.group != self.group {
             self.open(column)?;
@@ -272,23 +272,23 @@ fn map<T, U>(values: Vec<Option<T>>, convert: impl Fn(T) -> U) -> Vec<Option<U>>
 fn leaves(schema: &SchemaDescriptor) -> Vec<Leaf> {
     let mut leaves: Vec<Leaf> = Vec::new();
     for (index, root) in schema.root_schema().get_fields().iter().enumerate() {
-        let place = (0..schema.num_columns()).find(|&leaf| schema.get_column_root_idx(leaf) == index);
-        let kind = match place.map(|place| schema.column(place)) {
-            Some(column) if root.is_primitive() && column.max_rep_level() == 0 => Kind::of(&column),
-            _ => Kind::Other("nested".into()),
+        let position = (0..schema.num_columns()).find(|&leaf| schema.get_column_root_idx(leaf) == index);
+        let content = match position.map(|position| schema.column(position)) {
+            Some(column) if root.is_primitive() && column.max_rep_level() == 0 => ColumnType::of(&column),
+            _ => ColumnType::Other("nested".into()),
         };
         let name = root.name();
         if name.starts_with("__index_level_") {
             continue;
         }
         let (reader, chunk) = (None, Chunk::Texts(Vec::new()));
-        let index = place.unwrap_or(0);
-        leaves.push(Leaf { name: name.into(), kind, index, reader, group: 0, start: 0, end: 0, chunk });
+        let index = position.unwrap_or(0);
+        leaves.push(Leaf { name: name.into(), content, index, reader, group: 0, start: 0, end: 0, chunk });
     }
     leaves
 }
 
-impl Kind {
+impl ColumnType {
     fn of(column: &ColumnDescriptor) -> Self {
         use ConvertedType::{INT_8, INT_16, INT_32, INT_64, NONE, UINT_8, UINT_16, UINT_32, UINT_64, UTF8};
         let (physical, logical, converted) =
@@ -431,9 +431,9 @@ mod tests {
             for at in 0..whole.len() {
                 let mut bytes = whole.clone();
                 bytes[at] ^= 1 << (at % 8);
-                // what changes a number or what nobody asks for goes unnoticed
+                // a change of a number, or of something that is not read, goes unnoticed
                 messages.extend(read(&bytes).err().map(|error| error.to_string()));
-                // what is shorter than the mark is CSV
+                // a file shorter than the mark is CSV
                 if at >= 5 {
                     let message = read(&whole[..at]).unwrap_err().to_string();
                     assert!(message.contains(": the file is damaged or cut off: "), "{at}: {message}");

@@ -7,7 +7,7 @@
 //! | `history` | F64 `[epochs, 6]` | the fields of [`EpochRecord`] |
 //!
 //! The container's metadata has one entry, `metafmu_training`: the JSON text of [`Header`]. Among that is the SHA-256 of all
-//! bytes of the file, those of the digest itself taken as zeros: whatever a disk or somebody changes is noticed.
+//! bytes of the file, those of the digest itself taken as zeros: any change is noticed.
 
 use super::{EpochRecord, TrainingError};
 use crate::{files, study::TrainingOptions};
@@ -75,20 +75,20 @@ pub(super) fn write(
         .map_err(damaged)?;
     let metadata = [(HEADER_KEY.to_owned(), text)].into_iter().collect();
     let mut bytes = safetensors::serialize(views, Some(metadata)).map_err(damaged)?;
-    let (digest, place) = content_digest(&bytes, NO_DIGEST)?;
-    bytes[place].copy_from_slice(digest.as_bytes());
+    let (digest, range) = content_digest(&bytes, NO_DIGEST)?;
+    bytes[range].copy_from_slice(digest.as_bytes());
     Ok(bytes)
 }
 
-/// The digest of a container that says `noted`, and where that stands.
+/// The digest of a container that says `noted`, and its position.
 fn content_digest(bytes: &[u8], noted: &str) -> Result<(String, Range<usize>), TrainingError> {
-    let place = bytes.windows(NO_DIGEST.len()).position(|text| text == noted.as_bytes());
-    let begin = place.ok_or_else(|| damaged("it has no digest"))?;
-    let place = begin..begin + NO_DIGEST.len();
-    let mut hash = Sha256::new_with_prefix(&bytes[..place.start]);
+    let begin = bytes.windows(NO_DIGEST.len()).position(|text| text == noted.as_bytes());
+    let begin = begin.ok_or_else(|| damaged("it has no digest"))?;
+    let range = begin..begin + NO_DIGEST.len();
+    let mut hash = Sha256::new_with_prefix(&bytes[..range.start]);
     hash.update(NO_DIGEST);
-    hash.update(&bytes[place.end..]);
-    Ok((files::digits(hash), place))
+    hash.update(&bytes[range.end..]);
+    Ok((files::digits(hash), range))
 }
 
 /// Fills the state and the best parameters; returns the header, to be compared, and the history.

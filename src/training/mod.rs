@@ -34,7 +34,7 @@ pub trait Observer: Send {
     /// with [`StopReason::Interrupted`] if it breaks.
     fn step(&mut self, progress: &Progress) -> ControlFlow<()>;
 
-    /// Called before the first step of a training that goes on from a checkpoint, with the epochs before it.
+    /// Called before the first step of a training that continues from a checkpoint, with the epochs before it.
     fn resumed(&mut self, history: &[EpochRecord]) {
         let _ = history;
     }
@@ -42,7 +42,7 @@ pub trait Observer: Send {
     /// Called at the end of every epoch.
     fn epoch(&mut self, record: &EpochRecord);
 
-    /// Called after every epoch. What `make` returns, [`resume`] goes on from; it costs a copy of the network and of the
+    /// Called after every epoch. [`resume`] continues from what `make` returns; it costs a copy of the network and of the
     /// optimizer's memory.
     fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> Result<Vec<u8>, TrainingError>) {
         let _ = (epoch, make);
@@ -58,7 +58,7 @@ impl Observer for () {
     fn epoch(&mut self, _: &EpochRecord) {}
 }
 
-/// Where a training stands.
+/// The state of a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Epoch under way, counted from 1.
@@ -158,7 +158,7 @@ pub enum TrainingError {
         row: usize,
         /// Counted from 0.
         column: usize,
-        /// What stands there.
+        /// The value found.
         value: f32,
     },
     /// Nothing to train on, or nothing to validate with.

@@ -13,7 +13,7 @@ const PERIOD: f64 = 0.4;
 /// Steps of each kind in a trial, at least and at most.
 const STEPS: [usize; 2] = [32, 4096];
 
-/// Tries both, then says which is faster for a while.
+/// Times both, then uses the faster one for a while.
 pub(super) struct Pace {
     phase: Phase,
     /// Since the phase began.

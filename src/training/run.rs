@@ -244,10 +244,10 @@ impl<'a> Run<'a> {
         let expected = self.header();
         let (best, mut state) = (self.best.parameters_mut(), self.trainer.state());
         let (found, history) = checkpoint::read(bytes, &mut state, best)?;
-        // of what the header says, these alone may differ
+        // these fields of the header may differ, no others
         let (steps, best_epoch, digest) = (found.steps, found.best_epoch, found.digest.clone());
         if found != (Header { steps, best_epoch, digest, ..expected }) || best_epoch > history.len() {
-            return Err(TrainingError::Checkpoint { problem: "it is that of another training".into() });
+            return Err(TrainingError::Checkpoint { problem: "it belongs to another training".into() });
         }
         self.trainer.restored(steps);
         self.best_epoch = best_epoch;

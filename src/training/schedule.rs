@@ -24,7 +24,7 @@ const GAIN: f64 = 0.4;
 /// A cycle may be much longer than the one before if the loss fell at least as this power.
 const STEADY: f64 = 0.75;
 
-/// How much longer a cycle is than the validation loss says, which falls a little slower than in inverse proportion to the epochs.
+/// How much longer a cycle is than the validation loss suggests, which falls a little slower than in inverse proportion to the epochs.
 const SAFETY: f64 = 1.25;
 
 /// The epochs, counted from 0, of the cycle that a training is in, or why it ends here; `losses` are the validation losses of its
@@ -156,10 +156,10 @@ mod tests {
     #[test]
     fn a_training_that_gains_nothing_ends() {
         assert_eq!(cycles(150, 1e-7, |_, _| 1e-3), (vec![5, 10, 20], StopReason::Patience));
-        // the second cycle alone says nothing
+        // the second cycle alone is not enough to tell
         let late = |cycle: usize, _| [1e-3, 1e-3, 1e-5, 1e-7][cycle];
         assert_eq!(cycles(3000, 1e-7, late), (vec![100, 200, 400, 2300], StopReason::Finished));
-        // so slowly that there is no telling how long it takes
+        // so slowly that how long it takes is unknown
         let slowly = |cycle: usize, _| [1e-3, 7e-4, 5e-4, 4.5e-4][cycle];
         assert_eq!(cycles(3000, 1e-7, slowly), (vec![100, 200, 400, 800], StopReason::Patience));
         // what is left is shorter than the last cycle

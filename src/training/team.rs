@@ -80,7 +80,7 @@ impl Team {
         Self { shared, threads, sleepers, round: 0, alone }
     }
 
-    /// Whether from now on the caller is to do all items itself.
+    /// Whether the caller does all items itself from now on.
     pub(super) fn set_alone(&mut self, alone: bool) {
         self.alone = alone || self.threads.is_empty();
     }

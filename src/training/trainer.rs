@@ -67,7 +67,7 @@ impl Trainer {
         })
     }
 
-    /// The network as it stands, with its normalisation, if there is one, in its weights and biases.
+    /// The current network, with its normalisation, if there is one, in its weights and biases.
     pub fn network(&self) -> Network {
         let mut network = self.network.clone();
         let mut parameters = self.packed.parameters.clone();
@@ -138,7 +138,7 @@ impl Trainer {
         self.updater.steps()
     }
 
-    /// To be called after [`state`](Self::state) has been written to.
+    /// Must be called after [`state`](Self::state) has been written to.
     pub(super) fn restored(&mut self, steps: u64) {
         self.updater.set_steps(steps);
         self.packed.transpose();

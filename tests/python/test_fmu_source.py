@@ -150,7 +150,7 @@ def test_too_many_failures_end_the_campaign_and_what_was_done_counts_when_more_a
     assert "rod.k[1] = " in result.stderr and not (folder / "out" / "train.csv").exists()
     study.write_text(STUDY)
     result = sample(folder)
-    assert result.returncode == 0 and "runs are there from a sampling that was not finished" in result.stderr
+    assert result.returncode == 0 and "runs are kept from a sampling that was not finished" in result.stderr
 
 
 def test_a_campaign_that_is_killed_loses_no_finished_run_and_leaves_nothing_behind(folder):
@@ -169,7 +169,7 @@ def test_a_campaign_that_is_killed_loses_no_finished_run_and_leaves_nothing_behi
     wait_for(lambda: not any(map(is_alive, workers)))
     wait_for(lambda: not list((folder / "temporary").iterdir()))
     result = sample(folder)
-    assert f"{finished} runs are there from a sampling that was not finished" in result.stderr
+    assert f"{finished} runs are kept from a sampling that was not finished" in result.stderr
     assert sample(folder, out="undisturbed").returncode == 0
     for name in ("train.csv", "test.csv"):
         assert (folder / "out" / name).read_bytes() == (folder / "undisturbed" / name).read_bytes()

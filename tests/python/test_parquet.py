@@ -178,7 +178,7 @@ MISTAKES = {
     "a late beginning": (without(102, 103), ", row 102: run `1` begins at "),
     "an early end": (without(150, 202), ", row 150: run `1` ends before this row at "),
     "an early end of all": (without(12120, 12120), ", row 12119: run `119` ends before this row at "),
-    "a label again": (again, ", row 708: run `2` again, it began in row 203: a run's rows must stand together"),
+    "a label again": (again, ", row 708: run `2` again, it began in row 203: a run's rows must be contiguous"),
     "parameters again": (same_parameters, ", row 708: a second run with a = "),
     "too few runs": (without(607, 12120), ", row 606: 6 runs, expected at least 7: 5 for the tests, 2 to train"),
     "no rows": (lambda runs: runs[:0], ": 0 runs, expected at least 7"),
@@ -224,7 +224,7 @@ def test_what_only_other_writers_do_is_named(runs, tmp_path):
     twice = pa.table([*table.columns, table["y"]], [*table.column_names, "y"])
     assert ": column `y` is duplicated" in says(table=twice)
     bytes_ = pa.array([b"\xff\xfe"] * len(runs)).view(pa.string())
-    assert 'row 1: column `run`: "\ufffd\ufffd" is no UTF-8' in says(table=table.set_column(0, "run", bytes_))
+    assert 'row 1: column `run`: "\ufffd\ufffd" is not UTF-8' in says(table=table.set_column(0, "run", bytes_))
 
 
 def test_a_damaged_file_is_named(runs, tmp_path):

@@ -69,7 +69,7 @@ def test_a_training_that_is_killed_goes_on_with_train(study, undisturbed):
         if (folder / "checkpoint.safetensors").exists():
             break
     result = metafmu("train", study, "--out", folder, "--resume")
-    assert "going on after epoch" in result.stderr
+    assert "continuing after epoch" in result.stderr
     assert (folder / "study.safetensors").read_bytes() == (undisturbed[0] / "study.safetensors").read_bytes()
     assert losses(folder) == losses(undisturbed[0])
 

@@ -156,7 +156,7 @@ method = "grid"
     path.write_text(text[: text.index("[search]")] + space)
     result = metafmu("search", path, "--out", study.parent / "together", check=False)
     assert result.returncode == 1, result.stderr
-    assert "1 of 4 trials have values that do not go together and fail, the first: " in result.stderr.splitlines()[0]
+    assert "1 of 4 trials have values that are not valid together and fail, the first: " in result.stderr.splitlines()[0]
     with open(study.parent / "together" / "search.csv") as file:
         rows = list(csv.DictReader(file))
     assert [row["status"] for row in rows] == ["finished", "failed", "finished", "finished"]

@@ -9,11 +9,11 @@ from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, metafmu
 RESULTS = ["study.safetensors", "train.csv", "added.csv"]
 # what is printed last before a kill, and what the next build says how often at least
 KILLED_AT = [
-    ("epoch 5/10", "going on after epoch", 1),
-    ("round 1 with 40 runs", "is finished already", 1),
-    ("simulated 20 of 20 further runs", "is finished already", 1),
-    ("round 2 with 60 runs", "is finished already", 2),
-    ("round 3 with 80 runs", "is finished already", 3),
+    ("epoch 5/10", "continuing after epoch", 1),
+    ("round 1 with 40 runs", "is already finished", 1),
+    ("simulated 20 of 20 further runs", "is already finished", 1),
+    ("round 2 with 60 runs", "is already finished", 2),
+    ("round 3 with 80 runs", "is already finished", 3),
 ]
 
 

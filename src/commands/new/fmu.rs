@@ -1,4 +1,4 @@
-//! A study of an FMU, from what the FMU says about itself.
+//! A study of an FMU, from the FMU's description of itself.
 
 use super::{RUNS, key, quoted, rest, sampling};
 use metafmu::{
@@ -14,7 +14,7 @@ use std::{fmt::Write, path::Path};
 
 /// A run has at most this many rows unless the study is changed.
 const MAX_ROWS: usize = 500;
-/// Rows of a run if the FMU's step size does not say.
+/// Rows of a run if the FMU has no step size.
 const ROWS: usize = 200;
 /// How many parameters with a range are varied, and without.
 const VARIED: (usize, usize) = (8, 4);
@@ -85,7 +85,7 @@ margin = 0.05               # training runs are longer by this share of `stop`; 
     );
     Ok(match description.fmi_version {
         FmiVersion::V2 => text,
-        // it is to take the FMU's place
+        // it is meant to replace the FMU
         FmiVersion::V3 => text.replacen("\nfmi = \"2\"", "\nfmi = \"3\"", 1),
     })
 }
@@ -174,7 +174,7 @@ fn parameters(description: &ModelDescription) -> Option<String> {
     Some(text)
 }
 
-/// The outputs, else what is internal, of real numbers; arrays as their elements.
+/// The outputs, or else the internal variables, of real numbers; arrays as their elements.
 fn outputs(description: &ModelDescription) -> String {
     let chosen = chosen(description);
     let (mut text, mut listed) = (String::new(), 0);

@@ -1,4 +1,4 @@
-//! A study of a table of recorded runs, from its columns and what is in them.
+//! A study of a table of recorded runs, from its columns and their content.
 
 use super::{key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
@@ -207,7 +207,7 @@ fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'
     if !varied.iter().all(counts) {
         for column in varied.extract_if(.., |column| counts(column)) {
             let why = match label {
-                Some(_) => "numbers the runs and is no parameter",
+                Some(_) => "numbers the runs and is not a parameter",
                 None => "numbers the runs: taken as their label and not as a parameter",
             };
             label = label.or(Some(column.title.as_str()));

@@ -3,7 +3,7 @@
 use super::{Functions, Instance, InterfaceKind, ffi::ExchangeFunctions, fmi2, fmi3};
 use crate::Result;
 
-/// What an FMU says after its discrete states were updated.
+/// What an FMU reports after its discrete states were updated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DiscreteStates {
     /// Whether they must be updated again.
@@ -14,10 +14,10 @@ pub struct DiscreteStates {
     pub next_event_time: Option<f64>,
 }
 
-/// What an FMU says after an integrator step.
+/// What an FMU reports after an integrator step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CompletedStep {
-    /// Whether Event Mode is to be entered.
+    /// Whether Event Mode must be entered.
     pub enter_event_mode: bool,
     /// Whether the simulation is to end.
     pub terminate: bool,
@@ -164,7 +164,7 @@ impl Instance<'_> {
     /// is to end. To be called in Event Mode.
     ///
     /// # Errors
-    /// [`Error::Fmi`](crate::Error::Fmi), also if there is no end to it.
+    /// [`Error::Fmi`](crate::Error::Fmi), also if it does not end.
     pub fn settle_events(&self) -> Result<DiscreteStates> {
         for _ in 0..MAX_UPDATES {
             let states = self.update_discrete_states()?;

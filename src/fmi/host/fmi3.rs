@@ -1,6 +1,6 @@
 //! The C interface of FMI 3.0, as a table of functions found in a library.
 //!
-//! `fmi3Boolean` is C's `bool`. It is read as a byte, for an FMU may leave there what is no `bool` of Rust.
+//! `fmi3Boolean` is C's `bool`. It is read as a byte, because an FMU may leave a value there that is not a valid `bool` of Rust.
 
 use super::{
     InterfaceKind,

@@ -47,7 +47,7 @@ impl Inputs {
             let line = record.position().map_or(0, csv::Position::line);
             let number = |field: &str| {
                 let number = field.parse().ok().filter(|number: &f64| number.is_finite());
-                number.ok_or_else(|| wrong(line, format!("`{field}` is no finite number")))
+                number.ok_or_else(|| wrong(line, format!("`{field}` is not a finite number")))
             };
             let values = record.iter().map(number).collect::<Result<Vec<f64>>>()?;
             if inputs.times.last().is_some_and(|last| *last > values[0]) {
@@ -65,7 +65,7 @@ impl Inputs {
     /// The inputs with the variables of a description that they set.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`], [`Error::Variable`] if one is no input.
+    /// [`Error::UnknownVariable`], [`Error::Variable`] if one is not an input.
     pub(in crate::fmi) fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<Driver<'a>> {
         let find = |name: &String| {
             let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
@@ -73,7 +73,7 @@ impl Inputs {
                 known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
             })?;
             if variable.causality != Causality::Input {
-                let problem = "is no input; only inputs change over time".into();
+                let problem = "is not an input; only inputs change over time".into();
                 return Err(Error::Variable { name: name.clone(), problem });
             }
             Ok(variable)
@@ -85,7 +85,7 @@ impl Inputs {
         self.times.partition_point(|row| *row <= time)
     }
 
-    /// The value at a time that lies behind so many rows.
+    /// The value at a time that lies after `rows` rows.
     fn value(&self, column: usize, time: f64, rows: usize, continuous: bool) -> f64 {
         let before = rows.saturating_sub(1);
         let from = self.rows[before][column];
@@ -119,12 +119,12 @@ impl Driver<'_> {
         self.inputs.rows_until(time)
     }
 
-    /// Time of the first row behind so many.
+    /// Time of the first row after `rows` rows.
     pub fn next_row(&self, rows: usize) -> Option<f64> {
         self.inputs.times.get(rows).copied()
     }
 
-    /// Sets all variables to their values at a time behind so many rows.
+    /// Sets all variables to their values at a time after `rows` rows.
     pub fn set(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, |_| true)
     }
@@ -147,7 +147,7 @@ impl Driver<'_> {
         Ok(())
     }
 
-    /// Whether a continuous variable changes from the last of so many rows to the next.
+    /// Whether a continuous variable changes from the last of `rows` rows to the next.
     pub fn vary(&self, rows: usize) -> bool {
         let of = &self.inputs.rows;
         let changes = |(column, variable): (usize, &&ScalarVariable)| {
@@ -222,9 +222,9 @@ mod tests {
         for (text, message) in [
             ("t,u\n0,1\n", ":1: expected a header `time,NAME,...`"),
             ("time,u\n", ":1: has no rows"),
-            ("time,u\n0,1\n1,x\n", ":3: `x` is no finite number"),
+            ("time,u\n0,1\n1,x\n", ":3: `x` is not a finite number"),
             ("time,u\n0,1\n1\n", ":3: has another number of values than the header"),
-            ("time,u\n0,inf\n", ":2: `inf` is no finite number"),
+            ("time,u\n0,inf\n", ":2: `inf` is not a finite number"),
             ("time,u\n1,1\n0,1\n", ":3: time 0 is before that of the row above"),
         ] {
             let found = read(text).unwrap_err().to_string();

@@ -15,7 +15,7 @@ use std::{
 
 /// One instance of an FMU, freed when dropped. It stays in the thread that made it; other threads make their own.
 ///
-/// Which call is legal in which state is for the FMU to judge: it answers an illegal one with an error. Calls that the
+/// Which call is legal in which state is for the FMU to judge: it returns an error from an illegal one. Calls that the
 /// interface of the instance does not have fail with [`Error::MissingFunction`].
 #[derive(Debug)]
 pub struct Instance<'fmu> {
@@ -124,7 +124,7 @@ impl<'fmu> Instance<'fmu> {
         self.journal.take_after(0)
     }
 
-    /// Enters Initialization Mode: tells the FMU when the simulation starts and, perhaps, stops. What has no effect on the
+    /// Enters Initialization Mode: tells the FMU when the simulation starts and, if known, stops. What has no effect on the
     /// initialization is set before or after, start values of parameters before.
     ///
     /// # Errors
@@ -194,11 +194,11 @@ impl<'fmu> Instance<'fmu> {
         // an FMU that wants to end the simulation discards the step and says so when asked
         let (mut terminated, mut last) = (fmi2::FALSE, time);
         if let (Some(boolean), Some(real)) = (functions.get_boolean_status, functions.get_real_status) {
-            let answer = self.call("fmi2GetBooleanStatus", |component| {
+            let status = self.call("fmi2GetBooleanStatus", |component| {
                 // SAFETY: as for `call`
                 unsafe { boolean(component, fmi2::TERMINATED, &raw mut terminated) }
             });
-            if answer.is_ok() && terminated != fmi2::FALSE {
+            if status.is_ok() && terminated != fmi2::FALSE {
                 self.call("fmi2GetRealStatus", |component| {
                     // SAFETY: as for `call`
                     unsafe { real(component, fmi2::LAST_SUCCESSFUL_TIME, &raw mut last) }

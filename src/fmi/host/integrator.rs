@@ -1,7 +1,7 @@
 //! A run by model exchange: the host integrates the continuous states, finds the events and handles them.
 //!
 //! A run goes from one output instant to the next in stretches. A stretch ends at the instant, at the next time event or at
-//! the next row of the inputs; a state event or a step event cuts it short. Each is integrated anew by Dormand and Prince's
+//! the next row of the inputs; a state event or a step event cuts it short. Each is integrated separately by Dormand and Prince's
 //! method of order 8(5,3), so that all of these are ends of steps and nothing is interpolated.
 
 use super::{Instance, Step, inputs::Driver};
@@ -42,7 +42,7 @@ struct Model<'a> {
     inputs: &'a Driver<'a>,
     /// Relative to the states and to their nominal values.
     tolerance: f64,
-    /// Whether the FMU wants to know of completed steps.
+    /// Whether the FMU needs to be told of completed steps.
     completes_steps: bool,
 }
 
@@ -53,7 +53,7 @@ pub struct Place {
     states: Vec<f64>,
     nominals: Vec<f64>,
     indicators: Vec<f64>,
-    /// When the FMU wants an event.
+    /// Time of the FMU's next event.
     next_event: Option<f64>,
     /// Rows of the inputs up to here.
     rows: usize,
@@ -113,7 +113,7 @@ impl<'a> Exchange<'a> {
     /// Goes on to a time, through the events before it and those at it.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or there is no end of events.
+    /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or events do not end.
     pub fn advance(&mut self, to: f64) -> Result<Step> {
         let begin = self.place.time;
         for _ in 0..MAX_EVENTS {
@@ -144,7 +144,7 @@ impl<'a> Exchange<'a> {
         Err(Error::Integration { time: self.place.time, message })
     }
 
-    /// Lets the FMU handle an event, then reads anew what it may have changed, whether or not it says so.
+    /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
     fn settle(&mut self) -> Result<Step> {
         let (instance, place) = (self.model.instance, &mut self.place);
         let found = instance.settle_events()?;
@@ -244,10 +244,10 @@ enum Stop {
     Terminated,
 }
 
-/// A part of a run in which nothing jumps, as `ode_solvers` wants it.
+/// A part of a run without discontinuities, in the form that `ode_solvers` needs.
 ///
-/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, and behind that the time since
-/// the start: [`crate::integrate`] says why.
+/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time since
+/// the start: [`crate::integrate`] explains why.
 struct Stretch<'a> {
     model: Model<'a>,
     start: f64,
@@ -383,7 +383,7 @@ impl Stretch<'_> {
     /// The first point, up to the tolerance, where indicators have changed that had not `before` and have `after`.
     ///
     /// Each trial is a solution from `before` on. They are placed by the Illinois method, every fourth one in the middle,
-    /// which limits their number whatever the indicators do.
+    /// which limits their number for any indicators.
     fn locate(&self, before: &Point, mut after: Point) -> Result<Point> {
         let tolerance = LOCATED * (self.start.abs() + after.elapsed);
         let (mut low, mut indicators) = (before.elapsed, before.indicators.clone());
@@ -456,7 +456,7 @@ impl System<f64, DVector<f64>> for Problem<'_> {
         derivative.fill(f64::NAN);
     }
 
-    /// Whether the integration is to stop.
+    /// Whether the integration must stop.
     fn solout(&mut self, elapsed: f64, state: &DVector<f64>, _: &DVector<f64>) -> bool {
         let Some(steps) = self.steps else { return false };
         match self.stretch.follow(&mut steps.borrow_mut(), elapsed, state) {

@@ -1,7 +1,7 @@
 //! Loads and runs FMI 2.0 and 3.0 FMUs of any tool, for co-simulation and model exchange. All unsafe code of this crate
 //! is in this folder.
 //!
-//! An FMU is somebody else's machine code: running one is trusting it. What is made sure here is that calls, lifetimes
+//! An FMU is other people's machine code: running one means trusting it. What is ensured here is that calls, lifetimes
 //! and pointers are right on this side.
 
 mod elf;
@@ -92,7 +92,7 @@ pub struct Fmu {
     _folder: Option<unpacked::Folder>,
 }
 
-/// Opens an archive and reads what is in it, the interface to use and a binary for this platform included.
+/// Opens an archive and reads its content, including the interface to use and a binary for this platform.
 ///
 /// # Errors
 /// As [`Fmu::open`], but for what concerns the content of the binary.
@@ -110,7 +110,7 @@ fn inspect(path: &Path, wanted: Option<InterfaceKind>) -> Result<(Archive, Model
     Ok((archive, description, interface))
 }
 
-/// What an FMU says about itself, if it can be used, and the interface to use.
+/// An FMU's description of itself, if it can be used, and the interface to use.
 fn usable(path: &Path, document: Document, wanted: Option<InterfaceKind>) -> Result<(ModelDescription, InterfaceKind)> {
     if let Some(problem) = document.problems.iter().find(|problem| problem.unusable) {
         return Err(description_error(path, problem));
@@ -169,7 +169,7 @@ impl Fmu {
         Self::of_folder(path, &folder, description, interface, true)
     }
 
-    /// Loads the FMU in a folder, perhaps in a process that is there for it alone.
+    /// Loads the FMU in a folder, possibly in a process of its own.
     fn of_folder(
         path: &Path,
         folder: &Path,
@@ -202,7 +202,7 @@ impl Fmu {
         &self.path
     }
 
-    /// What the FMU says about itself.
+    /// The FMU's description of itself.
     pub fn description(&self) -> &ModelDescription {
         &self.description
     }
@@ -212,12 +212,12 @@ impl Fmu {
         self.interface
     }
 
-    /// What the FMU says about the interface it was loaded for.
+    /// Capabilities of the interface it was loaded for.
     pub fn capabilities(&self) -> Interface {
         self.description.interface(self.interface).cloned().unwrap_or_default()
     }
 
-    /// What the FMU says about its co-simulation interface, if it was loaded for that.
+    /// Capabilities of its co-simulation interface, if it was loaded for that.
     pub fn co_simulation(&self) -> Option<&CoSimulation> {
         self.description.co_simulation.as_ref().filter(|_| self.interface == InterfaceKind::CoSimulation)
     }
@@ -267,7 +267,7 @@ impl Fmu {
 }
 
 impl ModelDescription {
-    /// What the FMU says about an interface; `None` if it does not offer it.
+    /// Capabilities of an interface; `None` if the FMU does not offer it.
     pub fn interface(&self, kind: InterfaceKind) -> Option<&Interface> {
         match kind {
             InterfaceKind::CoSimulation => self.co_simulation.as_ref().map(|co_simulation| &co_simulation.interface),
@@ -295,7 +295,7 @@ fn choose(
     })
 }
 
-/// Loads a binary, or says why not and what to do about it.
+/// Loads a binary; an error says why that failed and what to do about it.
 fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (libloading::Error, Option<String>)> {
     // SAFETY: initializers of the library run; that is what loading an FMU means
     let load = || unsafe { Library::new(binary) };
@@ -355,7 +355,7 @@ fn file_uri(path: &Path) -> CString {
     c_text(&uri)
 }
 
-/// The path with a separator at its end, as FMI 3.0 wants it.
+/// The path with a separator at its end, as FMI 3.0 requires.
 fn folder_path(path: &Path) -> CString {
     c_text(&format!("{}{MAIN_SEPARATOR}", path.display()))
 }

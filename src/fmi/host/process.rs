@@ -28,7 +28,7 @@ impl Pipes {
         }
         let duplicate = |stream: BorrowedFd| stream.try_clone_to_owned().map(File::from);
         let redirect = |from: BorrowedFd, to: BorrowedFd| {
-            // SAFETY: both are open, and what stood at `to` has been duplicated
+            // SAFETY: both are open, and what `to` was has been duplicated
             match unsafe { dup2(from.as_raw_fd(), to.as_raw_fd()) } {
                 -1 => Err(std::io::Error::last_os_error()),
                 _ => Ok(()),
@@ -54,7 +54,7 @@ impl Pipes {
     }
 }
 
-/// Makes a command start a group of processes of its own: Ctrl-C in a terminal is not for it, and [`kill`] ends what it
+/// Makes a command start a group of processes of its own: Ctrl-C in a terminal does not reach it, and [`kill`] ends what it
 /// starts in turn, such as the simulation tool behind an FMU.
 pub fn in_own_group(command: &mut Command) {
     #[cfg(unix)]

@@ -24,7 +24,7 @@ print(json.dumps({
 }))
 "#;
 
-/// What `python3` says about itself.
+/// Information from `python3` about itself.
 #[derive(Debug, Deserialize)]
 struct Interpreter {
     program: PathBuf,
@@ -44,7 +44,7 @@ pub fn is_missing(error: &libloading::Error) -> bool {
 }
 
 /// Loads the library of the interpreter that `python3` starts, so that binaries which are loaded from here on find its symbols.
-/// In a process that is there for one FMU only, the interpreter is also told where its modules are.
+/// In a process for one FMU only, the interpreter is also told where its modules are.
 pub fn provide(alone: bool) -> Result<(), String> {
     let interpreter = ask().map_err(|problem| format!("it needs Python, but {problem}"))?;
     if !interpreter.libraries.iter().any(|file| load(file)) {

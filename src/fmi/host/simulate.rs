@@ -88,7 +88,7 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
 ///
 /// In model exchange the communication points are where the outputs are evaluated. In between, the continuous states are
 /// integrated, and events are handled where they happen: time events, state events, step events, jumps of inputs. The row
-/// of an event is what is there after it.
+/// of an event has the values after it.
 ///
 /// # Errors
 /// - [`Error::Experiment`]: the times make no simulation, or need a partial step the FMU cannot do;

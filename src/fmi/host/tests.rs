@@ -166,7 +166,7 @@ fn inputs_drive_outputs_without_delay_by_every_version_and_interface() {
         let inputs = Inputs { names: vec![name.into()], times: vec![0.0], rows: vec![vec![1.0]] };
         message(simulate(&fmu.instantiate("x", true).unwrap(), &SimulationOptions { inputs, ..Default::default() }))
     };
-    assert_eq!(wrong("length"), "variable `length`: is no input; only inputs change over time");
+    assert_eq!(wrong("length"), "variable `length`: is not an input; only inputs change over time");
     assert!(wrong("sped").starts_with("the FMU has no variable `sped`"));
 }
 

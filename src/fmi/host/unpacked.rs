@@ -52,7 +52,7 @@ impl Unpacked {
         &self.path
     }
 
-    /// What the FMU says about itself.
+    /// The FMU's description of itself.
     pub fn description(&self) -> &ModelDescription {
         &self.description
     }
@@ -83,7 +83,7 @@ impl Folder {
         let failed = |source| Error::io(&parent, "create a folder in")(source);
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX);
-        // nobody else may put anything into it
+        // no one else may write into it
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         loop {

@@ -329,7 +329,7 @@ impl Instance<'_> {
     /// Derivatives of outputs by time, each of the order given for it, from 1 on; co-simulation only.
     ///
     /// # Errors
-    /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has none to offer.
+    /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU without it.
     ///
     /// # Panics
     /// If there are not as many orders as value references.

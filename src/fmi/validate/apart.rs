@@ -6,7 +6,7 @@ use crate::{
     fmi::{
         Archive, Fmu, InterfaceKind,
         host::Unpacked,
-        worker::{Answer, Job, Replies, Watch, Worker},
+        worker::{Job, Replies, ReplyStatus, Watch, Worker},
     },
 };
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub struct Task {
     interface: InterfaceKind,
 }
 
-/// What the process says.
+/// A reply of the process.
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
     Note(Note),
@@ -47,19 +47,19 @@ fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<(
     let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
     let mut doing = "loading the FMU".to_owned();
     let problem = loop {
-        match worker.answer(watch.limit, watch.workers.stop) {
-            Answer::Reply(Reply::Note(Note::Doing(what)), _) => doing = what,
-            Answer::Reply(Reply::Note(note), _) => report.add(note),
-            Answer::Reply(Reply::Done, _) => {
+        match worker.reply(watch.limit, watch.workers.stop) {
+            ReplyStatus::Reply(Reply::Note(Note::Doing(what)), _) => doing = what,
+            ReplyStatus::Reply(Reply::Note(note), _) => report.add(note),
+            ReplyStatus::Reply(Reply::Done, _) => {
                 worker.finish();
                 return Ok(());
             }
-            Answer::Died(reason) => break reason,
-            Answer::TimedOut => {
+            ReplyStatus::Died(reason) => break reason,
+            ReplyStatus::TimedOut => {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
                 break format!("took longer than {seconds} s (--time-limit)");
             }
-            Answer::Stopped => return Err(Error::Interrupted),
+            ReplyStatus::Stopped => return Err(Error::Interrupted),
         }
     };
     report.problem(Area::Behaviour, format!("{interface}, {doing}: {problem}"));
@@ -67,7 +67,7 @@ fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<(
     Ok(())
 }
 
-/// Checks the FMU in a folder and sends what is found.
+/// Checks the FMU in a folder and sends the findings.
 pub fn serve(task: &Task, folder: &Path, checks: &dyn Checks, mut replies: Replies) -> Result<()> {
     let mut sent = Ok(());
     let mut send = |note| {

@@ -1,4 +1,4 @@
-//! Runs an FMU by one of its interfaces and compares what it does with what the standard says.
+//! Runs an FMU by one of its interfaces and compares its behaviour with the standard.
 
 use super::{
     Area, Notes,
@@ -64,7 +64,7 @@ fn binary(fmu: &Fmu, report: &mut Notes) {
     }
 }
 
-/// Runs a check that returns what is different from what it should be, and reports that or the failure.
+/// Runs a check that returns a difference from what is expected, and reports that or the failure.
 pub fn attempt(fmu: &Fmu, report: &mut Notes, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
     let interface = fmu.interface();
     report.doing(what);

@@ -12,7 +12,7 @@ use crate::{
 /// Steps of central differences relative to the magnitude of a variable. Where outputs have all digits of a double the
 /// shortest are exact to 1e-9; where they have fewer, for instance those of single precision, longer ones are better.
 const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
-/// Step at which outputs of twelve digits are a straight line, so that what is not straight is rounding.
+/// Step at which outputs of twelve digits are a straight line, so that deviations from it are rounding.
 const STRAIGHT: f64 = 1e-6;
 /// Largest difference, relative to the largest derivative of the same output; beside what the differences are unsure of.
 const TOLERANCE: f64 = 1e-4;
@@ -114,7 +114,7 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     let center = center[0];
     let real = known.kind.as_real();
     let limit = |get: fn(&Real) -> Option<f64>| real.and_then(get).map(|limit| (limit - center).abs());
-    // a start value may stand at the end of its range, where no step both ways stays inside
+    // a start value may be at the end of its range, where steps in both directions do not stay inside
     let room = [limit(|real| real.min), limit(|real| real.max)].into_iter().flatten().filter(|room| *room > 0.0);
     let room = room.fold(f64::INFINITY, f64::min);
     let magnitude =

@@ -51,7 +51,7 @@ impl Checker<'_> {
         for interface in co_simulation.into_iter().chain(model_exchange).chain(scheduled_execution) {
             let name = &interface.model_identifier;
             if !name.is_empty() && model_identifier(name) != *name {
-                self.report.at_line(1, format!("modelIdentifier \"{name}\" is no C identifier"));
+                self.report.at_line(1, format!("modelIdentifier \"{name}\" is not a C identifier"));
             }
             if interface.serialize_state && !interface.get_and_set_state {
                 self.report.at_line(1, "canSerializeFMUstate is true, but canGetAndSetFMUstate is not");
@@ -279,8 +279,10 @@ impl Checker<'_> {
                     self.report.at_line(line, message);
                 }
                 Some(state) if state.kind.as_real().is_none() => {
-                    let message =
-                        format!("variable \"{name}\" is the derivative of \"{}\", which is no real number", state.name);
+                    let message = format!(
+                        "variable \"{name}\" is the derivative of \"{}\", which is not a real number",
+                        state.name
+                    );
                     self.report.at_line(line, message);
                 }
                 Some(_) => {}
@@ -294,7 +296,7 @@ impl Checker<'_> {
         for reference in &variable.clocks {
             let found = self.description.variables.iter().find(|known| known.value_reference == *reference);
             if !found.is_some_and(|known| matches!(known.kind, VariableType::Clock { .. })) {
-                let message = format!("variable \"{name}\" belongs to clock {reference}, which is no clock");
+                let message = format!("variable \"{name}\" belongs to clock {reference}, which is not a clock");
                 self.report.at_line(line, message);
             }
         }
@@ -372,7 +374,7 @@ impl Checker<'_> {
             let real = variables.get(derivative).and_then(|variable| variable.kind.as_real());
             let Some(state) = real.and_then(|real| real.derivative) else {
                 let message = match variables.get(derivative) {
-                    Some(variable) => format!("Derivatives has \"{}\", which is no derivative", variable.name),
+                    Some(variable) => format!("Derivatives has \"{}\", which is not a derivative", variable.name),
                     None => continue,
                 };
                 self.report.at_line(self.document.structure_line, message);
@@ -391,7 +393,7 @@ impl Checker<'_> {
         self.exactly(initial_list, &structure.initial_unknowns, &unknowns);
     }
 
-    /// Reports what is missing from a list and what should not be in it.
+    /// Reports entries that are missing from a list and entries that should not be in it.
     fn exactly(&mut self, list: &str, found: &[Unknown], expected: &BTreeSet<usize>) {
         let found: BTreeSet<usize> = found.iter().map(|unknown| unknown.variable).collect();
         let name = |position: &usize| self.description.variables.get(*position).map_or("", |variable| &variable.name);

@@ -41,7 +41,7 @@ pub struct Finding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Area {
-    /// The zip archive and what is in it.
+    /// The zip archive and its content.
     Archive,
     /// modelDescription.xml.
     Description,
@@ -186,7 +186,7 @@ impl fmt::Display for Area {
 /// unlike with [`validate_apart`].
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is no zip archive: there is nothing to validate.
+/// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is not a zip archive: there is nothing to validate.
 pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Report> {
     let path = path.as_ref();
     examine(path, checks, &mut |unpacked, report| {
@@ -266,7 +266,7 @@ fn unpack(
     }
     match Unpacked::open(path, Some(interface)) {
         Ok(unpacked) => return Ok(Some(unpacked)),
-        // what of it is wrong has been reported with its line
+        // its mistakes have been reported with their lines
         Err(Error::Description { .. }) => {
             report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
         }

@@ -1,15 +1,15 @@
-//! Processes that run FMUs: what crashes, hangs or prints there does no harm to the program that started them.
+//! Processes that run FMUs: a crash, a hang or output there does not affect the program that started them.
 //!
 //! Each is the program itself, started again with [`ARGUMENT`], so that a program which uses this has to call [`serve`] then.
-//! Standard input has a line of JSON with the [`Job`], then what that asks for. Standard output has replies: a line of JSON
-//! with a message and a count, then so many numbers as little-endian doubles. At the end of standard input the process
+//! Standard input has a line of JSON with the [`Job`], then requests. Standard output has replies: a line of JSON
+//! with a message and a count, then that many numbers as little-endian doubles. At the end of standard input the process
 //! removes the folder of the FMU and ends, whatever the FMU is doing.
 
 mod process;
 pub mod sampling;
 mod simulation;
 
-pub use process::{Answer, Watch, Worker, Workers};
+pub use process::{ReplyStatus, Watch, Worker, Workers};
 pub use simulation::simulate_apart;
 
 use super::{
@@ -35,7 +35,7 @@ pub const ARGUMENT: &str = "fmu-worker";
 /// Environment variable of a worker: the temporary folder of its FMU.
 const FOLDER: &str = "METAFMU_FMU_WORKER";
 
-/// What a worker is to do with an FMU.
+/// What a worker does with an FMU.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Job<'a> {
     /// Runs of a sampling, the values of which follow.
@@ -46,7 +46,7 @@ pub enum Job<'a> {
     Validate(Cow<'a, validate::Task>),
 }
 
-/// Does for the process that started this one what it asks for; `checks` are those of a validation.
+/// Serves the requests of the process that started this one; `checks` are those of a validation.
 ///
 /// # Errors
 /// [`Error::Io`] if the streams cannot be used, [`Error::Worker`] if no process has asked for anything.

@@ -64,14 +64,14 @@ pub struct Worker<R> {
 
 /// How a request ended.
 #[derive(Debug)]
-pub enum Answer<R> {
+pub enum ReplyStatus<R> {
     /// With a reply and its numbers.
     Reply(R, Vec<f64>),
     /// With the end of the process, and how that was.
     Died(String),
     /// Not within the time limit.
     TimedOut,
-    /// It was not waited for, because the program is to stop.
+    /// Not awaited, because the program is to stop.
     Stopped,
 }
 
@@ -99,7 +99,7 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
         let (send, replies) = mpsc::sync_channel(WAITING);
         thread::spawn(move || read_replies(output, &send));
         let (send, last_words) = mpsc::channel();
-        // nobody may be left who wants to know
+        // the receiver may be gone
         thread::spawn(move || send.send(listen(errors, heard)));
         let mut worker = Self { child, requests, replies, last_words, reply: PhantomData };
         worker.ask(job);
@@ -108,27 +108,29 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
 
     /// Asks for something.
     pub fn ask(&mut self, request: &impl Serialize) {
-        // a process that has ended is found when it is asked for its answer
+        // a process that has ended is found when its reply is awaited
         if let Ok(line) = serde_json::to_string(request) {
             let _ = writeln!(self.requests, "{line}");
         }
     }
 
     /// Waits for the next reply.
-    pub fn answer(&mut self, limit: Option<Duration>, stop: &AtomicBool) -> Answer<R> {
+    pub fn reply(&mut self, limit: Option<Duration>, stop: &AtomicBool) -> ReplyStatus<R> {
         let begin = Instant::now();
         loop {
             let left = limit.map(|limit| limit.saturating_sub(begin.elapsed()));
             match self.replies.recv_timeout(left.map_or(GLANCE, |left| left.min(GLANCE))) {
-                Ok((reply, numbers)) => return Answer::Reply(reply, numbers),
-                Err(RecvTimeoutError::Disconnected) => return Answer::Died(self.obituary()),
-                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return Answer::Stopped,
-                Err(RecvTimeoutError::Timeout) if left.is_some_and(|left| left.is_zero()) => return Answer::TimedOut,
+                Ok((reply, numbers)) => return ReplyStatus::Reply(reply, numbers),
+                Err(RecvTimeoutError::Disconnected) => return ReplyStatus::Died(self.obituary()),
+                Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => return ReplyStatus::Stopped,
+                Err(RecvTimeoutError::Timeout) if left.is_some_and(|left| left.is_zero()) => {
+                    return ReplyStatus::TimedOut;
+                }
                 // what the FMU has started may hold the pipe open
                 Err(RecvTimeoutError::Timeout) if !matches!(self.child.try_wait(), Ok(None)) => {
                     return match self.replies.recv_timeout(LAST_WORDS) {
-                        Ok((reply, numbers)) => Answer::Reply(reply, numbers),
-                        Err(_) => Answer::Died(self.obituary()),
+                        Ok((reply, numbers)) => ReplyStatus::Reply(reply, numbers),
+                        Err(_) => ReplyStatus::Died(self.obituary()),
                     };
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -136,7 +138,7 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
         }
     }
 
-    /// After the last reply: hears what it still has to say.
+    /// After the last reply: reads its remaining output.
     pub fn finish(mut self) {
         self.wait();
     }

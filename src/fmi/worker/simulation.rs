@@ -1,6 +1,6 @@
 //! One run of an FMU in a process of its own, row by row.
 
-use super::{Answer, Job, Replies, Watch, Worker};
+use super::{Job, Replies, ReplyStatus, Watch, Worker};
 use crate::{
     Error, Result,
     fmi::host::{Column, Fmu, InterfaceKind, RowSink, SimulationOptions, Unpacked, simulate_into},
@@ -14,7 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Rows are sent together until there are so many numbers.
+/// Rows are sent together until there are this many numbers.
 const TOGETHER: usize = 1 << 13;
 /// Or until the first of them is so old.
 const PROMPT: Duration = Duration::from_millis(100);
@@ -31,7 +31,7 @@ pub struct Task {
 /// What becomes of the run.
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
-    /// The instance is there, and this is what is recorded.
+    /// The instance exists, and these variables are recorded.
     Begun(Vec<Column>),
     /// Rows, each with its time first.
     Rows,
@@ -76,10 +76,10 @@ pub fn simulate_apart(
     };
     loop {
         let left = watch.limit.map(|limit| limit.saturating_sub(begin.elapsed()));
-        let (reply, numbers) = match worker.answer(left, watch.workers.stop) {
+        let (reply, numbers) = match worker.reply(left, watch.workers.stop) {
             // replies may follow each other without end
             _ if watch.workers.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
-            Answer::Reply(Reply::Rows, _) | Answer::TimedOut if left.is_some_and(|left| left.is_zero()) => {
+            ReplyStatus::Reply(Reply::Rows, _) | ReplyStatus::TimedOut if left.is_some_and(|left| left.is_zero()) => {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
                 return Err(failed(
                     reached,
@@ -87,10 +87,10 @@ pub fn simulate_apart(
                     format!("it took longer than {seconds} s (--time-limit)"),
                 ));
             }
-            Answer::Reply(reply, numbers) => (reply, numbers),
-            Answer::Died(reason) => return Err(failed(reached, width.is_some(), reason)),
-            Answer::TimedOut => continue,
-            Answer::Stopped => return Err(Error::Interrupted),
+            ReplyStatus::Reply(reply, numbers) => (reply, numbers),
+            ReplyStatus::Died(reason) => return Err(failed(reached, width.is_some(), reason)),
+            ReplyStatus::TimedOut => continue,
+            ReplyStatus::Stopped => return Err(Error::Interrupted),
         };
         match (reply, width) {
             (Reply::Begun(columns), None) => {

@@ -14,7 +14,7 @@ use super::model_description::{FmiVersion, ModelDescription};
 /// The text of a modelDescription.xml in the version of the description; the same description always gives the same
 /// bytes.
 ///
-/// Elements stand in the order the standard demands. What a version has no word for is not written, nor is what a
+/// Elements are in the order that the standard requires. What a version cannot express is not written, nor is what a
 /// description does not hold: items of enumerations, intervals of clocks, all but the first start value of an array.
 pub fn write(description: &ModelDescription) -> String {
     match description.fmi_version {

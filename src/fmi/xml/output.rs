@@ -81,7 +81,7 @@ pub fn experiment_attributes(experiment: &DefaultExperiment) -> Attributes {
     attributes
 }
 
-/// The text so far and how deep the next element stands.
+/// The text so far and the depth of the next element.
 pub struct Writer {
     text: String,
     depth: usize,

@@ -16,7 +16,7 @@ use crate::fmi::{
 pub struct Document {
     /// What could be read.
     pub description: ModelDescription,
-    /// What in the file is not as the standard's schema says.
+    /// Deviations of the file from the standard's schema.
     pub problems: Vec<Problem>,
     /// Line of each variable, for messages about it.
     pub variable_lines: Vec<usize>,
@@ -48,7 +48,7 @@ pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
     }
 }
 
-/// What the root element says in both versions; `token` is the name of that attribute.
+/// Attributes of the root element that both versions have; `token` is the name of that attribute.
 pub fn root(root: &Element, fmi_version: FmiVersion, token: &str) -> ModelDescription {
     ModelDescription {
         fmi_version,
@@ -129,7 +129,7 @@ pub fn flag(element: &Element, attribute: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Line and message of what is wrong with a file that has `lines` in its root element, from line 2 on.
+    /// Line and message of each mistake in a file that has `lines` in its root element, from line 2 on.
     fn problems(lines: &str) -> Vec<(usize, String)> {
         let file =
             format!("<fmiModelDescription fmiVersion='2.0' modelName='m' guid='g'>\n{lines}</fmiModelDescription>");
@@ -178,10 +178,10 @@ mod tests {
     fn offences_against_the_schema_are_reported_with_their_lines() {
         for (lines, line, message) in [
             (format!("{VARIABLES}\n<ModelStructure/>\n<UnitDefinitions><Unit name='m'/></UnitDefinitions>"), 4,
-             "<UnitDefinitions> must stand before <ModelStructure> in <fmiModelDescription>"),
+             "<UnitDefinitions> must come before <ModelStructure> in <fmiModelDescription>"),
             (VARIABLES.to_string(), 1, "<fmiModelDescription> has no <ModelStructure>"),
             ("<ModelStructure/>".into(), 1, "<fmiModelDescription> has no <ModelVariables>"),
-            (format!("<Oddity/>\n{VARIABLES}<ModelStructure/>"), 2, "<Oddity> is no element of <fmiModelDescription>"),
+            (format!("<Oddity/>\n{VARIABLES}<ModelStructure/>"), 2, "<Oddity> is not an element of <fmiModelDescription>"),
             (format!("<CoSimulation/>{VARIABLES}<ModelStructure/>"), 2, "<CoSimulation> has no attribute `modelIdentifier`"),
             (format!("<DefaultExperiment\n stopTime='soon'/>{VARIABLES}<ModelStructure/>"), 2,
              "<DefaultExperiment> has stopTime=\"soon\", expected a number"),
@@ -240,7 +240,7 @@ mod tests {
             (
                 "<ModelVariables>\n<Real name='x' valueReference='0'/><Float64 name='y' valueReference='1'/></ModelVariables><ModelStructure/>",
                 3,
-                "<Real> is no element of <ModelVariables>",
+                "<Real> is not an element of <ModelVariables>",
             ),
             (
                 "<ModelVariables><Int8 name='x' valueReference='0' start='128'/></ModelVariables><ModelStructure/>",
@@ -280,7 +280,7 @@ mod tests {
             (
                 "<ModelVariables><Float64 name='x' valueReference='0'/></ModelVariables><ModelStructure>\n<InitialUnknown valueReference='0'/><Output valueReference='0'/></ModelStructure>",
                 3,
-                "<Output> must stand before <InitialUnknown> in <ModelStructure>",
+                "<Output> must come before <InitialUnknown> in <ModelStructure>",
             ),
         ] {
             assert_eq!(problems_of_3(lines), [(line, message.to_owned())], "{lines}");

@@ -5,7 +5,7 @@ use super::{Problem, tree::Element};
 
 /// Type of an attribute.
 #[derive(Clone, Copy, PartialEq)]
-pub enum Kind {
+pub enum ValueType {
     Text,
     /// A text that is not empty.
     Name,
@@ -23,25 +23,25 @@ pub enum Kind {
     Several(&'static [&'static str]),
 }
 
-pub const INTEGER: Kind = Kind::Whole(i32::MIN as i128, i32::MAX as i128);
-pub const UNSIGNED: Kind = Kind::Whole(0, u32::MAX as i128);
-pub const UNSIGNED_64: Kind = Kind::Whole(0, u64::MAX as i128);
+pub const INTEGER: ValueType = ValueType::Whole(i32::MIN as i128, i32::MAX as i128);
+pub const UNSIGNED: ValueType = ValueType::Whole(0, u32::MAX as i128);
+pub const UNSIGNED_64: ValueType = ValueType::Whole(0, u64::MAX as i128);
 
 pub struct Attribute {
     name: &'static str,
-    kind: Kind,
+    value: ValueType,
     required: bool,
 }
 
-pub const fn needs(name: &'static str, kind: Kind) -> Attribute {
-    Attribute { name, kind, required: true }
+pub const fn needs(name: &'static str, value: ValueType) -> Attribute {
+    Attribute { name, value, required: true }
 }
 
-pub const fn may(name: &'static str, kind: Kind) -> Attribute {
-    Attribute { name, kind, required: false }
+pub const fn may(name: &'static str, value: ValueType) -> Attribute {
+    Attribute { name, value, required: false }
 }
 
-/// How often a child element may stand in its parent.
+/// How often a child element may occur in its parent.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Occurs {
     AtMostOnce,
@@ -99,7 +99,7 @@ fn check_attributes(element: &Element, rule: &Rule, problems: &mut Vec<Problem>)
     for (name, value) in &element.attributes {
         match known().find(|attribute| attribute.name == name) {
             Some(attribute) => {
-                if let Some(expected) = mismatch(attribute.kind, value) {
+                if let Some(expected) = mismatch(attribute.value, value) {
                     let message = format!("<{tag}> has {name}=\"{value}\", expected {expected}");
                     problems.push(Problem::unusable(*line, message));
                 }
@@ -116,11 +116,11 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
     let mut last: (u8, &str) = (0, "");
     for child in &element.children {
         let Some((rank, ..)) = rule.children.iter().find(|(_, name, _)| *name == child.name) else {
-            problems.push(Problem::new(child.line, format!("<{}> is no element of <{tag}>", child.name)));
+            problems.push(Problem::new(child.line, format!("<{}> is not an element of <{tag}>", child.name)));
             continue;
         };
         if *rank < last.0 {
-            let message = format!("<{}> must stand before <{}> in <{tag}>", child.name, last.1);
+            let message = format!("<{}> must come before <{}> in <{tag}>", child.name, last.1);
             problems.push(Problem::new(child.line, message));
         } else {
             last = (*rank, &child.name);
@@ -154,34 +154,34 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
     }
 }
 
-/// What was expected, if the value is not of the kind.
-fn mismatch(kind: Kind, value: &str) -> Option<String> {
+/// What was expected, if the value is not of the type.
+fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
     let whole = |text: &str, (min, max): (i128, i128)| {
         text.trim().parse::<i128>().is_ok_and(|number| (min..=max).contains(&number))
     };
     let mut words = value.split_whitespace();
-    let (fits, expected) = match kind {
-        Kind::Text => (true, ""),
-        Kind::Name => (!value.trim().is_empty(), "a name"),
-        Kind::Real => (parse_real(value).is_some(), "a number"),
+    let (fits, expected) = match expected_type {
+        ValueType::Text => (true, ""),
+        ValueType::Name => (!value.trim().is_empty(), "a name"),
+        ValueType::Real => (parse_real(value).is_some(), "a number"),
         INTEGER => (whole(value, (i32::MIN.into(), i32::MAX.into())), "an integer of 32 bits"),
-        Kind::Whole(min, max) => {
+        ValueType::Whole(min, max) => {
             return (!whole(value, (min, max))).then(|| format!("an integer from {min} to {max}"));
         }
-        Kind::Boolean => (parse_boolean(value).is_some(), "true or false"),
-        Kind::Hex => (
+        ValueType::Boolean => (parse_boolean(value).is_some(), "true or false"),
+        ValueType::Hex => (
             value.len().is_multiple_of(2) && value.bytes().all(|b| b.is_ascii_hexdigit()),
             "pairs of hexadecimal digits",
         ),
-        Kind::Indices => (words.all(|index| index.parse::<u32>().is_ok()), "a list of indices"),
-        Kind::Reals => (words.all(|word| parse_real(word).is_some()), "a list of numbers"),
-        Kind::Wholes(min, max) => {
+        ValueType::Indices => (words.all(|index| index.parse::<u32>().is_ok()), "a list of indices"),
+        ValueType::Reals => (words.all(|word| parse_real(word).is_some()), "a list of numbers"),
+        ValueType::Wholes(min, max) => {
             return (!words.all(|word| whole(word, (min, max))))
                 .then(|| format!("a list of integers from {min} to {max}"));
         }
-        Kind::Booleans => (words.all(|word| parse_boolean(word).is_some()), "a list of true and false"),
-        Kind::OneOf(names) => return (!names.contains(&value)).then(|| format!("one of {}", names.join(", "))),
-        Kind::Several(names) => {
+        ValueType::Booleans => (words.all(|word| parse_boolean(word).is_some()), "a list of true and false"),
+        ValueType::OneOf(names) => return (!names.contains(&value)).then(|| format!("one of {}", names.join(", "))),
+        ValueType::Several(names) => {
             let known = words.all(|word| names.contains(&word));
             return (!known).then(|| format!("a list of {}", names.join(", ")));
         }

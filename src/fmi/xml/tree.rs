@@ -126,7 +126,7 @@ impl Lines<'_> {
     }
 }
 
-/// The text of a document. The standard asks for UTF-8; Latin-1 is met in old FMUs and decoded as well.
+/// The text of a document. The standard requires UTF-8; Latin-1 occurs in old FMUs and is decoded as well.
 pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, Problem> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let error = match str::from_utf8(bytes) {

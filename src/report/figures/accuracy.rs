@@ -60,7 +60,7 @@ fn histogram_figure(evaluated: &Evaluated, column: usize) -> Figure {
     let Histogram { reach, counts } = evaluated.histogram(column);
     let (name, unit) = output(evaluated, column);
     let edge = |bin: usize| reach * (2.0 * bin as f64 / counts.len() as f64 - 1.0);
-    // bars stand on the axis, which has no zero
+    // bars begin at the axis, which has no zero
     let floor = 0.5;
     let filled = counts.iter().enumerate().filter(|(_, count)| **count > 0);
     let bars = filled.map(|(bin, &count)| [[edge(bin), floor], [edge(bin + 1), count as f64]]).collect();

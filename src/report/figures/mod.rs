@@ -22,7 +22,7 @@ pub use beside::Beside;
 /// Outputs that a section shows at the most, in the study's order.
 const OUTPUTS: usize = 12;
 
-/// Every section that there is something to say in.
+/// Every section that has content.
 pub fn sections(material: &Material) -> Vec<Section> {
     let all = [
         Some(summary::summary(material)),
@@ -99,7 +99,7 @@ fn lines(of: impl IntoIterator<Item = (String, Vec<[f64; 2]>)>) -> Vec<Series> {
 /// A table with a heading for each column; cells are HTML.
 fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Block {
     let heading: String = headings.iter().map(|heading| format!("<th>{heading}</th>")).collect();
-    // on a phone each cell stands below the other and has its heading beside it
+    // on a phone cells are below each other, each beside its heading
     let row = |cells: Vec<String>| {
         let cells =
             headings.iter().zip(&cells).map(|(heading, cell)| format!("<td data-heading=\"{heading}\">{cell}</td>"));

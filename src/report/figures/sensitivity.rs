@@ -13,11 +13,11 @@ pub fn section(evaluated: &Evaluated) -> Section {
     let sensitivities = evaluated.sensitivities();
     let runs = evaluated.test.runs.len();
     let mut text = "Mean magnitude of the derivative of an output with respect to a parameter, times the parameter's range: by how \
-                    much the output changes over the whole range if it goes on as at the point. Derivatives are the surrogate's own \
+                    much the output changes over the whole range if it were linear. Derivatives are the surrogate's own \
                     and exact."
         .to_owned();
     if evaluated.surrogate.inputs().iter().any(|input| input.nominal_values().is_some()) {
-        text += " A parameter that has some values only has no derivatives, and stands as 0.";
+        text += " A nominal parameter has no derivatives and is shown as 0.";
     }
     if runs > SENSITIVITY_RUNS {
         text += &format!(" Thinned: from {SENSITIVITY_RUNS} of {runs} test runs.");

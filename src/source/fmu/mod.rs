@@ -1,6 +1,6 @@
 //! Runs of an FMU of any tool: FMI 2.0 or 3.0, co-simulation, or model exchange.
 //!
-//! Somebody else's machine code may crash or hang, so it is run by worker processes, one for each thread: `metafmu` itself,
+//! Other people's machine code may crash or hang, so it is run by worker processes, one for each thread: `metafmu` itself,
 //! started again. Each run has an instance of its own. A run that fails, ends its process or takes longer than
 //! `source.time_limit` is tried again `source.retries` times, in a fresh process; then it is left out and reported. Which
 //! process makes which run does not matter to the results, unless the FMU keeps something from instance to instance.
@@ -13,7 +13,7 @@ use crate::{
     fmi::{
         host::{Unpacked, describe},
         worker::{
-            Answer, Job, Worker, Workers,
+            Job, ReplyStatus, Worker, Workers,
             sampling::{Reply, Task},
         },
     },
@@ -31,7 +31,7 @@ use std::{
 };
 use variables::{Resolved, resolve};
 
-/// Time of a run unless `source.time_limit` says otherwise.
+/// Time limit of a run unless `source.time_limit` sets it.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
@@ -56,7 +56,7 @@ impl FmuModel {
     /// parameters and outputs, in the study's order.
     ///
     /// # Errors
-    /// [`Error::Study`] with every name the FMU has not, or not for that purpose, and every unit that is not the FMU's; the
+    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
     /// errors of an FMU that cannot be read.
     pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
         let (description, interface) = describe(path, None)?;
@@ -83,7 +83,7 @@ impl FmuModel {
     }
 
     /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when the token of `workers` turns true, what is under way is given up. `failure` is called with
+    /// there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with
     /// the point and the reason of each run that failed; its error ends everything.
     ///
     /// # Errors
@@ -129,7 +129,7 @@ struct Campaign<'a> {
     /// Where the FMU is unpacked.
     folder: &'a Path,
     points: &'a [Vec<f64>],
-    /// Positions of the points that are to be run, and which of these is next.
+    /// Positions of the points to run, and which of these is next.
     missing: &'a [usize],
     next: AtomicUsize,
     failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
@@ -147,7 +147,7 @@ impl Campaign<'_> {
             let threads: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
             threads.into_iter().map(|thread| thread.join().unwrap_or_else(|p| std::panic::resume_unwind(p))).collect()
         });
-        // threads that were halted have nothing to say about why
+        // threads that were halted do not know why
         let mut outcomes = Vec::new();
         for result in results {
             outcomes.extend(result?);
@@ -176,33 +176,33 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// One run, with as many tries as it may have; none if the program is to stop.
+    /// One run, with retries; none if the program is to stop.
     fn attempt(&self, point: &[f64], worker: &mut Option<Worker<Reply>>) -> Result<Option<Outcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {
             let begin = Instant::now();
             let Some(process) = self.ready(worker)? else { return Ok(None) };
             process.ask(&point);
-            let mut answer = process.answer(Some(self.model.time_limit), self.workers.stop);
+            let mut status = process.reply(Some(self.model.time_limit), self.workers.stop);
             let complete = |outputs: &[f64]| outputs.len() == self.model.values;
-            if !matches!(&answer, Answer::Reply(Reply::Done, outputs) if complete(outputs))
+            if !matches!(&status, ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs))
                 || self.model.one_run_per_process
             {
                 // a process in which something went wrong is not trusted any more
                 *worker = None;
             }
-            reason = match &mut answer {
-                Answer::Reply(Reply::Done, outputs) if complete(outputs) => {
+            reason = match &mut status {
+                ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs) => {
                     let outputs = std::mem::take(outputs);
                     if let Some(journal) = self.journal.filter(|_| begin.elapsed() > WORTH_KEEPING) {
                         journal.keep(point, &outputs)?;
                     }
                     return Ok(Some(Ok(outputs)));
                 }
-                Answer::Reply(Reply::Failed(reason), _) | Answer::Died(reason) => std::mem::take(reason),
-                Answer::Reply(..) => "the worker's reply made no sense".into(),
-                Answer::TimedOut => format!("took longer than {:?} (source.time_limit)", self.model.time_limit),
-                Answer::Stopped => return Ok(None),
+                ReplyStatus::Reply(Reply::Failed(reason), _) | ReplyStatus::Died(reason) => std::mem::take(reason),
+                ReplyStatus::Reply(..) => "the worker's reply made no sense".into(),
+                ReplyStatus::TimedOut => format!("took longer than {:?} (source.time_limit)", self.model.time_limit),
+                ReplyStatus::Stopped => return Ok(None),
             };
         }
         (self.failure)(point, &reason)?;
@@ -222,14 +222,14 @@ impl Campaign<'_> {
                 |_| {},
             )?,
         };
-        let message = match process.answer(Some(self.model.time_limit), self.workers.stop) {
-            Answer::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
-            Answer::Stopped => return Ok(None),
+        let message = match process.reply(Some(self.model.time_limit), self.workers.stop) {
+            ReplyStatus::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
+            ReplyStatus::Stopped => return Ok(None),
             // it names the FMU
-            Answer::Reply(Reply::Failed(message), _) => return Err(Error::Worker { message }),
-            Answer::Reply(..) => "the worker's reply made no sense".into(),
-            Answer::Died(reason) => format!("when it was loaded, {reason}"),
-            Answer::TimedOut => {
+            ReplyStatus::Reply(Reply::Failed(message), _) => return Err(Error::Worker { message }),
+            ReplyStatus::Reply(..) => "the worker's reply made no sense".into(),
+            ReplyStatus::Died(reason) => format!("when it was loaded, {reason}"),
+            ReplyStatus::TimedOut => {
                 format!("loading it took longer than {:?} (source.time_limit)", self.model.time_limit)
             }
         };

@@ -196,7 +196,9 @@ pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
 pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), String> {
     let problem = match (&variable.kind, variable.causality) {
         (VariableType::Real(_), Causality::Output | Causality::Local | Causality::CalculatedParameter) => return Ok(()),
-        (VariableType::Real(_), causality) => format!("is no output: its causality is {}", fmi::Named::name(causality)),
+        (VariableType::Real(_), causality) => {
+            format!("is not an output: its causality is {}", fmi::Named::name(causality))
+        }
         (kind, _) => format!("is of type {}: only real numbers are predicted", kind.name(fmi::FmiVersion::V2)),
     };
     Err(problem)
@@ -225,7 +227,7 @@ fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a 
     })
 }
 
-/// What to say about a name that is not there: those like it, else the first ones. After many problems `before` it, which are of one
+/// Message about an unknown name: similar names, or else the first ones. After many problems `before` it, which are of one
 /// kind, no more names are compared.
 fn unknown(
     description: &ModelDescription,

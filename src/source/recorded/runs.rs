@@ -49,7 +49,7 @@ impl<'a> Runs<'a> {
         if !label.is_empty()
             && let Some(before) = self.labels.insert(label.clone(), place)
         {
-            let message = format!("run `{label}` again, it began in {before}: a run's rows must stand together");
+            let message = format!("run `{label}` again, it began in {before}: a run's rows must be contiguous");
             return Err(table.mistake(&message));
         }
         // zeros of both signs are one point

@@ -27,7 +27,7 @@ pub struct System {
     pub simulate: Simulate,
 }
 
-/// Quantities, times, tolerance and budget in, rows of outputs or a sentence that says what failed out.
+/// From quantities, times, tolerance and budget to rows of outputs, or a sentence that says what failed.
 pub type Simulate = fn(&[f64], &[f64], f64, &Budget) -> Result<Vec<f64>, String>;
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
@@ -39,7 +39,7 @@ pub struct Quantity {
     pub unit: &'static str,
     /// One sentence for people.
     pub description: &'static str,
-    /// Value where the study says nothing.
+    /// Value if the study does not set it.
     pub default: f64,
 }
 

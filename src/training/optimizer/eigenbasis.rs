@@ -49,7 +49,7 @@ impl Eigenbasis {
         let Self { simd, covariance, rows, columns, turn, turn_back, next, next_columns, projections } = self;
         let (simd, size) = (*simd, covariance.rows);
         multiply(simd, all(rows), covariance, Store::Replace, &mut next.values);
-        // in blocks: what lies along the vectors of the blocks before is taken away by products, twice, because the
+        // in blocks: components along the vectors of the blocks before are removed by products, twice, because the
         // first time leaves rounding errors that are large beside what remains
         let stride = next.stride();
         next_columns.values.fill(0.0);
@@ -152,7 +152,7 @@ impl Kernel for Dot<'_> {
     }
 }
 
-/// Takes away from a vector what lies along orthonormal vectors, one after the other, twice.
+/// Removes the components of a vector along orthonormal vectors, one after the other, twice.
 struct Orthogonalize<'a> {
     vector: &'a mut [f32],
     /// The orthonormal vectors, at a distance of `stride`.

@@ -155,7 +155,7 @@ impl Updater {
         }
     }
 
-    /// Adds the parts' gradients; what their sum is to be multiplied by so that it is not too long.
+    /// Adds the parts' gradients; returns the factor that clips their sum to the largest norm.
     fn clip_factor(
         &mut self,
         team: &mut Team,
@@ -175,7 +175,7 @@ impl Updater {
         if norm > self.clip_norm { (self.clip_norm / norm) as f32 } else { 1.0 }
     }
 
-    /// What is to be kept to go on later, with names.
+    /// The state that a checkpoint keeps, with names.
     pub(super) fn memory(&mut self) -> Vec<(String, &mut [f32])> {
         match &mut self.memory {
             Memory::Elementwise { mean, square } => {

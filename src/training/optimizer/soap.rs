@@ -7,7 +7,7 @@
 //! step            G' = U^T G V,  D' = Adam's step for G',  D = U D' V^T,  P = (1 - rate decay) P - rate D
 //! ```
 //!
-//! Adam's mean lies in the eigenbasis too and is rotated along with it, which saves two products in each step.
+//! Adam's mean is in the eigenbasis too and is rotated along with it, which saves two products in each step.
 
 use super::{
     Coefficients,
@@ -110,7 +110,7 @@ impl Soap {
         }
     }
 
-    /// What is to be kept to go on later, with names.
+    /// The state that a checkpoint keeps, with names.
     pub(super) fn memory(&mut self) -> Vec<(String, &mut [f32])> {
         let mut memory: Vec<(String, &mut [f32])> = Vec::new();
         for (index, basis) in self.bases.iter_mut().enumerate() {

@@ -36,7 +36,7 @@ fn a_good_description_has_no_problem() {
 fn every_rule_has_a_description_that_breaks_it() {
     for (good, bad, line, message) in [
         (r#"<CoSimulation modelIdentifier="m"/>"#, "", 1, "there is neither <CoSimulation> nor <ModelExchange>"),
-        (r#"modelIdentifier="m""#, r#"modelIdentifier="3 d""#, 1, "modelIdentifier \"3 d\" is no C identifier"),
+        (r#"modelIdentifier="m""#, r#"modelIdentifier="3 d""#, 1, "modelIdentifier \"3 d\" is not a C identifier"),
         (
             r#"modelIdentifier="m""#,
             r#"modelIdentifier="m" canSerializeFMUstate="1""#,
@@ -137,7 +137,7 @@ fn every_rule_has_a_description_that_breaks_it() {
             r#"nominal="2""#,
             r#"derivative="5""#,
             10,
-            "variable \"y\" is the derivative of \"n\", which is no real number",
+            "variable \"y\" is the derivative of \"n\", which is not a real number",
         ),
         (
             r#"valueReference="2""#,
@@ -175,7 +175,7 @@ fn every_rule_has_a_description_that_breaks_it() {
             "</Outputs>",
             r#"</Outputs><Derivatives><Unknown index="4"/></Derivatives>"#,
             13,
-            "Derivatives has \"y\", which is no derivative",
+            "Derivatives has \"y\", which is not a derivative",
         ),
         (
             r#"dependenciesKind="dependent fixed dependent""#,
@@ -249,7 +249,7 @@ fn rules_of_fmi_3_hold() {
             11,
             "clock \"c\": causality parameter and variability fixed are not allowed",
         ),
-        (r#"clocks="5""#, r#"clocks="4""#, 13, "variable \"b\" belongs to clock 4, which is no clock"),
+        (r#"clocks="5""#, r#"clocks="4""#, 13, "variable \"b\" belongs to clock 4, which is not a clock"),
         (r#"start="0"><Dimension"#, "><Dimension", 8, "variable \"u\" has no start value"),
         (r#"<Output valueReference="5"/>"#, "", 15, "Output lacks \"c\""),
         (r#"<InitialUnknown valueReference="3"/>"#, "", 15, "InitialUnknown lacks \"y\""),

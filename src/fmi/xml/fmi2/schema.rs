@@ -5,9 +5,10 @@
 use crate::fmi::xml::schema::{
     Content::{Closed, OneOfThem},
     INTEGER,
-    Kind::{Boolean, Indices, Name, OneOf, Real, Several, Text},
     Occurs::{self, Any, AtLeastOnce, AtMostOnce, Once},
-    Rule, UNSIGNED, may, needs,
+    Rule, UNSIGNED,
+    ValueType::{Boolean, Indices, Name, OneOf, Real, Several, Text},
+    may, needs,
 };
 
 pub const RULES: &[Rule] = &[

@@ -10,7 +10,7 @@ use crate::fmi::{
 
 /// The text of a modelDescription.xml; the same description always gives the same bytes.
 ///
-/// Elements stand in the order the standard demands. What FMI 2.0 has no word for (arrays, clocks, aliases, wide
+/// Elements are in the order that the standard requires. What FMI 2.0 cannot express (arrays, clocks, aliases, wide
 /// integers) is not written, nor are items of enumerations, which are not part of a description.
 pub fn write(description: &ModelDescription) -> String {
     let mut out = Writer::new();

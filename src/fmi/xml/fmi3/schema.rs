@@ -6,9 +6,10 @@ use crate::fmi::xml::schema::{
     Attribute,
     Content::{Closed, NotEmpty, OpenAttributes},
     INTEGER,
-    Kind::{self, Boolean, Booleans, Hex, Indices, Name, OneOf, Real, Reals, Several, Text, Whole, Wholes},
     Occurs::{self, Any, AtLeastOnce, AtMostOnce, Once},
-    Rule, UNSIGNED, UNSIGNED_64, may, needs,
+    Rule, UNSIGNED, UNSIGNED_64,
+    ValueType::{self, Boolean, Booleans, Hex, Indices, Name, OneOf, Real, Reals, Several, Text, Whole, Wholes},
+    may, needs,
 };
 
 /// The elements that are variables.
@@ -99,7 +100,7 @@ const ARRAY_OF_TEXTS: &[(u8, &str, Occurs)] =
 /// Whether a number fits the width of its variable is for the reader to say.
 const INTEGER_BOUNDS: &[Attribute] = &[may("quantity", Text), may("min", ANY_INTEGER), may("max", ANY_INTEGER)];
 const INTEGER_START: &[Attribute] = &[may("start", Wholes(i64::MIN as i128, u64::MAX as i128))];
-const ANY_INTEGER: Kind = Whole(i64::MIN as i128, u64::MAX as i128);
+const ANY_INTEGER: ValueType = Whole(i64::MIN as i128, u64::MAX as i128);
 
 pub const RULES: &[Rule] = &[
     Rule {

@@ -10,7 +10,7 @@ use crate::fmi::{
 
 /// The text of a modelDescription.xml; the same description always gives the same bytes.
 ///
-/// Elements stand in the order the standard demands. Items of enumerations, intervals of clocks and all but the first
+/// Elements are in the order that the standard requires. Items of enumerations, intervals of clocks and all but the first
 /// start value of an array are not part of a description and are therefore not written.
 pub fn write(description: &ModelDescription) -> String {
     let mut out = Writer::new();
