@@ -60,15 +60,13 @@ def network(path: Path):
     with safe_open(path, "numpy") as file:
         metadata = json.loads(file.metadata()["metafmu"])
         tensors = {key: file.get_tensor(key).astype(np.float64) for key in file.keys()}
-    activation = ACTIVATIONS[metadata["activation"]]
-    layers = sum(key.endswith(".weight") for key in tensors)
 
     def predict(inputs: np.ndarray) -> np.ndarray:
-        z = (encoded(inputs, metadata["inputs"]) - tensors["input_mean"]) / tensors["input_scale"]
-        for layer in range(layers):
-            z = z @ tensors[f"layers.{layer}.weight"].T + tensors[f"layers.{layer}.bias"]
-            z = activation(z) if layer < layers - 1 else z
-        return tensors["output_mean"] + tensors["output_scale"] * z
+        z = (encoded(inputs, metadata["inputs"]) - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
+        for layer, activation in enumerate(metadata["model"]["outputs"]["activations"]):
+            z = z @ tensors[f"outputs.layers.{layer}.weight"].T + tensors[f"outputs.layers.{layer}.bias"]
+            z = ACTIVATIONS[activation](z)
+        return tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * z
 
     return metadata, predict
 

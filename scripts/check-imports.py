@@ -16,6 +16,7 @@ diagnostics
 files integrate variable
 table multibody
 dataset
+layout
 scaling
 study
 sampling network

@@ -83,19 +83,18 @@ def metafmu(*arguments):
 def load(path):
     with safe_open(path, "numpy") as file:
         tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
-        return tensors, json.loads(file.metadata()["metafmu"])["activation"]
+        return tensors, json.loads(file.metadata()["metafmu"])["model"]["outputs"]["activations"]
 
 
-def network(tensors, activation, inputs):
+def network(tensors, activations, inputs):
     """Outputs at [..., columns], the tensors of one network or, with the instant in front, of all."""
     column = (lambda name: tensors[name][..., None, :]) if "instants" in tensors else (lambda name: tensors[name])
-    values = (inputs - column("input_mean")) / column("input_scale")
-    layers = sum(name.endswith(".weight") for name in tensors)
-    for layer in range(layers):
-        values = values @ np.swapaxes(tensors[f"layers.{layer}.weight"], -1, -2) + column(f"layers.{layer}.bias")
-        if layer + 1 < layers:
-            values = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0)}[activation](values)
-    return column("output_mean") + column("output_scale") * values
+    values = (inputs - column("outputs.input_mean")) / column("outputs.input_scale")
+    functions = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "identity": lambda x: x}
+    for layer, activation in enumerate(activations):
+        values = values @ np.swapaxes(tensors[f"outputs.layers.{layer}.weight"], -1, -2) + column(f"outputs.layers.{layer}.bias")
+        values = functions[activation](values)
+    return column("outputs.output_mean") + column("outputs.output_scale") * values
 
 
 def predict(model, parameters, times):

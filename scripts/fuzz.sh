@@ -14,7 +14,7 @@ fi
 
 mkdir -p fuzz/corpus/model_file fuzz/corpus/model_description
 cargo run --quiet --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/seed.safetensors 3 2 >/dev/null
-cargo run --quiet --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/series.safetensors series 3 >/dev/null
+cargo run --quiet --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/per-instant.safetensors per-instant 3 >/dev/null
 cp tests/data/modelDescription-fmi*.xml examples/embedding/load/modelDescription.xml fuzz/corpus/model_description/
 
 for target in model_file model_description; do

@@ -26,8 +26,8 @@ def main():
     with safe_open(next(folder.glob("*.safetensors")), "numpy") as file:
         metadata = json.loads(file.metadata()["metafmu"])
         tensors = {key: file.get_tensor(key).astype(np.float64) for key in file.keys()}
-    assert metadata["activation"] == "tanh"
-    layers = [(tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"]) for i in range(len(tensors) // 2 - 2)]
+    assert metadata["model"]["outputs"]["activations"][0] == "tanh"
+    layers = [(tensors[f"outputs.layers.{i}.weight"], tensors[f"outputs.layers.{i}.bias"]) for i in range(len(tensors) // 2 - 2)]
     data = {name: standardised(folder / f"{name}.csv", metadata, tensors) for name in ("train", "test")}
     start = np.concatenate([part.ravel() for layer in layers for part in layer])
 
@@ -59,8 +59,8 @@ def standardised(path, metadata, tensors):
     table = pd.read_csv(path)
     inputs = table[[column["name"] for column in metadata["inputs"]]].to_numpy()
     outputs = table[[column["name"] for column in metadata["outputs"]]].to_numpy()
-    x = (inputs - tensors["input_mean"]) / tensors["input_scale"]
-    return x, (outputs - tensors["output_mean"]) / tensors["output_scale"]
+    x = (inputs - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
+    return x, (outputs - tensors["outputs.output_mean"]) / tensors["outputs.output_scale"]
 
 
 def forward(layers, x):

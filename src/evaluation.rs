@@ -1,6 +1,9 @@
 //! How good a surrogate is on runs it has not seen.
 
-use crate::dataset::{Dataset, Run};
+use crate::{
+    dataset::{Dataset, Run},
+    layout::Point,
+};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
@@ -97,10 +100,9 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
-    let mut inputs = [run.parameters.as_slice(), &[0.0]].concat();
+    let mut point = Point::of(run);
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
-        inputs[run.parameters.len()] = time;
-        evaluator.evaluate(&inputs, outputs, &mut scratch);
+        evaluator.evaluate(point.at(time), outputs, &mut scratch);
     }
     predictions
 }

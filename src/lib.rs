@@ -65,6 +65,7 @@ pub mod files;
 pub mod fmi;
 mod html;
 pub mod integrate;
+pub mod layout;
 pub mod multibody;
 pub mod network;
 pub mod pipeline;

@@ -2,9 +2,10 @@
 
 use crate::{
     dataset::{Dataset, Run},
+    layout::RowLayout,
     variable::Variable,
 };
-use metafmu_runtime::{Encoder, Scaling};
+use metafmu_runtime::Scaling;
 
 /// Largest magnitude of a parameter or an output, and the inverse of the smallest spread of one: squares of them, and of what a
 /// network makes of them, are still numbers.
@@ -40,88 +41,46 @@ pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
     dataset.outputs.iter().zip(ranges).filter_map(problem).collect()
 }
 
-/// Which rows of the runs count, and whether the time is an input column.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Selection {
-    /// All of them; the time is the last input column.
-    All,
-    /// The row with this number of each run; the time is not an input.
-    At(usize),
-}
-
-impl Selection {
-    /// Number of the network's input columns.
-    pub fn inputs(self, encoder: &Encoder) -> usize {
-        encoder.width() + usize::from(self == Self::All)
-    }
-
-    /// The time, if it is an input, and the outputs of each row of a run.
-    fn of(self, run: &Run) -> impl Iterator<Item = (Option<f64>, &[f64])> {
-        let (first, count) = match self {
-            Self::All => (0, usize::MAX),
-            Self::At(row) => (row, 1),
-        };
-        run.rows().skip(first).take(count).map(move |(time, row)| ((self == Self::All).then_some(time), row))
-    }
-}
-
-/// Means and standard deviations of the input columns (encoded parameters, then time) and output columns over rows of the
-/// runs. A constant column gets scale 1.
-pub fn fit<'a>(
-    dataset: &Dataset,
-    encoder: &Encoder,
-    runs: impl Iterator<Item = &'a Run> + Clone,
-    rows: Selection,
-) -> Scaling {
-    let mut input = Moments::new(rows.inputs(encoder));
+/// Means and standard deviations of the input and output columns over the rows of the runs. A constant column gets scale 1.
+pub fn fit<'a>(dataset: &Dataset, layout: &RowLayout, runs: impl Iterator<Item = &'a Run> + Clone) -> Scaling {
+    let mut input = Moments::new(layout.columns());
     let mut output = Moments::new(dataset.outputs.len());
     for run in runs.clone() {
-        let parameters = encoded(encoder, run);
-        for (time, row) in rows.of(run) {
-            input.count(parameters.iter().copied().chain(time));
-            output.count(row.iter().copied());
-        }
+        layout.for_each(run, |columns, outputs| {
+            input.count(columns);
+            output.count(outputs);
+        });
     }
     input.center();
     output.center();
     for run in runs {
-        let parameters = encoded(encoder, run);
-        for (time, row) in rows.of(run) {
-            input.spread(parameters.iter().copied().chain(time));
-            output.spread(row.iter().copied());
-        }
+        layout.for_each(run, |columns, outputs| {
+            input.spread(columns);
+            output.spread(outputs);
+        });
     }
     let ((input_mean, input_scale), (output_mean, output_scale)) = (input.finish(), output.finish());
     Scaling { input_mean, input_scale, output_mean, output_scale }
 }
 
-/// Standardised rows of the runs, in single precision: inputs of shape `[rows, inputs]`, outputs of shape
+/// Standardised rows of the runs, in single precision: inputs of shape `[rows, input columns]`, outputs of shape
 /// `[rows, outputs]`.
 pub fn standardise<'a>(
     runs: impl Iterator<Item = &'a Run>,
-    encoder: &Encoder,
+    layout: &RowLayout,
     scaling: &Scaling,
-    rows: Selection,
 ) -> (Vec<f32>, Vec<f32>) {
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+    let standardised = |to: &mut Vec<f32>, values: &[f64], means: &[f64], scales: &[f64]| {
+        to.extend(values.iter().zip(means).zip(scales).map(|((value, mean), scale)| ((value - mean) / scale) as f32));
+    };
     for run in runs {
-        let parameters = encoded(encoder, run);
-        for (time, row) in rows.of(run) {
-            let values = parameters.iter().copied().chain(time);
-            let columns = scaling.input_mean.iter().zip(&scaling.input_scale);
-            inputs.extend(values.zip(columns).map(|(x, (mean, scale))| ((x - mean) / scale) as f32));
-            let columns = scaling.output_mean.iter().zip(&scaling.output_scale);
-            outputs.extend(row.iter().zip(columns).map(|(y, (mean, scale))| ((y - mean) / scale) as f32));
-        }
+        layout.for_each(run, |columns, row| {
+            standardised(&mut inputs, columns, &scaling.input_mean, &scaling.input_scale);
+            standardised(&mut outputs, row, &scaling.output_mean, &scaling.output_scale);
+        });
     }
     (inputs, outputs)
-}
-
-/// The columns that a run's parameters become.
-pub fn encoded(encoder: &Encoder, run: &Run) -> Vec<f64> {
-    let mut columns = vec![0.0; encoder.width()];
-    encoder.encode(&run.parameters, &mut columns);
-    columns
 }
 
 /// Two-pass mean and standard deviation per column: exact enough for columns whose mean is large beside their spread.
@@ -136,7 +95,7 @@ impl Moments {
         Self { rows: 0.0, mean: vec![0.0; columns], squares: vec![0.0; columns] }
     }
 
-    fn count(&mut self, row: impl Iterator<Item = f64>) {
+    fn count(&mut self, row: &[f64]) {
         self.rows += 1.0;
         self.mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
     }
@@ -146,7 +105,7 @@ impl Moments {
         self.mean.iter_mut().for_each(|sum| *sum /= rows);
     }
 
-    fn spread(&mut self, row: impl Iterator<Item = f64>) {
+    fn spread(&mut self, row: &[f64]) {
         let columns = self.squares.iter_mut().zip(&self.mean);
         columns.zip(row).for_each(|((squares, mean), value)| *squares += (value - mean).powi(2));
     }
@@ -165,7 +124,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::Encoding;
+    use metafmu_runtime::{Encoder, Encoding};
     use std::sync::Arc;
 
     #[test]
@@ -179,9 +138,10 @@ mod tests {
         let outputs = vec![variable("u"), variable("constant")];
         let dataset = Dataset { parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
         let encoder = Encoder::new([(&Encoding::Plain, 1.0, 2.0)].into_iter());
-        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::All);
+        let layout = RowLayout::new(encoder.clone());
+        let scaling = fit(&dataset, &layout, dataset.runs.iter());
         assert_eq!(scaling.output_scale[1], 1.0);
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::All);
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &layout, &scaling);
         for (column, width, values) in [(0, 2, &inputs), (1, 2, &inputs), (0, 2, &outputs)] {
             let column: Vec<f64> = values.iter().skip(column).step_by(width).map(|&value| value.into()).collect();
             let mean = column.iter().sum::<f64>() / 8.0;
@@ -189,18 +149,18 @@ mod tests {
             assert!(mean.abs() < 1e-6 && (variance - 1.0).abs() < 1e-6, "{mean} {variance}");
         }
         // at one instant the time is not a column, and the first output of the two runs is 1e6 + p
-        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(0));
+        let scaling = fit(&dataset, &RowLayout::at(encoder.clone(), 0), dataset.runs.iter());
         assert_eq!((scaling.input_mean, scaling.input_scale), (vec![1.5], vec![0.5]));
         assert_eq!((&scaling.output_mean[..], &scaling.output_scale[..]), (&[1e6 + 1.5, 3.0][..], &[0.5, 1.0][..]));
-        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(2));
+        let scaling = fit(&dataset, &RowLayout::at(encoder.clone(), 2), dataset.runs.iter());
         assert_eq!(scaling.output_scale, [1.0, 1.0], "every run has the same outputs there");
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::At(2));
+        let (inputs, outputs) = standardise(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 2), &scaling);
         assert_eq!((inputs, outputs), (vec![-1.0, 1.0], vec![0.0; 4]));
         // one-hot: half of the rows have the one value, half the other, none the third
         let encoder = Encoder::new([(&Encoding::Nominal(vec![2.0, 3.0, 1.0]), 1.0, 3.0)].into_iter());
-        let scaling = fit(&dataset, &encoder, dataset.runs.iter(), Selection::At(0));
+        let scaling = fit(&dataset, &RowLayout::at(encoder.clone(), 0), dataset.runs.iter());
         assert_eq!((&scaling.input_mean[..], &scaling.input_scale[..]), (&[0.5, 0.0, 0.5][..], &[0.5, 1.0, 0.5][..]));
-        let (inputs, _) = standardise(dataset.runs.iter(), &encoder, &scaling, Selection::At(0));
+        let (inputs, _) = standardise(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 0), &scaling);
         assert_eq!(inputs, [-1.0, 0.0, 1.0, 1.0, 0.0, -1.0]);
     }
 

@@ -5,11 +5,12 @@ use crate::{
     baseline::Kind,
     dataset::Dataset,
     files::write_whole,
+    layout,
     study::{self, ParameterOptions, Study},
     variable::Variable,
 };
 use metafmu_runtime::{
-    Activation, Bounds, Encoding, Input, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
+    Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
     Variability,
     regression::{Function, Regression},
 };
@@ -45,9 +46,9 @@ pub fn assemble_baseline(
         Function::Polynomial(_) | Function::Kernel(_) => "",
     };
     metadata.description = format!("{}{space}(baseline model: {name}{constant})", study.description);
-    (metadata.activation, metadata.precision) = (Activation::Identity, Precision::Double);
+    metadata.precision = Precision::Double;
     metadata.provenance.study_digest = study.baseline_digest(kind);
-    finish(metadata, Model::Regression(regression))
+    finish(metadata, Model::Response(Map::Regression(regression)))
 }
 
 fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
@@ -91,9 +92,8 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     Metadata {
         name: study.name.clone(),
         description: study.description.clone(),
-        inputs: parameters.chain([time]).collect(),
+        inputs: layout::inputs(parameters, time).collect(),
         outputs: outputs.collect(),
-        activation: study.network.activation,
         precision: study.export.precision,
         bounds: None,
         arrays: study.arrays.iter().map(output_array).collect(),

@@ -7,11 +7,10 @@ use crate::{
     state::{Interface, Row, State, Version},
 };
 use metafmu_runtime::{
-    Domain, Evaluator, FormatError, Metadata, Role, Scratch, Surrogate, Variability,
-    extra::{self, DomainPolicy},
+    BuiltIn, Domain, DomainPolicy, Evaluator, FormatError, Metadata, Quantity, Role, Scratch, Surrogate, Variability,
 };
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
-use variables::{Variable, Variables};
+use variables::Variables;
 
 mod derivatives;
 mod variables;
@@ -286,11 +285,11 @@ impl Instance {
     pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
         let mut outputs = false;
         for &reference in references {
-            match self.variable(reference)? {
-                other @ (Variable::Policy | Variable::InDomain) => {
-                    return Err(self.wrong_type(other, reference, "real"));
+            match self.quantity(reference)? {
+                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => {
+                    return Err(self.wrong_type(reference, "real"));
                 }
-                variable => outputs |= matches!(variable, Variable::Output(_) | Variable::Array(_)),
+                quantity => outputs |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_)),
             }
         }
         if outputs {
@@ -299,19 +298,19 @@ impl Instance {
         let mut values = values.iter_mut();
         for &reference in references {
             // not by way of `reals`: this is on the path of every step
-            let value = match self.variable(reference)? {
-                Variable::Column(column) => self.now.inputs[column],
-                Variable::Output(output) => self.outputs[output],
-                Variable::Distance => self.domain.distance(&self.now.inputs),
-                Variable::Time => self.now.time,
-                Variable::Bound(output) => self.variables.bound(output),
-                Variable::Array(array) => {
+            let value = match self.quantity(reference)? {
+                Quantity::Input(column) => self.now.inputs[column],
+                Quantity::Output(output) => self.outputs[output],
+                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.inputs),
+                Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
+                Quantity::Bound(output) => self.variables.bound(output),
+                Quantity::Array(array) => {
                     let outputs = self.variables.outputs_of(array);
                     // in this order: zip takes from its first iterator even when the second has ended
                     outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.outputs[output]);
                     continue;
                 }
-                Variable::Policy | Variable::InDomain => continue,
+                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => continue,
             };
             if let Some(to) = values.next() {
                 *to = value;
@@ -323,9 +322,9 @@ impl Instance {
     /// Values of 32-bit integer variables.
     pub(crate) fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Refusal> {
         for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.variable(reference)? {
-                Variable::Policy => self.now.policy as i32,
-                other => return Err(self.wrong_type(other, reference, "integer")),
+            *value = match self.quantity(reference)? {
+                Quantity::BuiltIn(BuiltIn::DomainPolicy) => self.now.policy as i32,
+                _ => return Err(self.wrong_type(reference, "integer")),
             };
         }
         Ok(())
@@ -334,9 +333,9 @@ impl Instance {
     /// Values of Boolean variables, in the type that the FMI version has for them.
     pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
         for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.variable(reference)? {
-                Variable::InDomain => self.is_in_domain().into(),
-                other => return Err(self.wrong_type(other, reference, "Boolean")),
+            *value = match self.quantity(reference)? {
+                Quantity::BuiltIn(BuiltIn::InDomain) => self.is_in_domain().into(),
+                _ => return Err(self.wrong_type(reference, "Boolean")),
             };
         }
         Ok(())
@@ -371,11 +370,13 @@ impl Instance {
     pub(crate) fn set_integer(&mut self, references: &[u32], values: &[i32]) -> Result<(), Refusal> {
         let mut new = self.now.policy;
         for (&reference, &found) in references.iter().zip(values) {
-            match self.variable(reference)? {
-                Variable::Policy => new = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?,
-                other => return Err(self.wrong_type(other, reference, "integer")),
+            match self.quantity(reference)? {
+                Quantity::BuiltIn(BuiltIn::DomainPolicy) => {
+                    new = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?;
+                }
+                _ => return Err(self.wrong_type(reference, "integer")),
             }
-            self.parameter_settable(Variability::Tunable, Variable::Policy, reference)?;
+            self.parameter_settable(Variability::Tunable, reference)?;
         }
         // a value that is outside already is not left standing
         self.check_point(new)?;
@@ -387,33 +388,31 @@ impl Instance {
     /// Booleans are outputs.
     pub(crate) fn set_boolean(&self, references: &[u32]) -> Result<(), Refusal> {
         let Some(&reference) = references.first() else { return Ok(()) };
-        match self.variable(reference)? {
-            variable @ Variable::InDomain => Err(Refusal::SetOutput { name: self.name(variable), reference }),
-            other => Err(self.wrong_type(other, reference, "Boolean")),
+        match self.quantity(reference)? {
+            Quantity::BuiltIn(BuiltIn::InDomain) => Err(Refusal::SetOutput { name: self.name(reference), reference }),
+            _ => Err(self.wrong_type(reference, "Boolean")),
         }
     }
 
     /// The column a host may set now.
     fn settable(&self, reference: u32) -> Result<usize, Refusal> {
-        let variable = self.variable(reference)?;
-        let name = || self.name(variable);
-        match variable {
-            Variable::Column(column) => match self.metadata.inputs[column].role {
+        let name = || self.name(reference);
+        match self.quantity(reference)? {
+            Quantity::Input(column) => match self.metadata.inputs[column].role {
                 Role::Time => Err(Refusal::SetTime { name: name(), reference }),
-                Role::Parameter(variability) => {
-                    self.parameter_settable(variability, variable, reference).map(|()| column)
-                }
+                Role::Parameter(variability) => self.parameter_settable(variability, reference).map(|()| column),
                 Role::Input => Ok(column),
             },
-            Variable::Output(_) | Variable::Array(_) | Variable::Distance | Variable::Bound(_) => {
-                Err(Refusal::SetOutput { name: name(), reference })
-            }
-            Variable::Time => Err(Refusal::SetTime { name: name(), reference }),
-            Variable::Policy | Variable::InDomain => Err(self.wrong_type(variable, reference, "real")),
+            Quantity::Output(_)
+            | Quantity::Array(_)
+            | Quantity::Bound(_)
+            | Quantity::BuiltIn(BuiltIn::DomainDistance) => Err(Refusal::SetOutput { name: name(), reference }),
+            Quantity::BuiltIn(BuiltIn::Time) => Err(Refusal::SetTime { name: name(), reference }),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => Err(self.wrong_type(reference, "real")),
         }
     }
 
-    fn parameter_settable(&self, variability: Variability, variable: Variable, reference: u32) -> Result<(), Refusal> {
+    fn parameter_settable(&self, variability: Variability, reference: u32) -> Result<(), Refusal> {
         let state = self.now.state;
         let variability = match (variability, state) {
             (_, State::Instantiated | State::Initialization) => return Ok(()),
@@ -421,57 +420,48 @@ impl Instance {
             (Variability::Fixed, _) => "fixed",
             (Variability::Tunable, _) => "tunable",
         };
-        Err(Refusal::SetParameter { name: self.name(variable), reference, variability, state })
+        Err(Refusal::SetParameter { name: self.name(reference), reference, variability, state })
     }
 
     #[inline]
-    fn variable(&self, reference: u32) -> Result<Variable, Refusal> {
-        self.variables.find(reference)
+    fn quantity(&self, reference: u32) -> Result<Quantity, Refusal> {
+        self.variables.find(reference).map(|variable| variable.quantity)
     }
 
-    fn name(&self, variable: Variable) -> String {
-        match variable {
-            Variable::Column(column) => self.column_name(column),
-            Variable::Output(output) => self.metadata.outputs[output].name.clone(),
-            Variable::Array(array) => self.metadata.arrays[array].name.clone(),
-            Variable::Bound(output) => self.metadata.outputs[output].bound_name(),
-            Variable::Policy => extra::DOMAIN_POLICY.name.to_owned(),
-            Variable::InDomain => extra::IN_DOMAIN.name.to_owned(),
-            Variable::Distance => extra::DOMAIN_DISTANCE.name.to_owned(),
-            Variable::Time => extra::TIME.name.to_owned(),
-        }
+    /// Name of a variable that there is.
+    fn name(&self, reference: u32) -> String {
+        self.variables.find(reference).map_or(String::new(), |variable| variable.name.clone())
     }
 
     fn column_name(&self, column: usize) -> String {
         self.metadata.inputs[column].name.clone()
     }
 
-    fn wrong_type(&self, variable: Variable, reference: u32, asked: &'static str) -> Refusal {
-        let found = match variable {
-            Variable::Policy => "integer",
-            Variable::InDomain => "Boolean",
-            Variable::Column(_)
-            | Variable::Output(_)
-            | Variable::Array(_)
-            | Variable::Distance
-            | Variable::Time
-            | Variable::Bound(_) => "real",
+    fn wrong_type(&self, reference: u32, asked: &'static str) -> Refusal {
+        let found = match self.quantity(reference) {
+            Ok(Quantity::BuiltIn(BuiltIn::DomainPolicy)) => "integer",
+            Ok(Quantity::BuiltIn(BuiltIn::InDomain)) => "Boolean",
+            Ok(_) => "real",
+            Err(refusal) => return refusal,
         };
-        Refusal::WrongType { name: self.name(variable), reference, found, asked }
+        Refusal::WrongType { name: self.name(reference), reference, found, asked }
     }
 
     /// What a variable depends on: pairs of an element, counted from one, and the value reference of what it depends on.
     /// The element of a scalar is zero, which stands for all there are.
     pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
+        let quantity = self.quantity(reference)?;
         let inputs = self.now.inputs.len() as u32;
-        let policy = inputs + self.outputs.len() as u32 + extra::DOMAIN_POLICY.offset;
-        let variable = self.variable(reference)?;
-        let (columns, policy) = match variable {
-            Variable::Output(_) | Variable::Array(_) => (inputs, Some(policy)),
-            Variable::InDomain | Variable::Distance => (inputs, None),
-            Variable::Column(_) | Variable::Policy | Variable::Time | Variable::Bound(_) => (0, None),
+        let (columns, policy) = match quantity {
+            Quantity::Output(_) | Quantity::Array(_) => {
+                (inputs, self.variables.reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)))
+            }
+            Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance) => (inputs, None),
+            Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time) => {
+                (0, None)
+            }
         };
-        let elements = self.variables.elements(variable).map_or(0..=0, |elements| 1..=elements);
+        let elements = self.variables.elements(quantity).map_or(0..=0, |elements| 1..=elements);
         Ok(elements.flat_map(move |element| (0..columns).chain(policy).map(move |known| (element, known))))
     }
 

@@ -21,7 +21,7 @@
 //! Numbers are little-endian.
 
 use crate::{answer::Refusal, state::State};
-use metafmu_runtime::extra::DomainPolicy;
+use metafmu_runtime::DomainPolicy;
 
 /// The mutable part of an instance, but for values that can be computed from it.
 #[derive(Clone, Debug, PartialEq)]

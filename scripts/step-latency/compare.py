@@ -50,12 +50,12 @@ def layers_of(model):
     """Weights, inputs by outputs, and biases, with the scaling of inputs and outputs folded in."""
     tensors = load_file(model)
     layers = []
-    while (name := f"layers.{len(layers)}") + ".weight" in tensors:
+    while (name := f"outputs.layers.{len(layers)}") + ".weight" in tensors:
         layers.append([tensors[f"{name}.weight"].astype(float).T, tensors[f"{name}.bias"].astype(float)])
     first, last = layers[0], layers[-1]
-    first[0] = first[0] / tensors["input_scale"][:, None]
-    first[1] = first[1] - tensors["input_mean"] @ first[0]
-    last[0], last[1] = last[0] * tensors["output_scale"], last[1] * tensors["output_scale"] + tensors["output_mean"]
+    first[0] = first[0] / tensors["outputs.input_scale"][:, None]
+    first[1] = first[1] - tensors["outputs.input_mean"] @ first[0]
+    last[0], last[1] = last[0] * tensors["outputs.output_scale"], last[1] * tensors["outputs.output_scale"] + tensors["outputs.output_mean"]
     return layers
 
 

@@ -3,22 +3,21 @@
 use super::Rows;
 use crate::{
     dataset::{Dataset, Run},
+    layout::RowLayout,
     sampling::{self, Stream},
-    scaling::{self, Selection},
+    scaling,
 };
-use metafmu_runtime::Encoder;
 use std::borrow::Cow;
 
 /// All rows of the runs, parameters encoded as for the network, standardised.
-pub fn rows(dataset: &Dataset, encoder: &Encoder, runs: &[&Run]) -> Rows {
-    let scaling = scaling::fit(dataset, encoder, runs.iter().copied(), Selection::All);
+pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> Rows {
+    let scaling = scaling::fit(dataset, layout, runs.iter().copied());
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for run in runs {
-        let parameters = scaling::encoded(encoder, run);
-        for (time, outputs) in run.rows() {
-            x.extend(parameters.iter().copied().chain([time]));
+        layout.for_each(run, |columns, outputs| {
+            x.extend_from_slice(columns);
             y.extend_from_slice(outputs);
-        }
+        });
     }
     Rows::new(x, y, scaling)
 }
@@ -38,7 +37,7 @@ pub fn choose_rows(rows: &Rows, most: Option<usize>, seed: u64) -> Cow<'_, Rows>
 mod tests {
     use super::*;
     use crate::variable::Variable;
-    use metafmu_runtime::Encoding;
+    use metafmu_runtime::{Encoder, Encoding};
 
     #[test]
     fn rows_are_standardised_and_fewer_are_the_first_of_more() {
@@ -47,7 +46,7 @@ mod tests {
         let runs: Vec<Run> = (0..50).map(|i| run(f64::from(i))).collect();
         let dataset = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs };
         let encoder = Encoder::new([(&Encoding::Plain, 0.0, 49.0)].into_iter());
-        let rows = rows(&dataset, &encoder, &dataset.runs.iter().collect::<Vec<_>>());
+        let rows = rows(&dataset, &RowLayout::new(encoder), &dataset.runs.iter().collect::<Vec<_>>());
         assert_eq!((rows.len(), rows.inputs, rows.outputs), (100, 2, 1));
         assert!(rows.x.iter().step_by(2).sum::<f64>().abs() < 1e-12 && rows.y.iter().sum::<f64>().abs() < 1e-12);
         let (more, fewer) = (choose_rows(&rows, Some(20), 1), choose_rows(&rows, Some(5), 1));

@@ -12,7 +12,7 @@ use metafmu::{
     report::{Curve, time_series_svg},
     table::header_field,
 };
-use metafmu_runtime::extra::IN_DOMAIN;
+use metafmu_runtime::BuiltIn;
 use std::{
     io::{self, ErrorKind, IsTerminal, Write},
     path::Path,
@@ -89,7 +89,7 @@ struct Rows<'a, 'b> {
 
 impl RowSink for Rows<'_, '_> {
     fn begin(&mut self, columns: &[Column]) -> Result<()> {
-        self.domain.column = columns.iter().position(|column| column.name == IN_DOMAIN.name);
+        self.domain.column = columns.iter().position(|column| column.name == BuiltIn::InDomain.name());
         if let Some(table) = &mut self.table {
             table.begin(columns)?;
         }
@@ -165,7 +165,7 @@ impl Domain {
             say(format_args!(
                 "warning: outside the ranges that the FMU is made for in {outside} of {rows} rows, at {first} s for the first \
                  time (`{}` is false): its outputs there cannot be trusted",
-                IN_DOMAIN.name
+                BuiltIn::InDomain.name()
             ));
         }
     }

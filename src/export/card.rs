@@ -10,7 +10,7 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, Encoding, Input, Model, Output, Precision, Role, Surrogate, Variability, extra,
+    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Output, Precision, Role, Surrogate, Variability,
     regression::{Function, Regression},
 };
 
@@ -76,8 +76,8 @@ fn unchanged(surrogate: &Surrogate) -> &'static str {
 /// The kind of model.
 fn what(model: &Model) -> &'static str {
     match model {
-        Model::Network(_) | Model::Series { .. } => "a neural network",
-        Model::Regression(regression) => match regression.function {
+        Model::Response(Map::Network(_)) | Model::PerInstant { .. } => "a neural network",
+        Model::Response(Map::Regression(regression)) => match regression.function {
             Function::Polynomial(_) => "a polynomial",
             Function::Forest(_) => "a sum of decision trees, piecewise constant,",
             Function::Kernel(_) => "a sum of kernels",
@@ -160,8 +160,8 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
 
 fn domain(page: &mut String) {
     line(page, "<h2>Outside the ranges</h2>\n<table>");
-    for extra in extra::ALL {
-        let (name, description) = (extra.name, escape(extra.description));
+    for variable in BuiltIn::ALWAYS {
+        let (name, description) = (variable.name(), escape(variable.description()));
         line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
     }
     line(page, "</table>");
@@ -178,24 +178,31 @@ fn domain(page: &mut String) {
 fn model(surrogate: &Surrogate) -> String {
     let metadata = surrogate.metadata();
     let (count, layers) = match surrogate.model() {
-        Model::Network(network) => (1, &network.layers),
-        Model::Series { networks, .. } => (networks.len(), &networks[0].layers),
-        Model::Regression(regression) => return size(regression),
+        Model::Response(Map::Network(network)) => (1, &network.layers),
+        Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
+        Model::Response(Map::Regression(regression)) => return size(regression),
     };
-    let hidden: Vec<String> = layers.iter().skip(1).map(|layer| layer.inputs.to_string()).collect();
-    let activation = activation(metadata.activation);
     let precision = match metadata.precision {
         Precision::Double => "double precision",
         Precision::Single => "single precision (source code in double)",
     };
-    let nodes =
-        if hidden.is_empty() { "no hidden layer".into() } else { format!("{} {activation}", hidden.join(" + ")) };
     let each = if count > 1 {
         format!(" in each of {count} networks, one an instant, between which outputs are interpolated in time")
     } else {
         String::new()
     };
-    format!("network, {nodes} nodes{each}, computed in {precision}")
+    format!("network, {}{each}, computed in {precision}", nodes(layers))
+}
+
+/// The hidden layers in words, for instance `64 + 64 tanh nodes`.
+fn nodes(layers: &[Layer]) -> String {
+    let hidden = &layers[..layers.len() - 1];
+    let mut words: Vec<String> = Vec::new();
+    for group in hidden.chunk_by(|layer, next| layer.activation == next.activation) {
+        let sizes: Vec<String> = group.iter().map(|layer| layer.outputs.to_string()).collect();
+        words.push(format!("{} {} nodes", sizes.join(" + "), activation(group[0].activation)));
+    }
+    if words.is_empty() { "no hidden layer".into() } else { words.join(", ") }
 }
 
 fn size(regression: &Regression) -> String {

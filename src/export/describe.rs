@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Role, Surrogate,
-    extra::{self, Extra, Kind},
+    BuiltIn, DomainPolicy, Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Quantity, Role,
+    Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -29,17 +29,10 @@ const MARGIN: f64 = 0.1;
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// Input columns come first, then outputs, then the variables every FMU has, each with its position for a value
-    /// reference; in FMI 3.0 arrays of outputs follow, and at last error bounds. Nothing of it depends on when or where it is called.
+    /// The variables are those of [`Surrogate::variables`]. Nothing of it depends on when or where it is called.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
-        let Metadata { name, description, inputs, outputs, .. } = surrogate.metadata();
-        let inputs = inputs.iter().map(|input| input_variable(input, fmi_version));
-        let extras = extras(surrogate, fmi_version).into_iter().map(|extra| extra_variable(&extra));
-        let columns = inputs.chain(outputs.iter().map(output_variable)).chain(extras);
-        let columns =
-            columns.zip(0..).map(|(variable, value_reference)| ScalarVariable { value_reference, ..variable });
-        let arrays = (0..array_count(surrogate, fmi_version)).map(|index| array_variable(surrogate, index));
-        let bounds = (0..bound_count(surrogate)).map(|index| bound_variable(surrogate, index));
+        let Metadata { name, description, .. } = surrogate.metadata();
+        let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
         let v3 = fmi_version == FmiVersion::V3;
         let interface = Interface {
             model_identifier: model_identifier(name),
@@ -69,46 +62,61 @@ impl ModelDescription {
             units: units(surrogate.metadata()),
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: columns.chain(arrays).chain(bounds).collect(),
-            structure: structure(surrogate, fmi_version),
+            variables: table.iter().map(|&entry| variable(entry, surrogate, fmi_version)).collect(),
+            structure: structure(&table, surrogate),
             ..Self::default()
         }
     }
 }
 
-/// The variables that are no columns of the surrogate, in the order of their value references.
-fn extras(surrogate: &Surrogate, fmi_version: FmiVersion) -> Vec<Extra> {
-    let mut extras = extra::ALL.to_vec();
-    // FMI 3.0 wants exactly one independent variable, FMI 2.0 at most one
-    if fmi_version == FmiVersion::V3 && surrogate.time_column().is_none() {
-        extras.push(extra::TIME);
-    }
-    extras
+/// The variables that the version has, with their value references.
+fn table(surrogate: &Surrogate, fmi_version: FmiVersion) -> impl Iterator<Item = (u32, &Variable)> {
+    let v3 = fmi_version == FmiVersion::V3;
+    surrogate.variables().iter().filter(move |(_, variable)| v3 || !variable.only_fmi3)
 }
 
-/// A variable without attributes that are seldom needed; its value reference is its position.
 fn variable(
-    name: &str,
-    description: &str,
-    (causality, variability, initial): (Causality, Variability, Option<Initial>),
-    kind: VariableType,
+    (value_reference, variable): (u32, &Variable),
+    surrogate: &Surrogate,
+    fmi_version: FmiVersion,
 ) -> ScalarVariable {
+    let Described { description, what: (causality, variability, initial), kind, dimensions } = match variable.quantity {
+        Quantity::Input(index) => input(&surrogate.inputs()[index], fmi_version),
+        Quantity::Output(index) => output(&surrogate.outputs()[index]),
+        Quantity::BuiltIn(variable) => built_in(variable),
+        Quantity::Array(index) => array(surrogate, index),
+        Quantity::Bound(index) => bound(surrogate, index),
+    };
     ScalarVariable {
-        name: name.into(),
-        value_reference: 0,
-        description: text(description),
+        name: variable.name.clone(),
+        value_reference,
+        description: text(&description),
         causality,
         variability,
         initial,
         declared_type: None,
         kind,
-        dimensions: Vec::new(),
+        dimensions,
         clocks: Vec::new(),
         aliases: Vec::new(),
     }
 }
 
-fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
+/// What a description says of a variable beside its name and value reference.
+struct Described {
+    description: String,
+    what: (Causality, Variability, Option<Initial>),
+    kind: VariableType,
+    dimensions: Vec<Dimension>,
+}
+
+impl Described {
+    fn scalar(description: &str, what: (Causality, Variability, Option<Initial>), kind: VariableType) -> Self {
+        Self { description: description.into(), what, kind, dimensions: Vec::new() }
+    }
+}
+
+fn input(input: &Input, fmi_version: FmiVersion) -> Described {
     let what = match input.role {
         Role::Parameter(metafmu_runtime::Variability::Fixed) => {
             (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
@@ -133,36 +141,23 @@ fn input_variable(input: &Input, fmi_version: FmiVersion) -> ScalarVariable {
         start: (input.role != Role::Time).then_some(input.start),
         ..Real::default()
     };
-    variable(&input.name, &input_description(input), what, VariableType::Real(real))
-}
-
-/// FMI 2.0 has no arrays.
-fn array_count(surrogate: &Surrogate, fmi_version: FmiVersion) -> usize {
-    if fmi_version == FmiVersion::V3 { surrogate.arrays().len() } else { 0 }
+    Described::scalar(&input_description(input), what, VariableType::Real(real))
 }
 
 /// Several outputs under one name, beside their own.
-fn array_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
-    let OutputArray { name, description, .. } = &surrogate.arrays()[index];
+fn array(surrogate: &Surrogate, index: usize) -> Described {
+    let OutputArray { description, .. } = &surrogate.arrays()[index];
     let (unit, columns) = surrogate.array_elements(index);
     let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
     let largest = elements.map(|output| nominal(output.min, output.max)).fold(0.0, f64::max);
     let real = Real { unit: text(unit), nominal: Some(largest), ..Real::default() };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
-    ScalarVariable {
-        value_reference: surrogate.array_value_reference(index),
-        dimensions: vec![Dimension::Fixed(columns.len() as u64)],
-        ..variable(name, description, what, VariableType::Real(real))
-    }
-}
-
-/// Error bounds of the outputs, if they were measured.
-fn bound_count(surrogate: &Surrogate) -> usize {
-    surrogate.bounds().map_or(0, |bounds| bounds.half_widths.len())
+    let dimensions = vec![Dimension::Fixed(columns.len() as u64)];
+    Described { dimensions, ..Described::scalar(description, what, VariableType::Real(real)) }
 }
 
 /// A constant: hosts can show it beside the output without asking the FMU.
-fn bound_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
+fn bound(surrogate: &Surrogate, index: usize) -> Described {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
     let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.half_widths[index], bounds.coverage));
@@ -178,39 +173,37 @@ fn bound_variable(surrogate: &Surrogate, index: usize) -> ScalarVariable {
         ..Real::default()
     };
     let what = (Causality::Output, Variability::Constant, Some(Initial::Exact));
-    ScalarVariable {
-        value_reference: surrogate.bound_value_reference(index),
-        ..variable(&output.bound_name(), &description, what, VariableType::Real(real))
-    }
+    Described::scalar(&description, what, VariableType::Real(real))
 }
 
-fn extra_variable(extra: &Extra) -> ScalarVariable {
+fn built_in(variable: BuiltIn) -> Described {
     let calculated = Some(Initial::Calculated);
-    let (what, kind) = match extra.kind {
-        Kind::IntegerParameter { start, min, max } => {
-            let [start, min, max] = [start, min, max].map(|number| Some(number.into()));
+    let (what, kind) = match variable {
+        BuiltIn::DomainPolicy => {
+            let [start, min, max] = [DomainPolicy::default(), DomainPolicy::Warn, DomainPolicy::Error]
+                .map(|policy| Some((policy as i32).into()));
             let integer = Integer { width: Width::Int32, min, max, start };
             ((Causality::Parameter, Variability::Tunable, Some(Initial::Exact)), VariableType::Integer(integer))
         }
-        Kind::BooleanOutput => {
+        BuiltIn::InDomain => {
             ((Causality::Output, Variability::Discrete, calculated), VariableType::Boolean { start: None })
         }
-        Kind::RealOutput => {
+        BuiltIn::DomainDistance => {
             let real = Real { min: Some(0.0), nominal: Some(1.0), ..Real::default() };
             ((Causality::Output, Variability::Continuous, calculated), VariableType::Real(real))
         }
-        Kind::Time => {
+        BuiltIn::Time => {
             let real = Real { unit: Some("s".into()), ..Real::default() };
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
     };
-    variable(extra.name, extra.description, what, kind)
+    Described::scalar(variable.description(), what, kind)
 }
 
 /// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes
 /// of the samples a little, and some hosts warn when a variable leaves its bounds. Past the margin such a warning is
 /// right, for then the surrogate is far from anything it was trained on.
-fn output_variable(output: &Output) -> ScalarVariable {
+fn output(output: &Output) -> Described {
     let nominal = nominal(output.min, output.max);
     let width = output.max - output.min;
     let margin = MARGIN * if width > 0.0 { width } else { nominal };
@@ -222,7 +215,7 @@ fn output_variable(output: &Output) -> ScalarVariable {
         ..Real::default()
     };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
-    variable(&output.name, &output.description, what, VariableType::Real(real))
+    Described::scalar(&output.description, what, VariableType::Real(real))
 }
 
 /// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.
@@ -264,33 +257,43 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     }
 }
 
-/// Every output is computed from every input column, and those of the network from the domain policy as well, which may
+/// Every output is computed from every input, and those of the model from the domain policy as well, which may
 /// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
 /// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
-fn structure(surrogate: &Surrogate, fmi_version: FmiVersion) -> ModelStructure {
-    let inputs = surrogate.inputs();
-    let first_extra = inputs.len() + surrogate.outputs().len();
-    let first_array = first_extra + extras(surrogate, fmi_version).len();
-    let policy = surrogate.extra_value_reference(&extra::DOMAIN_POLICY) as usize;
-    let arrays = first_array..first_array + array_count(surrogate, fmi_version);
-    let network = || (inputs.len()..first_extra).chain(arrays.clone());
-    let domain =
-        [extra::IN_DOMAIN, extra::DOMAIN_DISTANCE].map(|extra| surrogate.extra_value_reference(&extra) as usize);
-    let known_later = |role: Role| matches!(role, Role::Input | Role::Time);
-    let later: Vec<usize> = (0..inputs.len()).filter(|&column| known_later(inputs[column].role)).collect();
-    let first_bound = arrays.end;
-    let bounds = first_bound..first_bound + bound_count(surrogate);
-    let first: Vec<usize> = (0..inputs.len()).collect();
-    let unknown =
-        |variable, dependencies: Vec<usize>| Unknown { variable, dependencies: Some(dependencies), kinds: None };
-    let of_network = network().map(|output| unknown(output, [first.as_slice(), &[policy]].concat()));
+/// Variables are given by their position in the table.
+fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructure {
+    let positions = |is_wanted: &dyn Fn(Quantity) -> bool| -> Vec<usize> {
+        table.iter().enumerate().filter(|(_, (_, v))| is_wanted(v.quantity)).map(|(position, _)| position).collect()
+    };
+    let of_model = positions(&|quantity| matches!(quantity, Quantity::Output(_) | Quantity::Array(_)));
+    let of_domain =
+        positions(&|quantity| matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance)));
+    let bounds = positions(&|quantity| matches!(quantity, Quantity::Bound(_)));
+    let inputs = positions(&|quantity| matches!(quantity, Quantity::Input(_)));
+    let policy = positions(&|quantity| quantity == Quantity::BuiltIn(BuiltIn::DomainPolicy));
+    let known_later = |quantity| match quantity {
+        Quantity::Input(index) => matches!(surrogate.inputs()[index].role, Role::Input | Role::Time),
+        _ => false,
+    };
+    let later = positions(&known_later);
+    let unknown = |variable: &usize, dependencies: &[usize]| Unknown {
+        variable: *variable,
+        dependencies: Some(dependencies.into()),
+        kinds: None,
+    };
+    let with_policy = [inputs.as_slice(), &policy].concat();
     ModelStructure {
-        outputs: network()
-            .chain(domain)
-            .map(|output| unknown(output, later.clone()))
-            .chain(bounds.map(|bound| unknown(bound, Vec::new())))
+        outputs: of_model
+            .iter()
+            .chain(&of_domain)
+            .map(|output| unknown(output, &later))
+            .chain(bounds.iter().map(|bound| unknown(bound, &[])))
             .collect(),
-        initial_unknowns: of_network.chain(domain.map(|output| unknown(output, first.clone()))).collect(),
+        initial_unknowns: of_model
+            .iter()
+            .map(|output| unknown(output, &with_policy))
+            .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
+            .collect(),
         ..ModelStructure::default()
     }
 }

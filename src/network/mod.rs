@@ -44,6 +44,22 @@ pub enum NetworkError {
     /// No layer at all.
     #[error("a network needs at least one layer")]
     NoLayers,
+    /// A layer with another activation than the network has there.
+    #[error("layer {layer} of the network has the activation {found:?}, expected {expected:?}")]
+    LayerActivation {
+        /// Counted from the inputs, which are layer 0.
+        layer: usize,
+        /// That of the hidden layers, or the identity for the last one.
+        expected: Activation,
+        /// That of the layer.
+        found: Activation,
+    },
+    /// Weights that this network, which is trained in single precision, cannot hold.
+    #[error("layer {layer} of the network has weights in double precision, expected single precision")]
+    Precision {
+        /// Counted from the inputs, which are layer 0.
+        layer: usize,
+    },
     /// A layer that does not fit the one before it, or whose weights and biases do not fit its size.
     #[error("layer {layer} of the network does not fit: expected {expected} {what}, found {found}")]
     LayerShape {
@@ -90,13 +106,19 @@ impl Network {
     /// The network of a surrogate, for instance to train it further.
     ///
     /// # Errors
-    /// A [`NetworkError`] if there are no layers, a layer is empty, or layers do not fit each other.
+    /// A [`NetworkError`] if there are no layers, a layer is empty, layers do not fit each other, a hidden layer has another
+    /// activation, the last one is not linear, or weights are in double precision.
     pub fn from_layers(layers: &[Layer], activation: Activation) -> Result<Self, NetworkError> {
         let mut sizes = vec![layers.first().ok_or(NetworkError::NoLayers)?.inputs];
         let mut parameters = Vec::new();
         for (index, layer) in layers.iter().enumerate() {
             if layer.inputs == 0 || layer.outputs == 0 {
                 return Err(NetworkError::EmptyLayer { layer: index + usize::from(layer.inputs > 0) });
+            }
+            let last = index + 1 == layers.len();
+            let expected = if last { Activation::Identity } else { activation };
+            if layer.activation != expected {
+                return Err(NetworkError::LayerActivation { layer: index + 1, expected, found: layer.activation });
             }
             for (what, expected, found) in [
                 ("inputs", sizes[index], layer.inputs),
@@ -108,22 +130,36 @@ impl Network {
                 }
             }
             sizes.push(layer.outputs);
-            parameters.extend_from_slice(&layer.weight);
-            parameters.extend_from_slice(&layer.bias);
+            for numbers in [&layer.weight, &layer.bias] {
+                parameters.extend_from_slice(numbers.as_single().ok_or(NetworkError::Precision { layer: index + 1 })?);
+            }
         }
         Ok(Self { activation, sizes, parameters })
     }
 
     /// The layers as they are in the model file.
     pub fn to_layers(&self) -> Vec<Layer> {
-        self.layers()
-            .map(|LayerView { inputs, outputs, weight, bias, .. }| Layer {
-                inputs,
-                outputs,
-                weight: weight.to_vec(),
-                bias: bias.to_vec(),
-            })
-            .collect()
+        let last = self.sizes.len() - 2;
+        let layer = |(index, view): (usize, LayerView)| Layer {
+            inputs: view.inputs,
+            outputs: view.outputs,
+            weight: view.weight.to_vec().into(),
+            bias: view.bias.to_vec().into(),
+            activation: if index == last { Activation::Identity } else { self.activation },
+        };
+        self.layers().enumerate().map(layer).collect()
+    }
+
+    /// Makes an output zero whatever the inputs are.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub(crate) fn clear_output(&mut self, output: usize) {
+        let (inputs, outputs) = (self.sizes[self.sizes.len() - 2], self.outputs());
+        let last = self.parameters.len() - (inputs + 1) * outputs;
+        let (weight, bias) = self.parameters[last..].split_at_mut(inputs * outputs);
+        weight[output * inputs..][..inputs].fill(0.0);
+        bias[output] = 0.0;
     }
 
     /// Number of inputs, of nodes of each hidden layer, and of outputs.
@@ -367,7 +403,7 @@ mod tests {
         let layers = network.to_layers();
         assert_eq!(layers.len(), 3);
         assert_eq!((layers[1].inputs, layers[1].outputs, layers[1].weight.len()), (7, 5, 35));
-        assert_eq!(layers[0].bias, network.parameters()[21..28]);
+        assert_eq!(layers[0].bias.as_single().unwrap(), &network.parameters()[21..28]);
         assert_eq!(Network::from_layers(&layers, Activation::Relu).unwrap(), network);
     }
 
@@ -377,7 +413,7 @@ mod tests {
         assert_eq!(Network::new(2, 1, &options, 0), Err(NetworkError::EmptyLayer { layer: 2 }));
         assert_eq!(Network::from_layers(&[], Activation::Tanh), Err(NetworkError::NoLayers));
         let mut layers = network(2, &[3], 1, Activation::Tanh).to_layers();
-        layers[1].bias.push(0.0);
+        layers[1].bias = vec![0.0f32; layers[1].outputs + 1].into();
         let error = Network::from_layers(&layers, Activation::Tanh).unwrap_err();
         assert_eq!(error.to_string(), "layer 2 of the network does not fit: expected 1 biases, found 2");
         layers[1].inputs = 4;

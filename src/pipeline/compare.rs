@@ -13,10 +13,10 @@ use crate::{
         comparison::NETWORK,
         worker::{self, Answer, Fit, Task},
     },
-    dataset::{Dataset, Run},
+    dataset::Dataset,
     evaluation::{self, Accuracy, OutputMetrics},
     files,
-    scaling::encoded,
+    layout::RowLayout,
     study::Study,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
@@ -141,12 +141,11 @@ pub(super) fn measure(project: &Project, study: &Study, kind: Kind, rows: &Rows,
     }
     let all = rows.len();
     let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
-    let encoder = study.encoder();
-    let of_run = |run: &Run| {
-        let parameters = encoded(&encoder, run);
-        run.times.iter().flat_map(|&time| [&parameters[..], &[time]].concat()).collect::<Vec<f64>>()
-    };
-    let points: Vec<f64> = test.runs.iter().flat_map(of_run).collect();
+    let layout = RowLayout::new(study.encoder());
+    let mut points = Vec::new();
+    for run in &test.runs {
+        layout.for_each(run, |columns, _| points.extend_from_slice(columns));
+    }
     let options = study.baselines.clone();
     let count = rows.len();
     let task = Task { kind, options, seed: study.seed, rows, test: points };

@@ -84,7 +84,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         layers: outcome.network.to_layers(),
     };
     let networks = prepared.into_iter().zip(outcomes).map(scaled).collect();
-    Ok(Trained { model: Model::Series { instants: instants.to_vec(), networks }, history, record })
+    Ok(Trained { model: Model::PerInstant { instants: instants.to_vec(), networks }, history, record })
 }
 
 /// Tells how many of all networks are finished; this one is the last.
@@ -126,20 +126,18 @@ fn train_one(project: &Project, study: &Study, prepared: &Prepared, goal: usize)
     if outcome.reason == StopReason::Interrupted && outcome.history.len() < goal {
         return Err(Error::Interrupted);
     }
-    Ok(Outcome { network: without_constants(&outcome.network, training)?, ..outcome })
+    Ok(Outcome { network: without_constants(&outcome.network, training), ..outcome })
 }
 
 /// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
-pub fn without_constants(network: &Network, rows: &Rows) -> Result<Network> {
-    let mut layers = network.to_layers();
-    let Some(last) = layers.last_mut() else { return Ok(network.clone()) };
+pub fn without_constants(network: &Network, rows: &Rows) -> Network {
+    let mut network = network.clone();
     for output in 0..rows.n_outputs() {
         if rows.outputs().iter().skip(output).step_by(rows.n_outputs()).all(|value| value.abs() <= CONSTANT) {
-            last.weight[output * last.inputs..][..last.inputs].fill(0.0);
-            last.bias[output] = 0.0;
+            network.clear_output(output);
         }
     }
-    Ok(Network::from_layers(&layers, network.activation())?)
+    network
 }
 
 /// Ends a training at its goal, or at Ctrl-C.
@@ -245,12 +243,8 @@ impl<'a> Finished<'a> {
             let best = history.iter().all(|earlier| validation_loss < earlier.validation_loss);
             history.push(EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best });
         }
-        let mut layers = self.prepared[instant].network.to_layers();
-        let mut parameters = parameters.iter().map(|&value| value as f32);
-        for layer in &mut layers {
-            layer.weight.iter_mut().chain(&mut layer.bias).zip(&mut parameters).for_each(|(to, from)| *to = from);
-        }
-        let network = Network::from_layers(&layers, self.prepared[instant].network.activation()).ok()?;
+        let mut network = self.prepared[instant].network.clone();
+        network.parameters_mut().iter_mut().zip(parameters).for_each(|(to, &from)| *to = from as f32);
         let reason = *REASONS.get(reason as usize)?;
         Some(Outcome { network, history, best_epoch: best_epoch as usize, reason })
     }

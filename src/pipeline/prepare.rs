@@ -3,9 +3,10 @@
 use crate::{
     Result, baseline,
     dataset::{Dataset, Run},
+    layout::RowLayout,
     network::Network,
     sampling::{self, Stream},
-    scaling::{self, Selection},
+    scaling,
     study::{Study, TrainingOptions},
     training::Rows,
 };
@@ -27,14 +28,14 @@ pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Su
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
     let (mut training, validation) = split(planned, &study.training, study.seed);
     training.extend(added);
-    of_rows(study, dataset, &training, &validation, Selection::All, start.and_then(Surrogate::network))
+    of_rows(study, dataset, &training, &validation, RowLayout::new(study.encoder()), start.and_then(Surrogate::network))
 }
 
 /// The same for the network of each instant: the times of the runs, which are those of every run.
 pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<Prepared>)> {
     let instants = common_times(study, &dataset.runs)?;
     let (training, validation) = split(&dataset.runs, &study.training, study.seed);
-    let prepared = |row| of_rows(study, dataset, &training, &validation, Selection::At(row), None);
+    let prepared = |row| of_rows(study, dataset, &training, &validation, RowLayout::at(study.encoder(), row), None);
     Ok((Arc::clone(&instants), (0..instants.len()).map(prepared).collect::<Result<_>>()?))
 }
 
@@ -49,15 +50,14 @@ fn of_rows(
     dataset: &Dataset,
     training_runs: &[&Run],
     validation_runs: &[&Run],
-    selection: Selection,
+    layout: RowLayout,
     start: Option<&ScaledNetwork>,
 ) -> Result<Prepared> {
-    let encoder = study.encoder();
-    let fit = || scaling::fit(dataset, &encoder, training_runs.iter().copied(), selection);
+    let fit = || scaling::fit(dataset, &layout, training_runs.iter().copied());
     let scaling = start.map_or_else(fit, |start| start.scaling.clone());
-    let (inputs, outputs) = (selection.inputs(&encoder), dataset.outputs.len());
+    let (inputs, outputs) = (layout.columns(), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
-        let (x, y) = scaling::standardise(runs.iter().copied(), &encoder, &scaling, selection);
+        let (x, y) = scaling::standardise(runs.iter().copied(), &layout, &scaling);
         Rows::new(inputs, outputs, x, y)
     };
     let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);
@@ -95,7 +95,7 @@ pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline
     let Dataset { parameters, outputs, .. } = dataset;
     let runs = held_out.into_iter().cloned().collect();
     let held_out = Dataset { parameters: parameters.clone(), outputs: outputs.clone(), runs };
-    (baseline::rows(dataset, &study.encoder(), &training_runs), held_out)
+    (baseline::rows(dataset, &RowLayout::new(study.encoder()), &training_runs), held_out)
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

@@ -17,7 +17,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Observer, StopReason, TrainingError, write_history},
 };
-use metafmu_runtime::{Model, ScaledNetwork, Surrogate};
+use metafmu_runtime::{Map, Model, ScaledNetwork, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::{
     fmt,
@@ -182,8 +182,8 @@ fn train(
         record.best_epoch,
         record.validation_runs
     ));
-    let network = per_instant::without_constants(&outcome.network, &training_rows)?;
-    let model = Model::Network(ScaledNetwork { scaling, layers: network.to_layers() });
+    let network = per_instant::without_constants(&outcome.network, &training_rows);
+    let model = Model::Response(Map::Network(ScaledNetwork { scaling, layers: network.to_layers() }));
     Ok(Trained { model, history: outcome.history, record })
 }
 

@@ -6,6 +6,7 @@ use super::axis::extent;
 use crate::{
     dataset::{Dataset, Run},
     evaluation::{Accuracy, predict_all},
+    layout::Point,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
@@ -208,14 +209,13 @@ impl<'a> Evaluated<'a> {
         let parameters = self.test.parameters.len();
         let of = |output: usize| {
             let mut scratch = evaluator.scratch();
-            let (mut gradient, mut weights) = (vec![0.0; parameters + 1], vec![0.0; self.outputs()]);
+            let (mut gradient, mut weights) = (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.outputs()]);
             weights[output] = 1.0;
             let mut over_time = vec![vec![0.0; instants.len()]; parameters];
             for &run in &runs {
-                let mut inputs = [self.test.runs[run].parameters.as_slice(), &[0.0]].concat();
+                let mut point = Point::of(&self.test.runs[run]);
                 for (instant, &time) in instants.iter().enumerate() {
-                    inputs[parameters] = time;
-                    evaluator.adjoint(&inputs, &weights, &mut gradient, &mut scratch);
+                    evaluator.adjoint(point.at(time), &weights, &mut gradient, &mut scratch);
                     for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
                         sums[instant] += derivative.abs();
                     }
@@ -350,7 +350,7 @@ mod tests {
                 let mut sum = 0.0;
                 for run in &test.runs {
                     let mut value = |offset: f64| {
-                        let mut inputs = [run.parameters.as_slice(), &[sensitivity.times[instant]]].concat();
+                        let mut inputs = Point::of(run).at(sensitivity.times[instant]).to_vec();
                         inputs[parameter] += offset;
                         let mut outputs = [0.0; 2];
                         evaluator.evaluate(&inputs, &mut outputs, &mut scratch);

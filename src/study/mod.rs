@@ -54,7 +54,7 @@ use crate::{
 };
 use indexmap::IndexMap;
 use metafmu_baselines::{Baselines, Kind};
-use metafmu_runtime::{Encoder, Encoding, extra};
+use metafmu_runtime::{BuiltIn, Encoder, Encoding};
 use options::MAX_EPOCHS;
 pub use options::{
     AcceptOptions, BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions,
@@ -685,9 +685,9 @@ impl Problems {
             let expected = "expected a text on one line without spaces at its ends";
             self.add(key, format!("`{}` is not a valid name of a variable, {expected}", name.escape_debug()));
         }
-        if name == extra::TIME.name {
+        if name == BuiltIn::Time.name() {
             self.add(key, "`time` is the name of the independent variable".into());
-        } else if extra::ALL.iter().any(|extra| extra.name == name) {
+        } else if BuiltIn::ALWAYS.iter().any(|variable| variable.name() == name) {
             self.add(key, format!("`{name}` is the name of a variable that every FMU of metafmu has"));
         }
     }

@@ -183,8 +183,10 @@ mod tests {
             let (weight, tail) = rest.split_at(inputs * outputs);
             let (bias, tail) = tail.split_at(outputs);
             rest = tail;
-            layers.push(Layer { inputs, outputs, weight: weight.into(), bias: bias.into() });
+            let (weight, bias) = (weight.to_vec().into(), bias.to_vec().into());
+            layers.push(Layer { inputs, outputs, weight, bias, activation });
         }
+        layers.last_mut().unwrap().activation = Activation::Identity;
         Network::from_layers(&layers, activation).unwrap()
     }
 
@@ -219,13 +221,15 @@ mod tests {
     #[test]
     fn dropout_leaves_out_its_share_and_keeps_the_mean() {
         let network = |activation| {
-            let layer = |inputs, outputs, weight| Layer {
+            let layer = |inputs, outputs, weight: f32, activation| Layer {
                 inputs,
                 outputs,
-                weight: vec![weight; inputs * outputs],
-                bias: vec![0.0; outputs],
+                weight: vec![weight; inputs * outputs].into(),
+                bias: vec![0.0f32; outputs].into(),
+                activation,
             };
-            Network::from_layers(&[layer(1, 1000, 1.0), layer(1000, 1, 1e-3)], activation).unwrap()
+            let layers = [layer(1, 1000, 1.0, activation), layer(1000, 1, 1e-3, Activation::Identity)];
+            Network::from_layers(&layers, activation).unwrap()
         };
         // hidden values and their mean are 1; the loss of a target of 0 is the square of what is left
         let rows = Rows::new(1, 1, vec![1.0; 200], vec![0.0; 200]).unwrap();

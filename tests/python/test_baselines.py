@@ -72,22 +72,22 @@ def test_one_that_is_too_slow_and_one_that_fails_are_rows_and_the_others_go_on(f
 
 
 def scaled(tensors, inputs):
-    return (inputs - tensors["input_mean"]) / tensors["input_scale"]
+    return (inputs - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
 
 
 def linear(tensors, z):
     """A polynomial of degree 1: a constant and one power of each input."""
-    assert tensors["polynomial.degrees"].sum(axis=1).max() == 1
-    terms = np.array([[z[degrees == 1].prod() for degrees in tensors["polynomial.degrees"]] for z in z])
-    return terms @ tensors["polynomial.coefficients"].T
+    assert tensors["outputs.polynomial.degrees"].sum(axis=1).max() == 1
+    terms = np.array([[z[degrees == 1].prod() for degrees in tensors["outputs.polynomial.degrees"]] for z in z])
+    return terms @ tensors["outputs.polynomial.coefficients"].T
 
 
 def forest(tensors, z):
     """Down every tree, one row at a time."""
     y = np.zeros((len(z), len(OUTPUTS)))
-    column, number, below = (tensors[f"forest.{name}"] for name in ("column", "number", "below"))
+    column, number, below = (tensors[f"outputs.forest.{name}"] for name in ("column", "number", "below"))
     for row, values in enumerate(z):
-        for node, output in zip(tensors["forest.root"], tensors["forest.output"]):
+        for node, output in zip(tensors["outputs.forest.root"], tensors["outputs.forest.output"]):
             while column[node] != 2**32 - 1:
                 node = below[node, 0 if values[column[node]] <= number[node] else 1]
             y[row, output] += number[node]
@@ -96,9 +96,9 @@ def forest(tensors, z):
 
 def kernel(tensors, z):
     def machine(output):
-        lengths, centres, weights = (tensors[f"kernel.{output}.{name}"] for name in ("lengths", "centres", "weights"))
+        lengths, centres, weights = (tensors[f"outputs.kernel.{output}.{name}"] for name in ("lengths", "centres", "weights"))
         squares = (((z[:, None, :] - centres) / lengths) ** 2).sum(axis=2)
-        return tensors["kernel.bias"][output] + np.exp(-0.5 * squares) @ weights
+        return tensors["outputs.kernel.bias"][output] + np.exp(-0.5 * squares) @ weights
 
     return np.stack([machine(output) for output in range(len(OUTPUTS))], axis=1)
 
@@ -116,9 +116,9 @@ def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, mod
             start = dict(zip(PARAMETERS, case))
             result = simulate_fmu(fmu, start_values=start, stop_time=2.0, output_interval=0.1, output=OUTPUTS)
             inputs = np.array([[*case, time] for time in result["time"]])
-            expected = tensors["output_mean"] + tensors["output_scale"] * formula(tensors, scaled(tensors, inputs))
+            expected = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * formula(tensors, scaled(tensors, inputs))
             found = np.stack([result[name] for name in OUTPUTS], axis=1)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["output_scale"].max())
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["outputs.output_scale"].max())
 
 
 def test_what_cannot_be_exported_says_why(folder):

@@ -74,11 +74,11 @@ def predicted(folder, mass, others, time):
 
 
 def network(tensors, row):
-    z = (row - tensors["input_mean"]) / tensors["input_scale"]
+    z = (row - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
     for layer in range(3):
-        z = tensors[f"layers.{layer}.weight"] @ z + tensors[f"layers.{layer}.bias"]
+        z = tensors[f"outputs.layers.{layer}.weight"] @ z + tensors[f"outputs.layers.{layer}.bias"]
         z = np.tanh(z) if layer < 2 else z
-    return tensors["output_mean"] + tensors["output_scale"] * z
+    return tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * z
 
 
 def test_only_listed_values_are_sampled(built):

@@ -111,14 +111,14 @@ def test_numpy_reads_the_model_file_and_computes_the_same_outputs(pendulum):
     case = CASES[0]
     result = simulate_with_fmpy(pendulum, *case)
     inputs = np.column_stack([np.tile(case, (201, 1)), result["time"]])
-    hidden = (inputs - tensors["input_mean"]) / tensors["input_scale"]
+    hidden = (inputs - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
     layers = sum(name.endswith(".weight") for name in tensors)
     for layer in range(layers):
-        weight, bias = (tensors[f"layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
+        weight, bias = (tensors[f"outputs.layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
         hidden = hidden @ weight.T + bias
         if layer + 1 < layers:
             hidden = np.tanh(hidden)
-    outputs = tensors["output_mean"] + tensors["output_scale"] * hidden
+    outputs = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * hidden
     for column, output in enumerate(OUTPUTS):
         np.testing.assert_allclose(result[output], outputs[:, column], rtol=1e-11, atol=1e-11)
 

@@ -63,8 +63,8 @@ def test_it_is_accurate_on_unseen_runs_and_knows_the_initial_values(fixed):
     tensors = load_file(fixed[0] / "study.safetensors")
     np.testing.assert_allclose(tensors["instants"], np.linspace(0, 1, INSTANTS), rtol=1e-15)
     # theta(0) is the same in every run
-    assert not tensors["layers.1.weight"][0, 0].any() and tensors["layers.1.weight"][1:, 0].any(axis=1).all()
-    assert tensors["output_mean"][0, 0] == pytest.approx(np.pi / 2, rel=1e-13)
+    assert not tensors["outputs.layers.1.weight"][0, 0].any() and tensors["outputs.layers.1.weight"][1:, 0].any(axis=1).all()
+    assert tensors["outputs.output_mean"][0, 0] == pytest.approx(np.pi / 2, rel=1e-13)
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -73,12 +73,12 @@ def test_fmpy_computes_what_numpy_reads_from_the_file(fixed, version):
     assert validate_fmu(str(fmu)) == []
     case = (0.1583, 0.055, 2.0)
     tensors = load_file(fixed[0] / "study.safetensors")
-    hidden = (np.array(case) - tensors["input_mean"]) / tensors["input_scale"]
+    hidden = (np.array(case) - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
     for layer in range(2):
-        weight, bias = (tensors[f"layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
+        weight, bias = (tensors[f"outputs.layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
         hidden = np.einsum("toi,ti->to", weight, hidden) + bias
         hidden = np.tanh(hidden) if layer == 0 else hidden
-    at_instants = tensors["output_mean"] + tensors["output_scale"] * hidden
+    at_instants = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * hidden
     start_values = dict(zip(PARAMETERS, case))
     # past the last instant its outputs are kept
     result = simulate_fmu(str(fmu), start_values=start_values, output=OUTPUTS, stop_time=1.1, output_interval=0.02)

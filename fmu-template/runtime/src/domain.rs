@@ -5,6 +5,27 @@ use crate::{Encoding, Input, encoding::nearest};
 /// How far outside the domain a point may be and still count as inside: hosts add up step sizes and convert units.
 pub const TOLERANCE: f64 = 1e-9;
 
+/// What to do outside the training ranges: the values of [`BuiltIn::DomainPolicy`](crate::BuiltIn::DomainPolicy).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DomainPolicy {
+    /// Compute anyway and warn once a run for each variable.
+    #[default]
+    Warn,
+    /// Compute with inputs, parameters and time clamped to their ranges.
+    Clamp,
+    /// Refuse to leave the ranges, and to change inputs or parameters during a run.
+    Error,
+}
+
+impl DomainPolicy {
+    const ALL: [Self; 3] = [Self::Warn, Self::Clamp, Self::Error];
+
+    /// The policy whose `as i32` this is.
+    pub fn from_number(number: i32) -> Option<Self> {
+        usize::try_from(number).ok().and_then(|index| Self::ALL.get(index)).copied()
+    }
+}
+
 /// Where every input was trained: in a range, or, if it is nominal, at some values. A periodic one is valid everywhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain {
@@ -194,5 +215,14 @@ mod tests {
         assert_eq!(domain.distance(&[-4.0, 0.0]), 0.0);
         assert_eq!(domain.distance(&[-2.0, 0.0]), 0.5);
         assert_eq!(domain.distance(&[-4.0, -0.25]), 0.25);
+    }
+
+    #[test]
+    fn the_number_of_a_policy_is_its_position() {
+        for (number, policy) in (0..).zip(DomainPolicy::ALL) {
+            assert_eq!(policy as i32, number);
+            assert_eq!(DomainPolicy::from_number(number), Some(policy));
+        }
+        assert_eq!([-1, 3, i32::MIN, i32::MAX].map(DomainPolicy::from_number), [None; 4]);
     }
 }

@@ -1,8 +1,8 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Encoder, Encoding, Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance,
-    Role, ScaledNetwork, Scaling, Surrogate, Variability,
+    Activation, Bounds, Encoder, Encoding, Input, Layer, Map, Metadata, Model, Output, OutputArray, Precision,
+    Provenance, Role, ScaledNetwork, Scaling, Surrogate, Variability,
 };
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
@@ -51,7 +51,6 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
         arrays: Vec::new(),
         bounds: None,
-        activation,
         precision,
         time_step: 0.01,
         provenance: Provenance { tool: "example".into(), content_digest: "0".repeat(64), ..Provenance::default() },
@@ -62,15 +61,16 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         output_mean: vec![0.1, -0.2],
         output_scale: vec![0.8, 6.0],
     };
-    let layers = layers(&[&[3], hidden, &[2]].concat(), &mut uniform_sequence());
-    Surrogate::new(metadata, Model::Network(ScaledNetwork { scaling, layers })).expect("the example is valid")
+    let layers = layers(&[&[3], hidden, &[2]].concat(), activation, &mut uniform_sequence());
+    Surrogate::new(metadata, Model::Response(Map::Network(ScaledNetwork { scaling, layers })))
+        .expect("the example is valid")
 }
 
 /// The same with a network for each of four instants, which are not evenly spaced.
 ///
 /// # Panics
 /// If a size is zero.
-pub fn series(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
+pub fn per_instant(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
     let metadata = with_precision(hidden, activation, precision).metadata().clone();
     let mut uniform = uniform_sequence();
     let instants = vec![0.0, 0.5, 0.75, 2.0];
@@ -81,21 +81,23 @@ pub fn series(hidden: &[usize], activation: Activation, precision: Precision) ->
             output_mean: vec![0.1 + instant, -0.2],
             output_scale: vec![0.8, 6.0 - instant],
         },
-        layers: layers(&[&[2], hidden, &[2]].concat(), &mut uniform),
+        layers: layers(&[&[2], hidden, &[2]].concat(), activation, &mut uniform),
     };
     let networks = instants.iter().map(network).collect();
-    Surrogate::new(metadata, Model::Series { instants, networks }).expect("the example is valid")
+    Surrogate::new(metadata, Model::PerInstant { instants, networks }).expect("the example is valid")
 }
 
-fn layers(sizes: &[usize], uniform: &mut impl FnMut() -> f32) -> Vec<Layer> {
-    let layer = |pair: &[usize]| {
+/// Layers of these sizes, inputs first; the last one is linear.
+fn layers(sizes: &[usize], activation: Activation, uniform: &mut impl FnMut() -> f32) -> Vec<Layer> {
+    let layer = |(index, pair): (usize, &[usize])| {
         let (inputs, outputs) = (pair[0], pair[1]);
         let scale = 1.0 / (inputs as f32).sqrt();
-        let weight = (0..inputs * outputs).map(|_| scale * uniform()).collect();
-        let bias = (0..outputs).map(|_| scale * uniform()).collect();
-        Layer { inputs, outputs, weight, bias }
+        let weight: Vec<f32> = (0..inputs * outputs).map(|_| scale * uniform()).collect();
+        let bias: Vec<f32> = (0..outputs).map(|_| scale * uniform()).collect();
+        let activation = if index + 2 == sizes.len() { Activation::Identity } else { activation };
+        Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
     };
-    sizes.windows(2).map(layer).collect()
+    sizes.windows(2).enumerate().map(layer).collect()
 }
 
 /// [`surrogate`] with `speed` an input that another component drives.
@@ -123,15 +125,15 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         input_scale.splice(..2, [0.45, 0.5, 0.45, 0.7, 0.75]);
         let mut sizes: Vec<usize> = network.layers.iter().map(|layer| layer.outputs).collect();
         sizes.insert(0, input_mean.len());
-        network.layers = layers(&sizes, &mut uniform);
+        network.layers = layers(&sizes, network.layers[0].activation, &mut uniform);
         network
     };
     let model = match surrogate.model() {
-        Model::Network(network) => Model::Network(encode(network)),
-        Model::Series { instants, networks } => {
-            Model::Series { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
+        Model::Response(Map::Network(network)) => Model::Response(Map::Network(encode(network))),
+        Model::PerInstant { instants, networks } => {
+            Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
         }
-        Model::Regression(_) => panic!("the examples are networks"),
+        Model::Response(Map::Regression(_)) => panic!("the examples are networks"),
     };
     debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
     Surrogate::new(metadata, model).expect("the example is valid")

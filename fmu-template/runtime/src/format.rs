@@ -5,21 +5,22 @@
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
-//! | `input_mean`, `input_scale` | F64 | `[input columns]` | `z = (x - mean) / scale` |
-//! | `layers.K.weight` | F32 | `[outputs of layer K, inputs of layer K]` | K counts from 0; PyTorch's `Linear` convention |
-//! | `layers.K.bias` | F32 | `[outputs of layer K]` | |
-//! | `output_mean`, `output_scale` | F64 | `[outputs]` | `y = mean + scale * z` |
+//! | `outputs.input_mean`, `outputs.input_scale` | F64 | `[input columns]` | `z = (x - mean) / scale` |
+//! | `outputs.layers.K.weight` | F32 or F64 | `[outputs of layer K, inputs of layer K]` | K counts from 0; PyTorch's `Linear` convention |
+//! | `outputs.layers.K.bias` | F32 or F64 | `[outputs of layer K]` | |
+//! | `outputs.output_mean`, `outputs.output_scale` | F64 | `[outputs]` | `y = mean + scale * z` |
 //!
-//! Input columns are those after the inputs' [`Encoding`](crate::Encoding), input by input: one column unless the metadata say
+//! The names begin with the map that the tensors belong to: `outputs` is the one that gives the outputs. Input columns are
+//! those after the inputs' [`Encoding`](crate::Encoding), input by input: one column unless the metadata say
 //! otherwise, for a nominal input one for each value, for a periodic one sine and cosine.
 //!
-//! That is a single network. A series of networks, one for each instant, has one more tensor, `instants`, F64 of shape
-//! `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the instant, and the
-//! input columns are those other than the time, in order. How outputs are interpolated is said at [`Model::Series`].
+//! That is a [`Model::Response`] of a network. A [`Model::PerInstant`], a network for each instant, has one more tensor,
+//! `instants`, F64 of shape `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the
+//! instant, and the input columns are those other than the time, in order.
 //!
 //! A regression has the four columns of scaling and the tensors of one kind of function between them, which are specified at
 //! [`Polynomial`](crate::regression::Polynomial), [`Forest`](crate::regression::Forest) and
-//! [`KernelMachine`](crate::regression::KernelMachine):
+//! [`KernelMachine`](crate::regression::KernelMachine), all with the name of the map in front:
 //!
 //! | tensor | type | shape |
 //! |---|---|---|
@@ -31,16 +32,26 @@
 //! | `kernel.bias` | F64 | `[outputs]` |
 //! | `kernel.K.lengths`, `kernel.K.centres`, `kernel.K.weights` | F64 | `[inputs]`, `[centres, inputs]`, `[centres]` of output K |
 //!
-//! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside `"format": 1`. A single
+//! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
+//!
+//! | field | |
+//! |---|---|
+//! | `format` | 2, the version of this layout |
+//! | `model` | `{"structure": "response" or "per-instant", "outputs": MAP}`; MAP is `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
+//!
+//! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
-use crate::{Layer, Metadata, Model, ScaledNetwork, Scaling, Surrogate, regression::Regression};
+use crate::{
+    Activation, Layer, Map, Metadata, Model, Numbers, ScaledNetwork, Scaling, Surrogate,
+    regression::{FunctionKind, Regression},
+};
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::{collections::HashMap, fmt::Debug};
 
 /// Version of the layout described in this module.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 const METADATA_KEY: &str = "metafmu";
 
@@ -57,9 +68,18 @@ pub enum FormatError {
     /// The description is no valid JSON, or a field is missing, unknown or of the wrong type.
     #[error("metadata entry `{METADATA_KEY}`: {0}")]
     Metadata(serde_json::Error),
-    /// Written by a newer or older program.
-    #[error("model file format {found}, expected {FORMAT}")]
-    Version {
+    /// Written by an older program.
+    #[error(
+        "model file format {found}, expected {FORMAT}: an older metafmu wrote it; make it again with this one, by \
+         `metafmu build STUDY`"
+    )]
+    OldVersion {
+        /// Format in the file.
+        found: u32,
+    },
+    /// Written by a newer program.
+    #[error("model file format {found}, expected {FORMAT}: a newer metafmu wrote it; use that one")]
+    NewVersion {
         /// Format in the file.
         found: u32,
     },
@@ -115,6 +135,12 @@ pub enum FormatError {
         /// What stands there.
         value: f64,
     },
+    /// No word about the structure of the model.
+    #[error("metadata entry `{METADATA_KEY}`: the field `model` is missing")]
+    NoModel,
+    /// One model for each instant that is no network.
+    #[error("a map for each instant that is not a network")]
+    PerInstantMap,
     /// No inputs or no outputs.
     #[error("the list of {what} is empty")]
     NoVariables {
@@ -217,6 +243,14 @@ pub enum FormatError {
         /// Those of the first instant.
         expected: Vec<usize>,
     },
+    /// Networks of different activations.
+    #[error("instant {instant}: layer {layer} has another activation than at the first instant")]
+    LayerActivation {
+        /// Counted from 0.
+        instant: usize,
+        /// Counted from 0.
+        layer: usize,
+    },
     /// An index that points at nothing.
     #[error("tensor `{name}`, element {index}: {found}, expected less than {limit}")]
     Index {
@@ -314,6 +348,7 @@ pub enum FormatError {
 #[derive(Serialize)]
 struct HeaderOut<'a> {
     format: u32,
+    model: ModelHeader,
     #[serde(flatten)]
     metadata: &'a Metadata,
 }
@@ -323,23 +358,68 @@ struct HeaderVersion {
     format: u32,
 }
 
+/// The structure of a model, without its numbers.
+#[derive(Serialize, Deserialize)]
+#[serde(tag = "structure", rename_all = "kebab-case", deny_unknown_fields)]
+enum ModelHeader {
+    Response { outputs: MapHeader },
+    PerInstant { outputs: MapHeader },
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(tag = "map", rename_all = "kebab-case", deny_unknown_fields)]
+enum MapHeader {
+    Network { activations: Vec<Activation> },
+    Polynomial,
+    Forest,
+    Kernel,
+}
+
+impl ModelHeader {
+    fn of(model: &Model) -> Self {
+        match model {
+            Model::Response(Map::Network(network)) => Self::Response { outputs: MapHeader::of(network) },
+            Model::Response(Map::Regression(regression)) => {
+                let outputs = match regression.function.kind() {
+                    FunctionKind::Polynomial => MapHeader::Polynomial,
+                    FunctionKind::Forest => MapHeader::Forest,
+                    FunctionKind::Kernel => MapHeader::Kernel,
+                };
+                Self::Response { outputs }
+            }
+            Model::PerInstant { networks, .. } => Self::PerInstant { outputs: MapHeader::of(&networks[0]) },
+        }
+    }
+}
+
+impl MapHeader {
+    fn of(network: &ScaledNetwork) -> Self {
+        Self::Network { activations: network.layers.iter().map(|layer| layer.activation).collect() }
+    }
+}
+
+/// The map that gives the outputs.
+pub(crate) const OUTPUTS: &str = "outputs.";
+
 impl Surrogate {
     /// The model file's bytes; the same surrogate always gives the same bytes.
     ///
     /// # Errors
     /// [`FormatError::Container`] or [`FormatError::Metadata`] if the libraries below refuse to serialize.
     pub fn to_bytes(&self) -> Result<Vec<u8>, FormatError> {
-        let header = HeaderOut { format: FORMAT, metadata: self.metadata() };
+        let header = HeaderOut { format: FORMAT, model: ModelHeader::of(self.model()), metadata: self.metadata() };
         let text = serde_json::to_string(&header).map_err(FormatError::Metadata)?;
-        let tensors = match self.model() {
-            Model::Network(network) => stacked(std::slice::from_ref(network), None),
-            Model::Series { instants, networks } => {
-                let mut tensors = stacked(networks, Some(networks.len()));
-                tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
-                tensors
-            }
-            Model::Regression(regression) => regression.tensors(),
+        let mut tensors = match self.model() {
+            Model::Response(Map::Network(network)) => stacked(std::slice::from_ref(network), None),
+            Model::Response(Map::Regression(regression)) => regression.tensors(),
+            Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
         };
+        for (name, ..) in &mut tensors {
+            name.insert_str(0, OUTPUTS);
+        }
+        if let Model::PerInstant { instants, .. } = self.model() {
+            tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
+        }
         let views: Vec<(&str, TensorView)> = tensors
             .iter()
             .map(|(name, dtype, shape, bytes)| Ok((name.as_str(), TensorView::new(*dtype, shape.clone(), bytes)?)))
@@ -356,23 +436,32 @@ impl Surrogate {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(FormatError::Container)?;
         let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
-        let metadata = parse_metadata(text.ok_or(FormatError::NoMetadata)?)?;
-        let mut tensors: HashMap<String, TensorView> =
+        let (header, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
+        let mut tensors: Views =
             SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
-
-        let model = if let Some(regression) = Regression::read(&mut tensors)? {
-            Model::Regression(regression)
-        } else if tensors.contains_key("instants") {
-            let instants = elements(take(&mut tensors, "instants", Dtype::F64, 1)?.data(), f64::from_le_bytes);
-            let networks = unstacked(&mut tensors, Some(instants.len()))?;
-            Model::Series { instants, networks }
-        } else {
-            Model::Network(unstacked(&mut tensors, None)?.remove(0))
-        };
+        let model = read_model(header, &mut tensors)?;
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });
         }
         Self::new(metadata, model)
+    }
+}
+
+fn read_model(header: ModelHeader, tensors: &mut Views) -> Result<Model, FormatError> {
+    match header {
+        ModelHeader::Response { outputs } => Ok(Model::Response(match outputs {
+            MapHeader::Network { activations } => Map::Network(unstacked(tensors, &activations, None)?.remove(0)),
+            MapHeader::Polynomial => Map::Regression(Regression::read(tensors, FunctionKind::Polynomial)?),
+            MapHeader::Forest => Map::Regression(Regression::read(tensors, FunctionKind::Forest)?),
+            MapHeader::Kernel => Map::Regression(Regression::read(tensors, FunctionKind::Kernel)?),
+        })),
+        ModelHeader::PerInstant { outputs: MapHeader::Network { activations } } => {
+            let instants = take(tensors, "instants", Dtype::F64, 1)?;
+            let instants = elements(instants.data(), f64::from_le_bytes);
+            let networks = unstacked(tensors, &activations, Some(instants.len()))?;
+            Ok(Model::PerInstant { instants, networks })
+        }
+        ModelHeader::PerInstant { .. } => Err(FormatError::PerInstantMap),
     }
 }
 
@@ -396,55 +485,69 @@ fn stacked(networks: &[ScaledNetwork], leading: Option<usize>) -> Vec<Tensor> {
         tensors.push((name.into(), Dtype::F64, shape(&[column(&networks[0].scaling).len()]), content));
     }
     for (index, Layer { inputs, outputs, .. }) in networks[0].layers.iter().enumerate() {
-        let all = |values: fn(&Layer) -> &Vec<f32>| {
-            networks.iter().flat_map(|network| bytes(values(&network.layers[index]), f32::to_le_bytes)).collect()
+        let all = |numbers: fn(&Layer) -> &Numbers| {
+            let numbers = || networks.iter().map(|network| numbers(&network.layers[index]));
+            // in double precision if any of them is
+            if numbers().all(|numbers| numbers.as_single().is_some()) {
+                let singles =
+                    numbers().filter_map(Numbers::as_single).flat_map(|values| bytes(values, f32::to_le_bytes));
+                return (Dtype::F32, singles.collect());
+            }
+            (Dtype::F64, numbers().flat_map(Numbers::iter).flat_map(f64::to_le_bytes).collect())
         };
-        let (weight, bias) = (format!("layers.{index}.weight"), format!("layers.{index}.bias"));
-        tensors.push((weight, Dtype::F32, shape(&[*outputs, *inputs]), all(|layer| &layer.weight)));
-        tensors.push((bias, Dtype::F32, shape(&[*outputs]), all(|layer| &layer.bias)));
+        let (weight, bias): ((Dtype, Vec<u8>), (Dtype, Vec<u8>)) =
+            (all(|layer| &layer.weight), all(|layer| &layer.bias));
+        tensors.push((format!("layers.{index}.weight"), weight.0, shape(&[*outputs, *inputs]), weight.1));
+        tensors.push((format!("layers.{index}.bias"), bias.0, shape(&[*outputs]), bias.1));
     }
     tensors
 }
 
 /// The networks of such tensors: `leading` of them, or one if there is no such dimension.
 fn unstacked(
-    tensors: &mut HashMap<String, TensorView>,
+    tensors: &mut Views,
+    activations: &[Activation],
     leading: Option<usize>,
 ) -> Result<Vec<ScaledNetwork>, FormatError> {
-    let mut of_all = |name: &str, dtype, dimensions| {
-        let view = take(tensors, name, dtype, dimensions + usize::from(leading.is_some()))?;
+    let mut of_all = |name: &str, types: &[Dtype], dimensions| {
+        let name = format!("{OUTPUTS}{name}");
+        let view = take_one_of(tensors, &name, types, dimensions + usize::from(leading.is_some()))?;
         match leading {
             Some(count) if view.shape()[0] != count => {
                 let expected = [&[count], &view.shape()[1..]].concat();
-                Err(FormatError::Shape { name: name.into(), found: view.shape().to_vec(), expected })
+                Err(FormatError::Shape { name, found: view.shape().to_vec(), expected })
             }
             _ => Ok(view),
         }
     };
-    let columns = ["input_mean", "input_scale", "output_mean", "output_scale"].map(|name| of_all(name, Dtype::F64, 1));
-    let [input_mean, input_scale, output_mean, output_scale] = columns;
-    let columns = [input_mean?, input_scale?, output_mean?, output_scale?];
+    let mut column = |name| of_all(name, &[Dtype::F64], 1);
+    let columns = [column("input_mean")?, column("input_scale")?, column("output_mean")?, column("output_scale")?];
     let mut layers = Vec::new();
-    loop {
-        let weight = of_all(&format!("layers.{}.weight", layers.len()), Dtype::F32, 2);
-        match weight {
-            Err(FormatError::MissingTensor { .. }) if !layers.is_empty() => break,
-            weight => layers.push((weight?, of_all(&format!("layers.{}.bias", layers.len()), Dtype::F32, 1)?)),
-        }
+    for (index, activation) in activations.iter().enumerate() {
+        let weight = of_all(&format!("layers.{index}.weight"), &[Dtype::F32, Dtype::F64], 2)?;
+        let bias = of_all(&format!("layers.{index}.bias"), &[Dtype::F32, Dtype::F64], 1)?;
+        layers.push((weight, bias, *activation));
     }
     let count = leading.unwrap_or(1);
     let network = |index: usize| {
         let [input_mean, input_scale, output_mean, output_scale] =
             columns.each_ref().map(|view| elements(part(view, index, count), f64::from_le_bytes));
-        let layer = |(weight, bias): &(TensorView, TensorView)| {
+        let layer = |(weight, bias, activation): &(TensorView, TensorView, Activation)| {
             let [.., outputs, inputs] = *weight.shape() else { unreachable!("its dimensions were counted") };
-            let weight = elements(part(weight, index, count), f32::from_le_bytes);
-            Layer { inputs, outputs, weight, bias: elements(part(bias, index, count), f32::from_le_bytes) }
+            let [weight, bias] = [weight, bias].map(|view| numbers(view.dtype(), part(view, index, count)));
+            Layer { inputs, outputs, weight, bias, activation: *activation }
         };
         let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
         ScaledNetwork { scaling, layers: layers.iter().map(layer).collect() }
     };
     Ok((0..count).map(network).collect())
+}
+
+fn numbers(dtype: Dtype, bytes: &[u8]) -> Numbers {
+    match dtype {
+        Dtype::F64 => Numbers::Double(elements(bytes, f64::from_le_bytes)),
+        _ => Numbers::Single(elements(bytes, f32::from_le_bytes)),
+    }
 }
 
 /// Part `index` of `count` equal ones.
@@ -458,16 +561,20 @@ pub(crate) fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N])
 }
 
 /// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.
-fn parse_metadata(text: &str) -> Result<Metadata, FormatError> {
+fn parse_header(text: &str) -> Result<(ModelHeader, Metadata), FormatError> {
     let HeaderVersion { format } = serde_json::from_str(text).map_err(FormatError::Metadata)?;
-    if format != FORMAT {
-        return Err(FormatError::Version { found: format });
+    match format {
+        FORMAT => {}
+        found if found < FORMAT => return Err(FormatError::OldVersion { found }),
+        found => return Err(FormatError::NewVersion { found }),
     }
-    let mut value: serde_json::Value = serde_json::from_str(text).map_err(FormatError::Metadata)?;
-    if let Some(object) = value.as_object_mut() {
-        object.remove("format");
-    }
-    serde_json::from_value(value).map_err(FormatError::Metadata)
+    let mut fields: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_str(text).map_err(FormatError::Metadata)?;
+    fields.remove("format");
+    let model = fields.remove("model").ok_or(FormatError::NoModel)?;
+    let model = serde_json::from_value(model).map_err(FormatError::Metadata)?;
+    let metadata = serde_json::from_value(fields.into()).map_err(FormatError::Metadata)?;
+    Ok((model, metadata))
 }
 
 /// Tensors of a file that have not been read yet.
@@ -479,10 +586,19 @@ pub(crate) fn take<'a>(
     expected: Dtype,
     dimensions: usize,
 ) -> Result<TensorView<'a>, FormatError> {
+    take_one_of(tensors, name, &[expected], dimensions)
+}
+
+fn take_one_of<'a>(
+    tensors: &mut Views<'a>,
+    name: &str,
+    expected: &[Dtype],
+    dimensions: usize,
+) -> Result<TensorView<'a>, FormatError> {
     let view = tensors.remove(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
-    if view.dtype() != expected {
-        let (found, expected) = (format!("{:?}", view.dtype()), format!("{expected:?}"));
-        return Err(FormatError::Type { name: name.into(), found, expected });
+    if !expected.contains(&view.dtype()) {
+        let expected = expected.iter().map(|dtype| format!("{dtype:?}")).collect::<Vec<_>>().join(" or ");
+        return Err(FormatError::Type { name: name.into(), found: format!("{:?}", view.dtype()), expected });
     }
     if view.shape().len() != dimensions {
         let mut expected = view.shape().to_vec();

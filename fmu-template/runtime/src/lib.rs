@@ -1,12 +1,13 @@
 //! What the metafmu tool and every FMU it writes share.
 //!
-//! - [`Surrogate`]: the variables and the [`Model`] of a surrogate, as they stand in the model file.
+//! - [`Surrogate`]: the variables and the model of a surrogate, as the model file has them.
+//! - [`Map`]: a pure function from columns to outputs: a network, or a formula such as a polynomial or a forest.
+//! - [`Model`]: maps together with time.
+//! - [`Variables`]: the variables of its FMU in the order of their value references.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
-//! - [`Evaluator`]: the surrogate prepared for evaluation, with exact derivatives.
-//! - [`Encoding`]: how an input's value becomes columns of the network.
-//! - [`regression`]: models that are a formula in double precision, such as polynomials and forests.
+//! - [`Evaluator`]: the model prepared for evaluation, with exact derivatives.
+//! - [`Encoding`]: how an input's value becomes columns of the model.
 //! - [`Domain`]: the ranges the surrogate was trained in.
-//! - [`extra`]: the variables every FMU adds to those of the surrogate.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -22,29 +23,22 @@
 //! # }
 //! ```
 
-mod activation;
 mod bounds;
 mod domain;
 mod encoding;
-mod evaluator;
 pub mod example;
-pub mod extra;
 pub mod format;
-mod jet;
-mod layers;
-mod network;
-pub mod regression;
-mod series;
+mod map;
+mod model;
 mod simd;
 mod surrogate;
+mod variables;
 
-pub use activation::Activation;
 pub use bounds::Bounds;
-pub use domain::{Domain, TOLERANCE};
+pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::{Encoder, Encoding};
-pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use format::FormatError;
-pub use surrogate::{
-    Input, Layer, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Surrogate,
-    Variability,
-};
+pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, regression};
+pub use model::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Model, Scratch};
+pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, Surrogate, Variability};
+pub use variables::{BuiltIn, Quantity, Variable, Variables};

@@ -1,9 +1,10 @@
-//! The surrogate as data: variables, scaling, layers, provenance.
+//! The surrogate as data: variables, model, provenance.
 
 use crate::{
-    Activation, Bounds, Encoder, Encoding, FormatError,
-    extra::{self, Extra},
-    regression::Regression,
+    Bounds, Encoding, FormatError,
+    map::{Map, ScaledNetwork},
+    model::Model,
+    variables::{Variable, Variables},
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -22,36 +23,8 @@ pub struct Surrogate {
     model: Model,
     /// Output columns of each array, in the order of its elements; made from the metadata.
     array_columns: Vec<Vec<usize>>,
-}
-
-/// What computes a surrogate's outputs from its inputs.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Model {
-    /// One network; the time, if it is an input, is a column like the others.
-    Network(ScaledNetwork),
-    /// A network for each of some instants `t_0 < ... < t_N`, whose inputs are the columns other than the time. Between
-    /// two instants the outputs are interpolated linearly in time, `y = (1 - w) y_k + w y_(k+1)` with
-    /// `w = (t - t_k) / (t_(k+1) - t_k)`; before the first and after the last one they do not depend on the time.
-    Series {
-        /// `t_0, ..., t_N` in seconds, at least two.
-        instants: Vec<f64>,
-        /// One an instant, all with layers of the same sizes.
-        networks: Vec<ScaledNetwork>,
-    },
-    /// A formula in double precision.
-    Regression(Regression),
-}
-
-/// A feed-forward network and the scaling of its columns.
-///
-/// With standardised inputs `z = (x - input_mean) / input_scale`, `x` the inputs after their [`Encoding`], hidden layers `h = act(W h + b)` and a linear last
-/// layer, the outputs are `y = output_mean + output_scale * (W h + b)`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ScaledNetwork {
-    /// Scaling of inputs and outputs.
-    pub scaling: Scaling,
-    /// The layers, first to last.
-    pub layers: Vec<Layer>,
+    /// Made from the metadata.
+    variables: Variables,
 }
 
 /// The descriptive part of a [`Surrogate`], kept as JSON in the model file's metadata.
@@ -72,9 +45,7 @@ pub struct Metadata {
     /// How far outputs may be from the truth, if that was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
-    /// Activation of every hidden layer.
-    pub activation: Activation,
-    /// What the network computes in.
+    /// What its networks compute in.
     #[serde(default, skip_serializing_if = "Precision::is_double")]
     pub precision: Precision,
     /// Time between two rows of a training run, in seconds: the natural communication step size.
@@ -200,33 +171,6 @@ pub struct Provenance {
     pub content_digest: String,
 }
 
-/// Column-wise affine scaling of inputs and outputs: `standardised = (value - mean) / scale`. Input columns are those after
-/// the inputs' [`Encoding`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scaling {
-    /// Means of the input columns.
-    pub input_mean: Vec<f64>,
-    /// Scales of the input columns, each positive.
-    pub input_scale: Vec<f64>,
-    /// Means of the output columns.
-    pub output_mean: Vec<f64>,
-    /// Scales of the output columns, each positive.
-    pub output_scale: Vec<f64>,
-}
-
-/// One dense layer, `W x + b`, as trained in single precision.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Layer {
-    /// Number of columns of `W`.
-    pub inputs: usize,
-    /// Number of rows of `W`.
-    pub outputs: usize,
-    /// `W`, row by row: shape `[outputs, inputs]`, as in PyTorch's `Linear`.
-    pub weight: Vec<f32>,
-    /// `b`: shape `[outputs]`.
-    pub bias: Vec<f32>,
-}
-
 impl Surrogate {
     /// Puts the parts together and validates them.
     ///
@@ -235,16 +179,9 @@ impl Surrogate {
     pub fn new(metadata: Metadata, model: Model) -> Result<Self, FormatError> {
         validate_metadata(&metadata)?;
         let array_columns = array_columns(&metadata)?;
-        let columns = Encoder::of(&metadata.inputs).width();
-        match &model {
-            Model::Network(network) => validate_network(network, columns, metadata.outputs.len())?,
-            Model::Series { instants, networks } => validate_series(instants, networks, &metadata)?,
-            Model::Regression(regression) => {
-                validate_scaling(&regression.scaling, columns, metadata.outputs.len())?;
-                regression.check()?;
-            }
-        }
-        Ok(Self { metadata, model, array_columns })
+        model.check(&metadata.inputs, metadata.outputs.len())?;
+        let variables = Variables::of(&metadata);
+        Ok(Self { metadata, model, array_columns, variables })
     }
 
     /// Name, variables, provenance.
@@ -285,30 +222,14 @@ impl Surrogate {
     /// The network, if it is a single one.
     pub fn network(&self) -> Option<&ScaledNetwork> {
         match &self.model {
-            Model::Network(network) => Some(network),
-            Model::Series { .. } | Model::Regression(_) => None,
+            Model::Response(Map::Network(network)) => Some(network),
+            Model::Response(Map::Regression(_)) | Model::PerInstant { .. } => None,
         }
     }
 
-    /// FMI value reference of output `index`. An input column's value reference is its position; outputs follow.
-    pub fn output_value_reference(&self, index: usize) -> u32 {
-        (self.inputs().len() + index) as u32
-    }
-
-    /// FMI value reference of a variable that every FMU adds: they follow the outputs.
-    pub fn extra_value_reference(&self, extra: &Extra) -> u32 {
-        (self.inputs().len() + self.outputs().len()) as u32 + extra.offset
-    }
-
-    /// FMI 3.0 value reference of array `index`. Arrays follow everything else; the value reference of
-    /// [`extra::TIME`] is left out for them even if a column is the time.
-    pub fn array_value_reference(&self, index: usize) -> u32 {
-        self.extra_value_reference(&extra::TIME) + 1 + index as u32
-    }
-
-    /// FMI value reference of the error bound of output `index`: they follow the arrays, also in FMI 2.0, which has none.
-    pub fn bound_value_reference(&self, index: usize) -> u32 {
-        self.array_value_reference(self.arrays().len() + index)
+    /// The variables of its FMU, in the order of their value references.
+    pub fn variables(&self) -> &Variables {
+        &self.variables
     }
 
     /// Unit of all elements of array `index`, and which outputs they are.
@@ -389,21 +310,20 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     if metadata.outputs.is_empty() {
         return Err(FormatError::NoVariables { what: "outputs" });
     }
-    let has_time = metadata.inputs.iter().any(|input| input.role == Role::Time);
+    let variables = Variables::of(metadata);
+    let built_in = variables.iter().filter(|(_, variable)| variable.is_built_in());
+    let reserved: HashSet<&str> = built_in.map(|(_, variable)| variable.name.as_str()).collect();
     let mut names = HashSet::new();
-    let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
-    let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
-    let arrays = metadata.arrays.iter().map(|array| &array.name);
-    let bounds: Vec<String> =
-        metadata.bounds.iter().flat_map(|_| metadata.outputs.iter().map(Output::bound_name)).collect();
-    for name in inputs.clone().chain(outputs.clone()).map(|(name, ..)| name).chain(arrays).chain(&bounds) {
-        if extra::ALL.iter().any(|extra| extra.name == name) || (!has_time && extra::TIME.name == name) {
+    for (_, Variable { name, .. }) in variables.iter().filter(|(_, variable)| !variable.is_built_in()) {
+        if reserved.contains(name.as_str()) {
             return Err(FormatError::ReservedName { name: name.clone() });
         }
         if !names.insert(name) {
             return Err(FormatError::DuplicateVariable { name: name.clone() });
         }
     }
+    let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
+    let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
     for (name, min, max) in inputs.chain(outputs) {
         if !(min.is_finite() && max.is_finite() && min <= max) {
             return Err(FormatError::EmptyRange { name: name.clone(), min, max });
@@ -466,99 +386,4 @@ fn columns_of(
         }
     }
     Ok(columns)
-}
-
-fn validate_network(network: &ScaledNetwork, inputs: usize, outputs: usize) -> Result<(), FormatError> {
-    validate_scaling(&network.scaling, inputs, outputs)?;
-    validate_layers(&network.layers, inputs, outputs)
-}
-
-fn validate_scaling(scaling: &Scaling, inputs: usize, outputs: usize) -> Result<(), FormatError> {
-    for (name, column, expected) in [
-        ("input_mean", &scaling.input_mean, inputs),
-        ("input_scale", &scaling.input_scale, inputs),
-        ("output_mean", &scaling.output_mean, outputs),
-        ("output_scale", &scaling.output_scale, outputs),
-    ] {
-        expect_shape(name, &[column.len()], &[expected])?;
-        expect_finite(name, column.iter().copied())?;
-        if name.ends_with("scale") {
-            expect_positive(name, column)?;
-        }
-    }
-    Ok(())
-}
-
-fn validate_series(instants: &[f64], networks: &[ScaledNetwork], metadata: &Metadata) -> Result<(), FormatError> {
-    if metadata.inputs.iter().all(|input| input.role != Role::Time) {
-        return Err(FormatError::NoTime);
-    }
-    // the time is one of them
-    let columns = Encoder::of(&metadata.inputs).width() - 1;
-    if columns == 0 {
-        return Err(FormatError::OnlyTime);
-    }
-    if instants.len() < 2 {
-        return Err(FormatError::FewInstants { count: instants.len() });
-    }
-    expect_finite("instants", instants.iter().copied())?;
-    if let Some(index) = instants.windows(2).position(|pair| pair[0] >= pair[1]) {
-        return Err(FormatError::NotAscending {
-            index: index + 1,
-            before: instants[index],
-            found: instants[index + 1],
-        });
-    }
-    if networks.len() != instants.len() {
-        return Err(FormatError::NetworkCount { found: networks.len(), expected: instants.len() });
-    }
-    let sizes = |network: &ScaledNetwork| network.layers.iter().map(|layer| layer.outputs).collect::<Vec<_>>();
-    for (instant, network) in networks.iter().enumerate() {
-        let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
-        validate_network(network, columns, metadata.outputs.len()).map_err(problem)?;
-        let (found, expected) = (sizes(network), sizes(&networks[0]));
-        if found != expected {
-            return Err(FormatError::LayerSizes { instant, found, expected });
-        }
-    }
-    Ok(())
-}
-
-fn validate_layers(layers: &[Layer], inputs: usize, outputs: usize) -> Result<(), FormatError> {
-    if layers.is_empty() {
-        return Err(FormatError::MissingTensor { name: "layers.0.weight".into() });
-    }
-    let mut width = inputs;
-    for (index, layer) in layers.iter().enumerate() {
-        let rows = if index + 1 == layers.len() { outputs } else { layer.outputs };
-        let (weight, bias) = (format!("layers.{index}.weight"), format!("layers.{index}.bias"));
-        expect_shape(&weight, &[layer.outputs, layer.inputs], &[rows, width])?;
-        expect_shape(&weight, &[layer.weight.len()], &[rows * width])?;
-        expect_shape(&bias, &[layer.bias.len()], &[rows])?;
-        expect_finite(&weight, layer.weight.iter().map(|&w| w.into()))?;
-        expect_finite(&bias, layer.bias.iter().map(|&b| b.into()))?;
-        width = rows;
-    }
-    Ok(())
-}
-
-pub(crate) fn expect_shape(name: &str, found: &[usize], expected: &[usize]) -> Result<(), FormatError> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(FormatError::Shape { name: name.into(), found: found.into(), expected: expected.into() })
-}
-
-pub(crate) fn expect_finite(name: &str, values: impl Iterator<Item = f64>) -> Result<(), FormatError> {
-    match values.enumerate().find(|(_, value)| !value.is_finite()) {
-        Some((index, value)) => Err(FormatError::NotFinite { name: name.into(), index, value }),
-        None => Ok(()),
-    }
-}
-
-pub(crate) fn expect_positive(name: &str, values: &[f64]) -> Result<(), FormatError> {
-    match values.iter().enumerate().find(|&(_, &value)| value <= 0.0) {
-        Some((index, &value)) => Err(FormatError::NotPositive { name: name.into(), index, value }),
-        None => Ok(()),
-    }
 }

@@ -1,8 +1,8 @@
 //! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
 
-use super::{Instance, Variable, finite, variables::Real};
+use super::{Instance, finite, variables::Unknown};
 use crate::answer::Refusal;
-use metafmu_runtime::{MAX_OUTPUT_DERIVATIVE_ORDER, Role, extra::DomainPolicy};
+use metafmu_runtime::{BuiltIn, DomainPolicy, MAX_OUTPUT_DERIVATIVE_ORDER, Quantity, Role};
 use std::slice;
 
 const KNOWN: &str = "input, parameter or time";
@@ -33,8 +33,8 @@ impl Instance {
         self.zero_clamped(0);
         let [derivative, _] = &mut self.sensitivities;
         self.evaluator.directional(&self.point, &self.columns[0], derivative, &mut self.scratch);
-        for (result, unknown) in sensitivity.iter_mut().zip(self.variables.reals(unknowns)) {
-            *result = if let Real::Output(output) = unknown { self.sensitivities[0][output] } else { distance };
+        for (result, unknown) in sensitivity.iter_mut().zip(self.variables.unknowns(unknowns)) {
+            *result = if let Unknown::Output(output) = unknown { self.sensitivities[0][output] } else { distance };
         }
         Ok(())
     }
@@ -50,9 +50,9 @@ impl Instance {
         self.check_unknowns(unknowns)?;
         self.sensitivities[0].fill(0.0);
         let mut weight_of_distance = 0.0;
-        for (unknown, &seed) in self.variables.reals(unknowns).zip(seed) {
+        for (unknown, &seed) in self.variables.unknowns(unknowns).zip(seed) {
             finite("seed", seed)?;
-            let weight = if let Real::Output(output) = unknown {
+            let weight = if let Unknown::Output(output) = unknown {
                 &mut self.sensitivities[0][output]
             } else {
                 &mut weight_of_distance
@@ -98,9 +98,12 @@ impl Instance {
         let mut values = values.iter_mut();
         for (reference, &order) in references.iter().zip(orders) {
             let order = index_of_order(order)?;
-            for (real, value) in self.variables.reals(slice::from_ref(reference)).zip(&mut values) {
-                *value =
-                    if let Real::Output(output) = real { self.sensitivities[order][output] } else { distance[order] };
+            for (unknown, value) in self.variables.unknowns(slice::from_ref(reference)).zip(&mut values) {
+                *value = if let Unknown::Output(output) = unknown {
+                    self.sensitivities[order][output]
+                } else {
+                    distance[order]
+                };
             }
         }
         Ok(())
@@ -114,11 +117,11 @@ impl Instance {
         values: &[f64],
     ) -> Result<(), Refusal> {
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
-            let variable = self.variable(reference)?;
+            let quantity = self.quantity(reference)?;
             let is_input =
-                matches!(variable, Variable::Column(column) if self.metadata.inputs[column].role == Role::Input);
+                matches!(quantity, Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input);
             if !is_input {
-                return Err(Refusal::NotDifferentiable { name: self.name(variable), reference, expected: "input" });
+                return Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: "input" });
             }
             index_of_order(order)?;
             finite("value", value)?;
@@ -131,18 +134,18 @@ impl Instance {
 
     /// The column of a known, none for a time that is no column.
     fn known(&self, reference: u32) -> Result<Option<usize>, Refusal> {
-        match self.variable(reference)? {
-            Variable::Column(column) => Ok(Some(column)),
-            Variable::Time => Ok(None),
-            other => Err(Refusal::NotDifferentiable { name: self.name(other), reference, expected: KNOWN }),
+        match self.quantity(reference)? {
+            Quantity::Input(column) => Ok(Some(column)),
+            Quantity::BuiltIn(BuiltIn::Time) => Ok(None),
+            _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: KNOWN }),
         }
     }
 
     /// Unknowns are outputs, arrays of them, and the distance from the domain.
     fn check_unknowns(&self, references: &[u32]) -> Result<(), Refusal> {
-        references.iter().try_for_each(|&reference| match self.variable(reference)? {
-            Variable::Output(_) | Variable::Array(_) | Variable::Distance => Ok(()),
-            other => Err(Refusal::NotDifferentiable { name: self.name(other), reference, expected: UNKNOWN }),
+        references.iter().try_for_each(|&reference| match self.quantity(reference)? {
+            Quantity::Output(_) | Quantity::Array(_) | Quantity::BuiltIn(BuiltIn::DomainDistance) => Ok(()),
+            _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: UNKNOWN }),
         })
     }
 

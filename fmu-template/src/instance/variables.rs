@@ -1,108 +1,52 @@
-//! What value references stand for.
+//! What value references stand for in one version of the standard.
 
 use crate::{answer::Refusal, state::Version};
-use metafmu_runtime::{Surrogate, extra};
+use metafmu_runtime::{BuiltIn, Quantity, Surrogate, Variable};
 
-/// What a value reference stands for.
+/// A scalar that has derivatives: an output, maybe as an element of an array, or the distance from the domain.
 #[derive(Clone, Copy)]
-pub(super) enum Variable {
-    /// Input column of the network.
-    Column(usize),
-    Output(usize),
-    Policy,
-    InDomain,
-    Distance,
-    /// The independent variable of a surrogate without a time column.
-    Time,
-    /// Several outputs, in FMI 3.0.
-    Array(usize),
-    /// Error bound of an output, a constant.
-    Bound(usize),
-}
-
-/// A scalar of real type: a variable or an element of an array.
-#[derive(Clone, Copy)]
-pub(super) enum Real {
-    Column,
+pub(super) enum Unknown {
     Output(usize),
     Distance,
-    Time,
-    Bound,
 }
 
-/// Input columns come first, then outputs, then what every FMU adds, then arrays, then error bounds.
+/// The surrogate's variables that the version has.
 pub(super) struct Variables {
-    inputs: usize,
-    /// Value reference after those of the outputs.
-    first_extra: u32,
-    /// Whether the time is a variable that the FMU adds.
-    adds_time: bool,
-    first_array: u32,
+    /// By value reference; none for a variable of FMI 3.0 only, if this is FMI 2.0.
+    all: Vec<Option<Variable>>,
     /// Outputs of each array.
     arrays: Vec<Vec<usize>>,
-    first_bound: u32,
     /// Error bound of each output, if they were measured.
     bounds: Vec<f64>,
 }
 
-const POLICY: u32 = extra::DOMAIN_POLICY.offset;
-const IN_DOMAIN: u32 = extra::IN_DOMAIN.offset;
-const DISTANCE: u32 = extra::DOMAIN_DISTANCE.offset;
-const TIME: u32 = extra::TIME.offset;
-
 impl Variables {
     pub(super) fn new(surrogate: &Surrogate, version: Version) -> Self {
-        // FMI 2.0 has no array variables
+        let has = |variable: &&Variable| version == Version::Fmi3 || !variable.only_fmi3;
         let arrays = if version == Version::Fmi3 { surrogate.arrays().len() } else { 0 };
+        let mut all: Vec<Option<Variable>> =
+            surrogate.variables().iter().map(|(_, variable)| Some(variable).filter(has).cloned()).collect();
+        all.truncate(all.iter().rposition(Option::is_some).map_or(0, |last| last + 1));
         Self {
-            inputs: surrogate.inputs().len(),
-            first_extra: surrogate.output_value_reference(surrogate.outputs().len()),
-            adds_time: surrogate.time_column().is_none(),
-            first_array: surrogate.array_value_reference(0),
+            all,
             arrays: (0..arrays).map(|index| surrogate.array_elements(index).1.to_vec()).collect(),
-            first_bound: surrogate.bound_value_reference(0),
             bounds: surrogate.bounds().map_or(Vec::new(), |bounds| bounds.half_widths.clone()),
         }
     }
 
     #[inline]
-    pub(super) fn find(&self, reference: u32) -> Result<Variable, Refusal> {
-        let index = reference as usize;
-        if index < self.inputs {
-            return Ok(Variable::Column(index));
-        }
-        if reference < self.first_extra {
-            return Ok(Variable::Output(index - self.inputs));
-        }
-        match reference - self.first_extra {
-            POLICY => Ok(Variable::Policy),
-            IN_DOMAIN => Ok(Variable::InDomain),
-            DISTANCE => Ok(Variable::Distance),
-            TIME if self.adds_time => Ok(Variable::Time),
-            _ => self.array_or_bound(reference),
+    pub(super) fn find(&self, reference: u32) -> Result<&Variable, Refusal> {
+        match self.all.get(reference as usize) {
+            Some(Some(variable)) => Ok(variable),
+            Some(None) => Err(Refusal::UnusedReference { reference }),
+            None => Err(Refusal::UnknownReference { reference, last: self.all.len() as u32 - 1 }),
         }
     }
 
-    fn array_or_bound(&self, reference: u32) -> Result<Variable, Refusal> {
-        let among = |first: u32, count: usize| {
-            reference.checked_sub(first).map(|index| index as usize).filter(|&index| index < count)
-        };
-        if let Some(array) = among(self.first_array, self.arrays.len()) {
-            return Ok(Variable::Array(array));
-        }
-        if let Some(output) = among(self.first_bound, self.bounds.len()) {
-            return Ok(Variable::Bound(output));
-        }
-        let last = match (self.arrays.len() as u32, self.bounds.len() as u32) {
-            (0, 0) => self.first_extra + if self.adds_time { TIME } else { DISTANCE },
-            (arrays, 0) => self.first_array + arrays - 1,
-            (_, bounds) => self.first_bound + bounds - 1,
-        };
-        Err(if reference < last {
-            Refusal::UnusedReference { reference }
-        } else {
-            Refusal::UnknownReference { reference, last }
-        })
+    /// Value reference of the variable with this quantity, if the version has it.
+    pub(super) fn reference(&self, quantity: Quantity) -> Option<u32> {
+        let is_wanted = |variable: &Option<Variable>| variable.as_ref().is_some_and(|v| v.quantity == quantity);
+        self.all.iter().position(is_wanted).map(|reference| reference as u32)
     }
 
     /// The error bound of an output that has one.
@@ -115,13 +59,15 @@ impl Variables {
         if self.arrays.is_empty() {
             return Ok(references.len());
         }
-        references.iter().try_fold(0, |sum, &reference| Ok(sum + self.elements(self.find(reference)?).unwrap_or(1)))
+        references
+            .iter()
+            .try_fold(0, |sum, &reference| Ok(sum + self.elements(self.find(reference)?.quantity).unwrap_or(1)))
     }
 
     /// How many elements an array has, none for a scalar.
-    pub(super) fn elements(&self, variable: Variable) -> Option<usize> {
-        match variable {
-            Variable::Array(array) => Some(self.arrays[array].len()),
+    pub(super) fn elements(&self, quantity: Quantity) -> Option<usize> {
+        match quantity {
+            Quantity::Array(array) => Some(self.arrays[array].len()),
             _ => None,
         }
     }
@@ -131,20 +77,17 @@ impl Variables {
         &self.arrays[array]
     }
 
-    /// Scalars of real type that these variables consist of, in order. Variables of other types have none.
+    /// The scalars with derivatives that these variables consist of, in order.
     #[inline]
-    pub(super) fn reals<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = Real> + 'a {
+    pub(super) fn unknowns<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = Unknown> + 'a {
         references.iter().flat_map(|&reference| {
-            let (scalar, array) = match self.find(reference) {
-                Ok(Variable::Column(_)) => (Some(Real::Column), &[][..]),
-                Ok(Variable::Output(output)) => (Some(Real::Output(output)), &[][..]),
-                Ok(Variable::Distance) => (Some(Real::Distance), &[][..]),
-                Ok(Variable::Time) => (Some(Real::Time), &[][..]),
-                Ok(Variable::Bound(_)) => (Some(Real::Bound), &[][..]),
-                Ok(Variable::Array(array)) => (None, self.outputs_of(array)),
-                Ok(Variable::Policy | Variable::InDomain) | Err(_) => (None, &[][..]),
+            let (scalar, array) = match self.find(reference).map(|variable| variable.quantity) {
+                Ok(Quantity::Output(output)) => (Some(Unknown::Output(output)), &[][..]),
+                Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(Unknown::Distance), &[][..]),
+                Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
+                Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_)) | Err(_) => (None, &[][..]),
             };
-            scalar.into_iter().chain(array.iter().map(|&output| Real::Output(output)))
+            scalar.into_iter().chain(array.iter().map(|&output| Unknown::Output(output)))
         })
     }
 }

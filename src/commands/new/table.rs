@@ -3,7 +3,7 @@
 use super::{key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{Result, table::Table};
-use metafmu_runtime::extra;
+use metafmu_runtime::BuiltIn;
 use std::{collections::HashSet, fmt::Write, path::Path};
 
 /// Names of columns that are the time, in small letters.
@@ -115,7 +115,7 @@ fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
 
 /// The columns under their own names where nothing else has them.
 fn named(table: &Table, positions: &[usize]) -> Vec<Column> {
-    let reserved = extra::ALL.iter().map(|extra| extra.name).chain(["run", "time", "file"]);
+    let reserved = BuiltIn::ALWAYS.iter().map(|variable| variable.name()).chain(["run", "time", "file"]);
     let mut taken: HashSet<String> = reserved.map(str::to_owned).collect();
     let column = |&position: &usize| {
         let column = &table.columns()[position];

@@ -7,10 +7,7 @@ use crate::{
         validate::{Area, Notes},
     },
 };
-use metafmu_runtime::{
-    Domain, Encoding, Evaluator, Input, Role, Surrogate,
-    extra::{self, DomainPolicy},
-};
+use metafmu_runtime::{BuiltIn, Domain, DomainPolicy, Encoding, Evaluator, Input, Quantity, Role, Surrogate};
 
 /// Largest difference of an output, relative to its largest magnitude in training.
 const TOLERANCE: f64 = 1e-9;
@@ -54,7 +51,7 @@ fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize
         point[time] = start;
     }
     point[column] = outside_value(&inputs[column]);
-    instance.set_integer(&[surrogate.extra_value_reference(&extra::DOMAIN_POLICY)], &[policy as i32])?;
+    instance.set_integer(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainPolicy))], &[policy as i32])?;
     instance.enter_initialization_mode(start, None)?;
     let set = instance.set_real(&[column as u32], &[point[column]]);
     let name = &inputs[column].name;
@@ -66,11 +63,16 @@ fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize
         .map(|problem| problem.map(|text| format!("{text} at \"{name}\" = {}", point[column])))
 }
 
+/// Value reference of a variable that the surrogate has.
+fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
+    surrogate.variables().reference(quantity).expect("every surrogate has it")
+}
+
 fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
     let domain = Domain::new(surrogate.inputs());
     let (mut inside, mut distance) = ([true], [0.0]);
-    instance.get_boolean(&[surrogate.extra_value_reference(&extra::IN_DOMAIN)], &mut inside)?;
-    instance.get_real(&[surrogate.extra_value_reference(&extra::DOMAIN_DISTANCE)], &mut distance)?;
+    instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;
+    instance.get_real(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainDistance))], &mut distance)?;
     if inside[0] {
         return Ok(Some("in_domain is true".into()));
     }
@@ -87,7 +89,7 @@ fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point
     evaluator.evaluate(&used, &mut expected, &mut evaluator.scratch());
     for (index, (output, expected)) in surrogate.outputs().iter().zip(expected).enumerate() {
         let mut found = [0.0];
-        instance.get_real(&[surrogate.output_value_reference(index)], &mut found)?;
+        instance.get_real(&[reference(surrogate, Quantity::Output(index))], &mut found)?;
         let scale = output.min.abs().max(output.max.abs()).max(expected.abs()).max(f64::MIN_POSITIVE);
         // written so that NaN is wrong
         let right = (found[0] - expected).abs() <= TOLERANCE * scale;

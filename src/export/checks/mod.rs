@@ -15,7 +15,7 @@ use crate::{
     },
 };
 use metafmu_runtime::{
-    FormatError, Model, Surrogate,
+    FormatError, Map, Model, Surrogate,
     regression::{Function, Regression},
 };
 use std::path::Path;
@@ -89,7 +89,7 @@ impl Checks for SurrogateChecks {
 }
 
 fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
-    matches!(surrogate.model(), Model::Regression(Regression { function: Function::Forest(_), .. }))
+    matches!(surrogate.model(), Model::Response(Map::Regression(Regression { function: Function::Forest(_), .. })))
 }
 
 /// The surrogate inside, if there is one, or what is wrong with it; a model file of another program is none of ours.

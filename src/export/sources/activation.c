@@ -272,9 +272,9 @@ static void identity_series(double slope[BLOCK], double curvature[BLOCK])
     }
 }
 
-void activate(double x[BLOCK])
+void activate(Activation activation, double x[BLOCK])
 {
-    switch (ACTIVATION) {
+    switch (activation) {
     case ACTIVATION_TANH:
         tanh_block(x);
         break;
@@ -298,9 +298,9 @@ void activate(double x[BLOCK])
     }
 }
 
-void activate_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
 {
-    switch (ACTIVATION) {
+    switch (activation) {
     case ACTIVATION_TANH:
         tanh_series(x, slope, curvature);
         break;

@@ -7,10 +7,12 @@
 #ifndef ACTIVATION_H
 #define ACTIVATION_H
 
+#include "model.h"
+
 /* x becomes the activation of x. */
-void activate(double x[]);
+void activate(Activation activation, double x[BLOCK]);
 
 /* x becomes the activation of x; its first and second derivative go to slope and curvature. */
-void activate_series(double x[], double slope[], double curvature[]);
+void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK], double curvature[BLOCK]);
 
 #endif

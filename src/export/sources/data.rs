@@ -1,6 +1,9 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
-use metafmu_runtime::{Activation, Input, Layer, Metadata, Role, ScaledNetwork, Scaling, Surrogate, Variability};
+use metafmu_runtime::{
+    Activation, BuiltIn, Input, Layer, Metadata, Numbers, Quantity, Role, ScaledNetwork, Scaling, Surrogate,
+    Variability, Variable,
+};
 use std::fmt::Write;
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
@@ -55,6 +58,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "model_outputs",
     "model_time_step",
     "model_token",
+    "model_variables",
 ];
 
 const NOTICE: &str = "/* Generated. */\n";
@@ -69,15 +73,7 @@ pub fn header(surrogate: &Surrogate, network: &ScaledNetwork, identifier: &str) 
     let hidden: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
     let columns = surrogate.inputs().len();
     let width = hidden.iter().copied().fold(padded(columns), usize::max);
-    let activation = match surrogate.metadata().activation {
-        Activation::Tanh => "ACTIVATION_TANH",
-        Activation::Sigmoid => "ACTIVATION_SIGMOID",
-        Activation::Relu => "ACTIVATION_RELU",
-        Activation::Gelu => "ACTIVATION_GELU",
-        Activation::Silu => "ACTIVATION_SILU",
-        Activation::Sine => "ACTIVATION_SINE",
-        Activation::Identity => "ACTIVATION_IDENTITY",
-    };
+    let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
     let mut text = format!(
         "{NOTICE}#ifndef MODEL_DATA_H\n#define MODEL_DATA_H\n\n\
          /* External names begin with the model identifier, so that several FMUs can be linked into one program. */\n"
@@ -89,28 +85,18 @@ pub fn header(surrogate: &Surrogate, network: &ScaledNetwork, identifier: &str) 
         &mut text,
         format_args!(
             "\nenum {{\n    \
-                 ACTIVATION_TANH,\n    \
-                 ACTIVATION_SIGMOID,\n    \
-                 ACTIVATION_RELU,\n    \
-                 ACTIVATION_GELU,\n    \
-                 ACTIVATION_SILU,\n    \
-                 ACTIVATION_SINE,\n    \
-                 ACTIVATION_IDENTITY,\n    \
-                 ACTIVATION = {activation}\n\
-             }};\n\n\
-             enum {{\n    \
+                 VARIABLE_COUNT = {variables},\n    \
+                 POLICY_REFERENCE = {policy}, /* value reference of domain_policy */\n    \
                  COLUMN_COUNT = {columns},\n    \
                  OUTPUT_COUNT = {outputs},\n    \
-                 ARRAY_COUNT = {arrays}, /* of outputs; not part of this code, but they have value references */\n    \
-                 BOUND_COUNT = {bounds}, /* error bounds of outputs: one for each, or none */\n    \
                  BLOCK = {BLOCK}, /* rows of a layer that are computed together */\n    \
                  WIDTH = {width}, /* of the widest layer, in whole blocks */\n    \
                  SLOPE_COUNT = {slopes}, /* of all hidden layers, in whole blocks */\n    \
                  LAST_COLUMNS = {last_columns} /* of the last layer, in whole blocks */\n\
              }};\n\n#endif\n",
+            variables = surrogate.variables().len(),
+            policy = policy.expect("every surrogate has it"),
             outputs = surrogate.outputs().len(),
-            arrays = surrogate.arrays().len(),
-            bounds = surrogate.bounds().map_or(0, |bounds| bounds.half_widths.len()),
             slopes = hidden.iter().sum::<usize>().max(1),
             last_columns = padded(last.inputs),
         ),
@@ -130,6 +116,7 @@ pub fn source(surrogate: &Surrogate, network: &ScaledNetwork) -> String {
         string(&description),
         real(*time_step),
     );
+    variables(&mut text, surrogate);
     columns(&mut text, surrogate, &network.scaling);
     let (last, hidden) = split(network);
     for (index, layer) in hidden.iter().enumerate() {
@@ -142,15 +129,46 @@ pub fn source(surrogate: &Surrogate, network: &ScaledNetwork) -> String {
     );
     for (index, layer) in hidden.iter().enumerate() {
         let blocks = layer.outputs.div_ceil(BLOCK);
-        push(&mut text, format_args!("    {{{}, {blocks}, weights_{index}, bias_{index}}},\n", layer.inputs));
+        let (inputs, activation) = (layer.inputs, activation(layer.activation));
+        push(&mut text, format_args!("    {{{inputs}, {blocks}, weights_{index}, bias_{index}, {activation}}},\n"));
     }
     if hidden.is_empty() {
-        text.push_str("    {0, 0, NULL, NULL}, /* C has no empty arrays */\n");
+        text.push_str("    {0, 0, NULL, NULL, ACTIVATION_IDENTITY}, /* C has no empty arrays */\n");
     }
     text.push_str("};\n");
     array(&mut text, "const double model_last_weights", &in_rows(last));
-    array(&mut text, "const double model_last_bias", &last.bias.iter().map(|&bias| flushed(bias)).collect::<Vec<_>>());
+    array(&mut text, "const double model_last_bias", &last.bias.iter().map(flushed).collect::<Vec<_>>());
     text
+}
+
+fn variables(text: &mut String, surrogate: &Surrogate) {
+    text.push_str("\nconst Variable model_variables[VARIABLE_COUNT] = {\n");
+    for (_, Variable { name, quantity, only_fmi3 }) in surrogate.variables().iter() {
+        let (quantity, index) = match *quantity {
+            Quantity::Input(column) => ("COLUMN", column),
+            Quantity::Output(output) => ("OUTPUT", output),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy) => ("DOMAIN_POLICY", 0),
+            Quantity::BuiltIn(BuiltIn::InDomain) => ("IN_DOMAIN", 0),
+            Quantity::BuiltIn(BuiltIn::DomainDistance) => ("DOMAIN_DISTANCE", 0),
+            Quantity::BuiltIn(BuiltIn::Time) => ("TIME", 0),
+            Quantity::Array(array) => ("ARRAY", array),
+            Quantity::Bound(output) => ("BOUND", output),
+        };
+        push(text, format_args!("    {{{}, VARIABLE_{quantity}, {index}, {only_fmi3}}},\n", string(name)));
+    }
+    text.push_str("};\n");
+}
+
+fn activation(activation: Activation) -> &'static str {
+    match activation {
+        Activation::Tanh => "ACTIVATION_TANH",
+        Activation::Sigmoid => "ACTIVATION_SIGMOID",
+        Activation::Relu => "ACTIVATION_RELU",
+        Activation::Gelu => "ACTIVATION_GELU",
+        Activation::Silu => "ACTIVATION_SILU",
+        Activation::Sine => "ACTIVATION_SINE",
+        Activation::Identity => "ACTIVATION_IDENTITY",
+    }
 }
 
 fn columns(text: &mut String, surrogate: &Surrogate, scaling: &Scaling) {
@@ -162,11 +180,10 @@ fn columns(text: &mut String, surrogate: &Surrogate, scaling: &Scaling) {
         push(text, format_args!("    {{{}, {}, {numbers}}},\n", string(name), role(input.role)));
     }
     text.push_str("};\n\nconst Output model_outputs[OUTPUT_COUNT] = {\n");
-    for (index, output) in surrogate.outputs().iter().enumerate() {
+    for index in 0..surrogate.outputs().len() {
         let bound = surrogate.bounds().map_or(0.0, |bounds| bounds.half_widths[index]);
-        let numbers = [output_mean[index], output_scale[index]].map(real).join(", ");
-        let (name, bound_name, bound) = (string(&output.name), string(&output.bound_name()), real(bound));
-        push(text, format_args!("    {{{name}, {numbers}, {bound_name}, {bound}}},\n"));
+        let numbers = [output_mean[index], output_scale[index], bound].map(real).join(", ");
+        push(text, format_args!("    {{{numbers}}},\n"));
     }
     text.push_str("};\n");
 }
@@ -193,28 +210,30 @@ fn split(ScaledNetwork { layers, .. }: &ScaledNetwork) -> (&Layer, &[Layer]) {
 /// `weights[(block * inputs + column) * BLOCK + row]`
 fn in_blocks(layer: &Layer) -> Vec<f64> {
     let mut weights = vec![0.0; padded(layer.outputs) * layer.inputs];
-    for (row, values) in layer.weight.chunks_exact(layer.inputs).enumerate() {
-        for (column, &value) in values.iter().enumerate() {
-            weights[(row / BLOCK * layer.inputs + column) * BLOCK + row % BLOCK] = flushed(value);
-        }
+    for (index, value) in layer.weight.iter().enumerate() {
+        let (row, column) = (index / layer.inputs, index % layer.inputs);
+        weights[(row / BLOCK * layer.inputs + column) * BLOCK + row % BLOCK] = flushed(value);
     }
     weights
 }
 
 /// Row by row, with the columns padded to whole blocks.
 fn in_rows(layer: &Layer) -> Vec<f64> {
-    layer.weight.chunks_exact(layer.inputs).flat_map(padded_to_block).collect()
+    let mut weights = vec![0.0; padded(layer.inputs) * layer.outputs];
+    for (index, value) in layer.weight.iter().enumerate() {
+        weights[index / layer.inputs * padded(layer.inputs) + index % layer.inputs] = flushed(value);
+    }
+    weights
 }
 
-fn padded_to_block(values: &[f32]) -> Vec<f64> {
-    let mut padded_values: Vec<f64> = values.iter().map(|&value| flushed(value)).collect();
-    padded_values.resize(padded(values.len()), 0.0);
+fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
+    let mut padded_values: Vec<f64> = numbers.iter().map(flushed).collect();
+    padded_values.resize(padded(numbers.len()), 0.0);
     padded_values
 }
 
 /// As the evaluator has it: without weights so small that products with them would be denormal.
-fn flushed(value: f32) -> f64 {
-    let value = f64::from(value);
+fn flushed(value: f64) -> f64 {
     if value.abs() < 1e-100 { 0.0 } else { value }
 }
 

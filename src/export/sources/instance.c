@@ -635,64 +635,38 @@ static void update_outputs(Instance *instance)
     }
 }
 
-static bool is_column(uint32_t reference)
+static bool exists(const Instance *instance, uint32_t reference)
 {
-    return reference < COLUMN_COUNT;
+    return reference < VARIABLE_COUNT && model_variables[reference].quantity != VARIABLE_ARRAY &&
+           (instance->fmi_version == 3 || !model_variables[reference].only_fmi3);
 }
 
-static bool is_output(uint32_t reference)
+static bool is(const Instance *instance, uint32_t reference, Quantity quantity)
 {
-    return reference >= COLUMN_COUNT && reference < REFERENCE_POLICY;
+    return exists(instance, reference) && model_variables[reference].quantity == quantity;
 }
 
-static bool is_bound(uint32_t reference)
+static uint32_t last_reference(const Instance *instance)
 {
-    return reference >= REFERENCE_BOUND && reference < REFERENCE_BOUND + BOUND_COUNT;
-}
-
-/* Whether the reference is that of a time which is no column. */
-static bool is_added_time(uint32_t reference)
-{
-    return reference == REFERENCE_TIME && !time_is_column();
-}
-
-static uint32_t last_reference(void)
-{
-    if (BOUND_COUNT > 0) {
-        return REFERENCE_BOUND + BOUND_COUNT - 1;
+    uint32_t last = VARIABLE_COUNT - 1;
+    while (!exists(instance, last)) {
+        last--;
     }
-    return is_added_time(REFERENCE_TIME) ? REFERENCE_TIME : REFERENCE_DISTANCE;
+    return last;
 }
 
+/* Name of a variable that exists. */
 static const char *variable_name(uint32_t reference)
 {
-    if (is_column(reference)) {
-        return model_columns[reference].name;
-    }
-    if (is_output(reference)) {
-        return model_outputs[reference - COLUMN_COUNT].name;
-    }
-    if (is_bound(reference)) {
-        return model_outputs[reference - REFERENCE_BOUND].bound_name;
-    }
-    switch (reference) {
-    case REFERENCE_POLICY:
-        return "domain_policy";
-    case REFERENCE_IN_DOMAIN:
-        return "in_domain";
-    case REFERENCE_DISTANCE:
-        return "domain_distance";
-    default:
-        return "time";
-    }
+    return model_variables[reference].name;
 }
 
 static const char *variable_type(uint32_t reference)
 {
-    switch (reference) {
-    case REFERENCE_POLICY:
+    switch (model_variables[reference].quantity) {
+    case VARIABLE_DOMAIN_POLICY:
         return "integer";
-    case REFERENCE_IN_DOMAIN:
+    case VARIABLE_IN_DOMAIN:
         return "Boolean";
     default:
         return "real";
@@ -702,11 +676,11 @@ static const char *variable_type(uint32_t reference)
 /* Tells why a reference is none of the type asked for. */
 static Status wrong_reference(Instance *instance, uint32_t reference, const char *asked)
 {
-    if (reference > last_reference()) {
+    if (reference > last_reference(instance)) {
         return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown, expected at most %lu",
-                             (unsigned long)reference, (unsigned long)last_reference());
+                             (unsigned long)reference, (unsigned long)last_reference(instance));
     }
-    if (reference > REFERENCE_DISTANCE && !is_added_time(reference) && !is_bound(reference)) {
+    if (!exists(instance, reference)) {
         return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown: it is kept for a variable that this FMU does not have",
                              (unsigned long)reference);
     }
@@ -724,18 +698,28 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
 {
     for (size_t i = 0; i < count; i++) {
         const uint32_t reference = references[i];
-        if (is_column(reference)) {
-            values[i] = instance->now.columns[reference];
-        } else if (is_output(reference)) {
+        if (!exists(instance, reference)) {
+            return wrong_reference(instance, reference, "real");
+        }
+        const Variable *variable = &model_variables[reference];
+        switch (variable->quantity) {
+        case VARIABLE_COLUMN:
+            values[i] = instance->now.columns[variable->index];
+            break;
+        case VARIABLE_OUTPUT:
             update_outputs(instance);
-            values[i] = instance->outputs[reference - COLUMN_COUNT];
-        } else if (reference == REFERENCE_DISTANCE) {
+            values[i] = instance->outputs[variable->index];
+            break;
+        case VARIABLE_DOMAIN_DISTANCE:
             values[i] = distance(instance);
-        } else if (is_bound(reference)) {
-            values[i] = model_outputs[reference - REFERENCE_BOUND].bound;
-        } else if (is_added_time(reference)) {
+            break;
+        case VARIABLE_BOUND:
+            values[i] = model_outputs[variable->index].bound;
+            break;
+        case VARIABLE_TIME:
             values[i] = instance->now.time;
-        } else {
+            break;
+        default:
             return wrong_reference(instance, reference, "real");
         }
     }
@@ -745,7 +729,7 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
 Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[])
 {
     for (size_t i = 0; i < count; i++) {
-        if (references[i] != REFERENCE_POLICY) {
+        if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
             return wrong_reference(instance, references[i], "integer");
         }
         values[i] = (int32_t)instance->now.policy;
@@ -756,7 +740,7 @@ Status instance_get_integer(Instance *instance, const uint32_t references[], siz
 Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value)
 {
     for (size_t i = 0; i < count; i++) {
-        if (references[i] != REFERENCE_IN_DOMAIN) {
+        if (!is(instance, references[i], VARIABLE_IN_DOMAIN)) {
             return wrong_reference(instance, references[i], "Boolean");
         }
     }
@@ -789,13 +773,14 @@ static Status check_parameter(Instance *instance, uint32_t reference, bool tunab
 
 static Status check_settable(Instance *instance, uint32_t reference)
 {
-    if (is_output(reference) || reference == REFERENCE_DISTANCE || is_bound(reference)) {
+    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE) ||
+        is(instance, reference, VARIABLE_BOUND)) {
         return cannot_set(instance, reference, "an output");
     }
-    if (is_added_time(reference)) {
+    if (is(instance, reference, VARIABLE_TIME)) {
         return cannot_set(instance, reference, "the independent variable");
     }
-    if (!is_column(reference)) {
+    if (!is(instance, reference, VARIABLE_COLUMN)) {
         return wrong_reference(instance, reference, "real");
     }
     switch (model_columns[reference].role) {
@@ -852,7 +837,7 @@ static Status set_policy(Instance *instance, Policy policy)
 Status instance_set_integer(Instance *instance, const uint32_t references[], size_t count, const int32_t values[])
 {
     for (size_t i = 0; i < count; i++) {
-        if (references[i] != REFERENCE_POLICY) {
+        if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
             return wrong_reference(instance, references[i], "integer");
         }
         if (check_parameter(instance, references[i], true) != STATUS_OK) {
@@ -872,7 +857,7 @@ Status instance_set_boolean(Instance *instance, const uint32_t references[], siz
     if (count == 0) {
         return STATUS_OK;
     }
-    if (references[0] != REFERENCE_IN_DOMAIN) {
+    if (!is(instance, references[0], VARIABLE_IN_DOMAIN)) {
         return wrong_reference(instance, references[0], "Boolean");
     }
     return cannot_set(instance, references[0], "an output");
@@ -880,13 +865,13 @@ Status instance_set_boolean(Instance *instance, const uint32_t references[], siz
 
 Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count)
 {
-    if (reference > last_reference()) {
+    if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
     *count = 0;
-    if (is_output(reference)) {
+    if (is(instance, reference, VARIABLE_OUTPUT)) {
         *count = COLUMN_COUNT + 1;
-    } else if (reference == REFERENCE_IN_DOMAIN || reference == REFERENCE_DISTANCE) {
+    } else if (is(instance, reference, VARIABLE_IN_DOMAIN) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
         *count = COLUMN_COUNT;
     }
     return STATUS_OK;
@@ -894,17 +879,17 @@ Status instance_count_dependencies(Instance *instance, uint32_t reference, size_
 
 uint32_t instance_dependency(size_t i)
 {
-    return i < COLUMN_COUNT ? (uint32_t)i : REFERENCE_POLICY;
+    return i < COLUMN_COUNT ? (uint32_t)i : POLICY_REFERENCE;
 }
 
 /* ---- Derivatives ---- */
 
 static Status check_known(Instance *instance, uint32_t reference)
 {
-    if (is_column(reference) || is_added_time(reference)) {
+    if (is(instance, reference, VARIABLE_COLUMN) || is(instance, reference, VARIABLE_TIME)) {
         return STATUS_OK;
     }
-    if (reference > last_reference()) {
+    if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
     return instance_tell(instance, STATUS_ERROR,
@@ -914,10 +899,10 @@ static Status check_known(Instance *instance, uint32_t reference)
 
 static Status check_unknown(Instance *instance, uint32_t reference)
 {
-    if (is_output(reference) || reference == REFERENCE_DISTANCE) {
+    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
         return STATUS_OK;
     }
-    if (reference > last_reference()) {
+    if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
     return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is no continuous output",
@@ -972,7 +957,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < known_count; i++) {
-        if (is_column(knowns[i])) {
+        if (is(instance, knowns[i], VARIABLE_COLUMN)) {
             direction[knowns[i]] += seed[i];
         }
     }
@@ -981,7 +966,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     zero_clamped(instance, direction);
     network_directional(&instance->scratch, instance->point, direction, derivative);
     for (size_t i = 0; i < unknown_count; i++) {
-        sensitivity[i] = is_output(unknowns[i]) ? derivative[unknowns[i] - COLUMN_COUNT] : of_distance;
+        sensitivity[i] = is(instance, unknowns[i], VARIABLE_OUTPUT) ? derivative[model_variables[unknowns[i]].index] : of_distance;
     }
     return STATUS_OK;
 }
@@ -999,8 +984,8 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < unknown_count; i++) {
-        if (is_output(unknowns[i])) {
-            weights[unknowns[i] - COLUMN_COUNT] += seed[i];
+        if (is(instance, unknowns[i], VARIABLE_OUTPUT)) {
+            weights[model_variables[unknowns[i]].index] += seed[i];
         } else {
             weight_of_distance += seed[i];
         }
@@ -1010,7 +995,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     zero_clamped(instance, gradient);
     gradient[farthest] += distance_slope(instance, farthest) * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
-        sensitivity[i] = is_column(knowns[i]) ? gradient[knowns[i]] : 0.0;
+        sensitivity[i] = is(instance, knowns[i], VARIABLE_COLUMN) ? gradient[knowns[i]] : 0.0;
     }
     return STATUS_OK;
 }
@@ -1048,18 +1033,18 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     network_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
     for (size_t i = 0; i < count; i++) {
         const size_t order = (size_t)orders[i] - 1;
-        const bool output = is_output(references[i]);
-        values[i] = output ? derivatives[order][references[i] - COLUMN_COUNT] : of_distance[order];
+        const bool output = is(instance, references[i], VARIABLE_OUTPUT);
+        values[i] = output ? derivatives[order][model_variables[references[i]].index] : of_distance[order];
     }
     return STATUS_OK;
 }
 
 static Status check_input(Instance *instance, uint32_t reference)
 {
-    if (is_column(reference) && model_columns[reference].role == ROLE_INPUT) {
+    if (is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT) {
         return STATUS_OK;
     }
-    if (reference > last_reference()) {
+    if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
     return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is no input",

@@ -39,15 +39,6 @@ enum {
 /* Values of the parameter domain_policy: what to do outside the training ranges. */
 typedef enum { POLICY_WARN, POLICY_CLAMP, POLICY_ERROR } Policy;
 
-/* Value references: the input columns come first, then the outputs, then what every FMU has, then error bounds. */
-enum {
-    REFERENCE_POLICY = COLUMN_COUNT + OUTPUT_COUNT,
-    REFERENCE_IN_DOMAIN,
-    REFERENCE_DISTANCE,
-    REFERENCE_TIME, /* the independent variable of a surrogate without a time column */
-    REFERENCE_BOUND = REFERENCE_TIME + 1 + ARRAY_COUNT
-};
-
 /* Highest order of the outputs' derivatives with respect to time. */
 enum { DERIVATIVE_ORDERS = 2 };
 

@@ -6,8 +6,29 @@
 #define MODEL_H
 
 #include "model_data.h"
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+
+/* What the value of a variable is. */
+typedef enum {
+    VARIABLE_COLUMN,
+    VARIABLE_OUTPUT,
+    VARIABLE_DOMAIN_POLICY,
+    VARIABLE_IN_DOMAIN,
+    VARIABLE_DOMAIN_DISTANCE,
+    VARIABLE_TIME,  /* the independent variable of a surrogate without a time column */
+    VARIABLE_ARRAY, /* of outputs; not part of this code */
+    VARIABLE_BOUND
+} Quantity;
+
+/* A variable; its value reference is its position in model_variables. */
+typedef struct {
+    const char *name;
+    Quantity quantity;
+    size_t index; /* of the column, or of the output that the bound is of */
+    bool only_fmi3;
+} Variable;
 
 /* What an input column of the network is to a host. */
 typedef enum { ROLE_FIXED_PARAMETER, ROLE_TUNABLE_PARAMETER, ROLE_TIME, ROLE_INPUT } Role;
@@ -26,15 +47,23 @@ typedef struct {
 
 /* An output column: mean + scale * (what comes out of the network). */
 typedef struct {
-    const char *name;
     double mean;
     double scale;
-    const char *bound_name;
-    double bound; /* error bound, if BOUND_COUNT is not zero */
+    double bound; /* error bound, if there is a variable for it */
 } Output;
 
+typedef enum {
+    ACTIVATION_TANH,
+    ACTIVATION_SIGMOID,
+    ACTIVATION_RELU,
+    ACTIVATION_GELU,
+    ACTIVATION_SILU,
+    ACTIVATION_SINE,
+    ACTIVATION_IDENTITY
+} Activation;
+
 /*
- * A hidden layer, W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows;
+ * A hidden layer, the activation of W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows;
  * weights[(block * inputs + column) * BLOCK + row], so that a product reads them from first to last.
  */
 typedef struct {
@@ -42,11 +71,13 @@ typedef struct {
     size_t blocks;
     const double *weights;
     const double *bias;
+    Activation activation;
 } Layer;
 
 extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in FMI 3.0 */
 extern const char model_description[]; /* for the log */
 extern const double model_time_step;   /* s; what hosts are told to step by */
+extern const Variable model_variables[VARIABLE_COUNT];
 extern const Column model_columns[COLUMN_COUNT];
 extern const Output model_outputs[OUTPUT_COUNT];
 extern const size_t model_hidden_count;

@@ -135,7 +135,7 @@ void network_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double
     for (size_t i = 0; i < model_hidden_count; i++) {
         affine(&model_hidden[i], current, next);
         for (size_t block = 0; block < model_hidden[i].blocks; block++) {
-            activate(next + block * BLOCK);
+            activate(model_hidden[i].activation, next + block * BLOCK);
         }
         double *const before = current;
         current = next;
@@ -163,7 +163,7 @@ void network_directional(Scratch *scratch, const double point[COLUMN_COUNT], con
         for (size_t block = 0; block < layer->blocks * BLOCK; block += BLOCK) {
             double slope[BLOCK];
             double curvature[BLOCK];
-            activate_series(value + block, slope, curvature);
+            activate_series(layer->activation, value + block, slope, curvature);
             for (size_t row = 0; row < BLOCK; row++) {
                 first[block + row] *= slope[row];
             }
@@ -194,7 +194,7 @@ void network_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], con
         for (size_t block = 0; block < layer->blocks * BLOCK; block += BLOCK) {
             double slope[BLOCK];
             double curvature[BLOCK];
-            activate_series(value + block, slope, curvature);
+            activate_series(layer->activation, value + block, slope, curvature);
             for (size_t row = 0; row < BLOCK; row++) {
                 const double rate = first[block + row];
                 first[block + row] = slope[row] * rate;
@@ -221,7 +221,7 @@ static void record_slopes(Scratch *scratch, const double point[COLUMN_COUNT])
         affine(layer, scratch->value[current], value);
         for (size_t block = 0; block < layer->blocks; block++) {
             double curvature[BLOCK];
-            activate_series(value + block * BLOCK, slope, curvature);
+            activate_series(layer->activation, value + block * BLOCK, slope, curvature);
             slope += BLOCK;
         }
         current = 1 - current;

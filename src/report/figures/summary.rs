@@ -7,7 +7,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Model, Role};
+use metafmu_runtime::{Map, Model, Role};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -70,9 +70,9 @@ fn network(material: &Material) -> String {
         hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),
     };
     match material.evaluated.surrogate.model() {
-        Model::Network(_) => format!("A feed-forward network ({layers}) gives"),
-        Model::Regression(_) => "A baseline model gives".into(),
-        Model::Series { instants, .. } => {
+        Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
+        Model::Response(Map::Regression(_)) => "A baseline model gives".into(),
+        Model::PerInstant { instants, .. } => {
             format!(
                 "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",
                 instants.len()

@@ -29,13 +29,13 @@ pub fn section(material: &Material) -> Option<Section> {
         series: vec![Series::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
     };
     let text = match material.evaluated.surrogate.model() {
-        Model::Network(_) | Model::Regression(_) => format!(
+        Model::Response(_) => format!(
             "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
              of {}.",
             best.epoch,
             history.len()
         ),
-        Model::Series { .. } => {
+        Model::PerInstant { .. } => {
             "Loss of the standardised outputs, epoch by epoch, mean over the networks. Each network is that of \
                                  its own best epoch on the held-out runs."
                 .into()

@@ -1,13 +1,19 @@
 use super::*;
-use crate::{Activation, Bounds, Encoding, Precision, Role, Variability, example};
+use crate::{Bounds, BuiltIn, Encoding, Precision, Quantity, Role, Variability, example};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
     let single = example::with_precision(&[7, 3], Activation::Sigmoid, Precision::Single);
-    let series = example::series(&[7, 3], Activation::Tanh, Precision::Double);
-    let encoded = [&single, &series].map(example::encoded);
-    let surrogates =
-        [example::surrogate(), example::with_input(), example::with_arrays(), example::with_bounds(), single, series];
+    let per_instant = example::per_instant(&[7, 3], Activation::Tanh, Precision::Double);
+    let encoded = [&single, &per_instant].map(example::encoded);
+    let surrogates = [
+        example::surrogate(),
+        example::with_input(),
+        example::with_arrays(),
+        example::with_bounds(),
+        single,
+        per_instant,
+    ];
     for surrogate in surrogates.into_iter().chain(encoded) {
         let bytes = surrogate.to_bytes().unwrap();
         let again = Surrogate::from_bytes(&bytes).unwrap();
@@ -86,14 +92,14 @@ fn roles_are_written_in_the_words_of_the_standard() {
 
 #[test]
 fn names_of_the_variables_every_fmu_adds_are_refused() {
-    for extra in crate::extra::ALL {
+    for built_in in BuiltIn::ALWAYS {
         let changes: [&dyn Fn(&mut Metadata); 2] =
-            [&|metadata| metadata.outputs[0].name = extra.name.into(), &|metadata| {
-                metadata.arrays[1].name = extra.name.into()
+            [&|metadata| metadata.outputs[0].name = built_in.name().into(), &|metadata| {
+                metadata.arrays[1].name = built_in.name().into()
             }];
         for change in changes {
             let refused = changed(change).unwrap_err();
-            assert!(matches!(&refused, FormatError::ReservedName { name } if name == extra.name), "{refused}");
+            assert!(matches!(&refused, FormatError::ReservedName { name } if name == built_in.name()), "{refused}");
         }
     }
     let without_time = |array: &str| {
@@ -134,14 +140,46 @@ fn an_array_has_the_unit_and_the_columns_of_its_outputs() {
 }
 
 #[test]
-fn value_references_of_arrays_leave_room_for_the_time_whether_or_not_it_is_added() {
-    let references = |surrogate: &Surrogate| [0, 1].map(|index| surrogate.array_value_reference(index));
-    assert_eq!(references(&example::with_arrays()), [9, 10]);
+fn a_value_reference_is_the_position_in_the_table_of_variables() {
+    let references = |surrogate: &Surrogate, quantities: &[Quantity]| {
+        quantities.iter().map(|&quantity| surrogate.variables().reference(quantity)).collect::<Vec<_>>()
+    };
+    let quantities = [
+        Quantity::Input(2),
+        Quantity::Output(1),
+        Quantity::BuiltIn(BuiltIn::DomainPolicy),
+        Quantity::BuiltIn(BuiltIn::DomainDistance),
+        Quantity::BuiltIn(BuiltIn::Time),
+        Quantity::Array(0),
+        Quantity::Bound(1),
+    ];
+    let with_bounds = references(&example::with_bounds(), &quantities);
+    assert_eq!(with_bounds, [Some(2), Some(4), Some(5), Some(7), None, Some(8), Some(11)]);
     let without_time = changed(|metadata| {
         metadata.inputs[2].role = Role::Input;
         metadata.inputs[2].name = "load".into();
     });
-    assert_eq!(references(&without_time.unwrap()), [9, 10]);
+    let without_time = references(&without_time.unwrap(), &quantities);
+    assert_eq!(without_time, [Some(2), Some(4), Some(5), Some(7), Some(8), Some(9), None]);
+    let surrogate = example::with_bounds();
+    let table: Vec<_> = surrogate.variables().iter().map(|(_, v)| (v.name.as_str(), v.only_fmi3)).collect();
+    assert_eq!(
+        table,
+        [
+            ("length", false),
+            ("speed", false),
+            ("time", false),
+            ("x", false),
+            ("y", false),
+            ("domain_policy", false),
+            ("in_domain", false),
+            ("domain_distance", false),
+            ("position", true),
+            ("swapped", true),
+            ("x_bound", false),
+            ("y_bound", false),
+        ]
+    );
 }
 
 #[test]
@@ -183,18 +221,6 @@ fn error_bounds_that_make_no_sense_are_refused() {
     assert_eq!(taken.unwrap_err().to_string(), "variable `x_bound` is duplicated");
 }
 
-#[test]
-fn value_references_of_bounds_follow_the_arrays() {
-    assert_eq!([0, 1].map(|output| example::with_bounds().bound_value_reference(output)), [11, 12]);
-}
-
-#[test]
-fn value_references_of_the_added_variables_follow_the_outputs() {
-    let surrogate = example::surrogate();
-    let references = crate::extra::ALL.map(|extra| surrogate.extra_value_reference(&extra));
-    assert_eq!(references, [5, 6, 7]);
-}
-
 /// Whatever a file holds, reading it ends in a surrogate that can be evaluated or in an error.
 #[track_caller]
 fn read(bytes: &[u8]) -> bool {
@@ -209,7 +235,7 @@ fn read(bytes: &[u8]) -> bool {
 #[test]
 fn no_damage_to_a_file_makes_reading_it_panic() {
     no_damage_panics(&example::with_arrays());
-    no_damage_panics(&example::series(&[3], Activation::Tanh, Precision::Double));
+    no_damage_panics(&example::per_instant(&[3], Activation::Tanh, Precision::Double));
 }
 
 fn no_damage_panics(surrogate: &Surrogate) {
@@ -272,7 +298,7 @@ fn assembled(change: impl Fn(&mut Metadata, &mut Scaling, &mut Vec<Layer>)) -> F
     let mut metadata = surrogate.metadata().clone();
     let ScaledNetwork { mut scaling, mut layers } = surrogate.network().unwrap().clone();
     change(&mut metadata, &mut scaling, &mut layers);
-    Surrogate::new(metadata, Model::Network(ScaledNetwork { scaling, layers })).unwrap_err()
+    Surrogate::new(metadata, Model::Response(Map::Network(ScaledNetwork { scaling, layers }))).unwrap_err()
 }
 
 #[test]
@@ -312,7 +338,16 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
         (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
         (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
         (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
-        (r#"\"format\":1"#, r#"\"format\":2"#, "model file format 2, expected 1"),
+        (r#"\"format\":2"#, r#"\"format\":1"#, "format 1, expected 2: an older metafmu wrote it; make it again"),
+        (r#"\"format\":2"#, r#"\"format\":3"#, "format 3, expected 2: a newer metafmu wrote it; use that one"),
+        (r#"\"model\":"#, r#"\"module\":"#, "the field `model` is missing"),
+        (r#"\"response\""#, r#"\"impulse\""#, "unknown variant `impulse`"),
+        (r#"\"identity\"]"#, r#"\"identity\",\"tanh\"]"#, "tensor `outputs.layers.2.weight` is missing"),
+        (
+            r#"\"map\":\"network\",\"activations\":[\"tanh\",\"identity\"]"#,
+            r#"\"map\":\"forest\""#,
+            "`outputs.forest.column` is missing",
+        ),
         (r#"{\"format\""#, r#"{{\"format\""#, "metadata entry"),
     ] {
         let message = described(from, to).to_string();
@@ -323,21 +358,21 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
 #[test]
 fn tensors_that_are_missing_unknown_or_of_the_wrong_kind_are_named() {
     let missing = described("layers.1.bias", "layers.1.bius");
-    assert!(matches!(missing, FormatError::MissingTensor { name } if name == "layers.1.bias"));
-    // without its weight, the second layer is not looked for, and what is left of it means nothing
-    let unknown = described("layers.1.weight", "layers.7.weight");
-    assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "layers.1.bias"));
-    let kind = described(r#""layers.0.bias":{"dtype":"F32""#, r#""layers.0.bias":{"dtype":"I32""#);
-    assert!(matches!(kind, FormatError::Type { name, found, .. } if name == "layers.0.bias" && found == "I32"));
+    assert!(matches!(missing, FormatError::MissingTensor { name } if name == "outputs.layers.1.bias"));
+    // with one activation less, the last layer is not looked for
+    let unknown = described(r#"[\"tanh\",\"identity\"]"#, r#"[\"tanh\"]"#);
+    assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "outputs.layers.1.bias"));
+    let kind = described(r#""outputs.layers.0.bias":{"dtype":"F32""#, r#""outputs.layers.0.bias":{"dtype":"I32""#);
+    assert_eq!(kind.to_string(), "tensor `outputs.layers.0.bias` is of type I32, expected F32 or F64");
     let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[48]"#);
-    assert!(matches!(shape, FormatError::Shape { name, .. } if name == "layers.0.weight"));
+    assert!(matches!(shape, FormatError::Shape { name, .. } if name == "outputs.layers.0.weight"));
     let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[3,16]"#);
     assert!(matches!(shape, FormatError::Shape { found, expected, .. } if found == [3, 16] && expected == [3, 3]));
 }
 
 #[test]
 fn numbers_that_cannot_be_are_located() {
-    let error = assembled(|_, _, layers| layers[1].weight[5] = f32::NAN);
+    let error = assembled(|_, _, layers| set(&mut layers[1].weight, 5, f32::NAN));
     assert!(matches!(error, FormatError::NotFinite { name, index: 5, .. } if name == "layers.1.weight"));
     let error = assembled(|_, scaling, _| scaling.output_mean[1] = f64::INFINITY);
     assert!(matches!(error, FormatError::NotFinite { name, index: 1, .. } if name == "output_mean"));
@@ -368,32 +403,42 @@ fn variables_that_cannot_be_are_named() {
     assert!(matches!(error, FormatError::Digest { .. }));
 }
 
-fn series() -> Surrogate {
-    example::series(&[5, 3], Activation::Tanh, Precision::Double)
+/// Puts another number in its place.
+fn set(numbers: &mut Numbers, index: usize, value: f32) {
+    let mut values = numbers.as_single().unwrap().to_vec();
+    values[index] = value;
+    *numbers = values.into();
+}
+
+fn per_instant() -> Surrogate {
+    example::per_instant(&[5, 3], Activation::Tanh, Precision::Double)
 }
 
 #[test]
-fn a_series_is_a_file_whose_tensors_have_the_instant_in_front() {
-    let bytes = series().to_bytes().unwrap();
+fn a_network_for_each_instant_is_a_file_whose_tensors_have_the_instant_in_front() {
+    let bytes = per_instant().to_bytes().unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
     for (name, shape) in [
         ("instants", &[4][..]),
-        ("input_mean", &[4, 2]),
-        ("layers.0.weight", &[4, 5, 2]),
-        ("layers.1.bias", &[4, 3]),
-        ("layers.2.weight", &[4, 2, 3]),
-        ("output_scale", &[4, 2]),
+        ("outputs.input_mean", &[4, 2]),
+        ("outputs.layers.0.weight", &[4, 5, 2]),
+        ("outputs.layers.1.bias", &[4, 3]),
+        ("outputs.layers.2.weight", &[4, 2, 3]),
+        ("outputs.output_scale", &[4, 2]),
     ] {
         assert_eq!(file.tensor(name).unwrap().shape(), shape, "{name}");
     }
-    let Model::Series { networks, .. } = series().model().clone() else { unreachable!("it is a series") };
-    let third: Vec<f32> = elements(&file.tensor("layers.1.weight").unwrap().data()[2 * 60..][..60], f32::from_le_bytes);
-    assert_eq!(third, networks[2].layers[1].weight);
+    let Model::PerInstant { networks, .. } = per_instant().model().clone() else {
+        unreachable!("it has networks for instants")
+    };
+    let third: Vec<f32> =
+        elements(&file.tensor("outputs.layers.1.weight").unwrap().data()[2 * 60..][..60], f32::from_le_bytes);
+    assert_eq!(networks[2].layers[1].weight, third.into());
 }
 
-/// The error of the example series' file with a changed header.
-fn series_described(from: &str, to: &str) -> String {
-    let bytes = series().to_bytes().unwrap();
+/// The error of such a file with a changed header.
+fn per_instant_described(from: &str, to: &str) -> String {
+    let bytes = per_instant().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
     assert!(header.contains(from), "{from} is not in {header}");
@@ -401,23 +446,24 @@ fn series_described(from: &str, to: &str) -> String {
 }
 
 #[test]
-fn tensors_of_a_series_that_are_missing_or_of_the_wrong_shape_are_named() {
-    // without its instants it is taken for a single network, with a dimension too many
-    let other = series_described("\"instants\":", "\"instance\":");
-    assert_eq!(other, "tensor `input_mean` has shape [4, 2], expected [4]");
-    let count = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[2,10,2]"#);
-    assert_eq!(count, "tensor `layers.0.weight` has shape [2, 10, 2], expected [4, 10, 2]");
-    let dimensions = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[20,2]"#);
-    assert_eq!(dimensions, "tensor `layers.0.weight` has shape [20, 2], expected [20, 2, 1]");
-    let turned = series_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[4,2,5]"#);
+fn tensors_for_each_instant_that_are_missing_or_of_the_wrong_shape_are_named() {
+    let missing = per_instant_described("\"instants\":", "\"instance\":");
+    assert_eq!(missing, "tensor `instants` is missing");
+    let response = per_instant_described("per-instant", "response");
+    assert_eq!(response, "tensor `outputs.input_mean` has shape [4, 2], expected [4]");
+    let count = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[2,10,2]"#);
+    assert_eq!(count, "tensor `outputs.layers.0.weight` has shape [2, 10, 2], expected [4, 10, 2]");
+    let dimensions = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[20,2]"#);
+    assert_eq!(dimensions, "tensor `outputs.layers.0.weight` has shape [20, 2], expected [20, 2, 1]");
+    let turned = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[4,2,5]"#);
     assert_eq!(turned, "instant 0: tensor `layers.0.weight` has shape [2, 5], expected [2, 2]");
-    assert_eq!(series_described("layers.2.bias", "layers.2.bius"), "tensor `layers.2.bias` is missing");
+    assert_eq!(per_instant_described("layers.2.bias", "layers.2.bius"), "tensor `outputs.layers.2.bias` is missing");
 }
 
 #[test]
-fn a_series_that_makes_no_sense_is_refused() {
+fn networks_for_instants_that_make_no_sense_is_refused() {
     type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Vec<f64>, &mut Vec<ScaledNetwork>);
-    let changes: [(&str, Change); 9] = [
+    let changes: [(&str, Change); 10] = [
         ("no input is the time", &|metadata, _, _| {
             (metadata.inputs[2].role, metadata.inputs[2].name) = (Role::Input, "load".into());
         }),
@@ -430,20 +476,24 @@ fn a_series_that_makes_no_sense_is_refused() {
             networks[3].scaling.output_scale[1] = 0.0;
         }),
         ("instant 1: tensor `layers.0.bias`, element 4: NaN is not finite", &|_, _, networks| {
-            networks[1].layers[0].bias[4] = f32::NAN;
+            set(&mut networks[1].layers[0].bias, 4, f32::NAN);
         }),
         ("instant 2: layers of sizes [2], expected [5, 3, 2] as at the first instant", &|_, _, networks| {
-            networks[2].layers = vec![Layer { inputs: 2, outputs: 2, weight: vec![0.0; 4], bias: vec![0.0; 2] }];
+            let (weight, bias) = (vec![0.0f32; 4].into(), vec![0.0f32; 2].into());
+            networks[2].layers = vec![Layer { inputs: 2, outputs: 2, weight, bias, activation: Activation::Identity }];
+        }),
+        ("instant 3: layer 1 has another activation than at the first instant", &|_, _, networks| {
+            networks[3].layers[1].activation = Activation::Relu;
         }),
     ];
     for (expected, change) in changes {
-        let surrogate = series();
+        let surrogate = per_instant();
         let mut metadata = surrogate.metadata().clone();
-        let Model::Series { mut instants, mut networks } = surrogate.model().clone() else {
-            unreachable!("it is a series")
+        let Model::PerInstant { mut instants, mut networks } = surrogate.model().clone() else {
+            unreachable!("it has networks for instants")
         };
         change(&mut metadata, &mut instants, &mut networks);
-        let message = Surrogate::new(metadata, Model::Series { instants, networks }).unwrap_err().to_string();
+        let message = Surrogate::new(metadata, Model::PerInstant { instants, networks }).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
 }

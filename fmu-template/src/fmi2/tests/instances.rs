@@ -152,8 +152,8 @@ fn an_instance_for_which_there_is_no_memory_is_null_and_the_reason_is_logged() {
         example::with_input(),
         example::with_network(&[300, 300], tanh),
         example::with_precision(&[512, 400], tanh, Single),
-        example::encoded(&example::series(&[256, 256], tanh, Double)),
-        example::series(&[128], tanh, Single),
+        example::encoded(&example::per_instant(&[256, 256], tanh, Double)),
+        example::per_instant(&[128], tanh, Single),
         example::with_bounds(),
     ] {
         let surrogate = surrogate.sealed().unwrap();

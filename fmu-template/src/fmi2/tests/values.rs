@@ -105,8 +105,8 @@ fn arrays_are_for_the_other_version_and_unknown_here() {
 fn an_error_bound_is_a_constant_that_can_be_read_only() {
     let host = Host::of(&example::with_bounds());
     host.initialize(0.0);
-    assert_eq!(host.try_get([12, 11]), Ok([0.25, 0.125]));
-    assert_eq!(host.try_get([11, 3, 12]), Ok([0.125, host.outputs()[0], 0.25]));
+    assert_eq!(host.try_get([11, 10]), Ok([0.25, 0.125]));
+    assert_eq!(host.try_get([10, 3, 11]), Ok([0.125, host.outputs()[0], 0.25]));
     let refused = |call: &dyn Fn(*mut c_void) -> Status, says: &str| {
         let host = Host::of(&example::with_bounds());
         host.initialize(0.0);
@@ -115,12 +115,12 @@ fn an_error_bound_is_a_constant_that_can_be_read_only() {
         assert!(message.ends_with(says), "{message}");
     };
     unsafe {
-        let bound = "variable `x_bound` (value reference 11) is";
-        refused(&|c| fmi2SetReal(c, &11, 1, &0.0), &format!("{bound} an output and cannot be set"));
-        refused(&|c| fmi2GetBoolean(c, &11, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
-        let derivative = |c| fmi2GetDirectionalDerivative(c, &11, 1, &0, 1, &1.0, &mut 0.0);
+        let bound = "variable `x_bound` (value reference 10) is";
+        refused(&|c| fmi2SetReal(c, &10, 1, &0.0), &format!("{bound} an output and cannot be set"));
+        refused(&|c| fmi2GetBoolean(c, &10, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
+        let derivative = |c| fmi2GetDirectionalDerivative(c, &10, 1, &0, 1, &1.0, &mut 0.0);
         refused(&derivative, &format!("{bound} no continuous output"));
-        refused(&|c| fmi2GetReal(c, &13, 1, &mut 0.0), "value reference 13 is unknown, expected at most 12");
+        refused(&|c| fmi2GetReal(c, &12, 1, &mut 0.0), "value reference 12 is unknown, expected at most 11");
         refused(
             &|c| fmi2GetReal(c, &9, 1, &mut 0.0),
             "value reference 9 is unknown: it is kept for a variable that this FMU does not have",

@@ -1,8 +1,8 @@
 use super::*;
 
-// `example::with_arrays`; 8 is kept for a time that this surrogate has as a column
-const POSITION: u32 = 9;
-const SWAPPED: u32 = 10;
+// of `example::with_arrays`
+const POSITION: u32 = 8;
+const SWAPPED: u32 = 9;
 
 fn host(use_as: Use) -> Host {
     let host = Host::of(&example::with_arrays(), use_as);
@@ -45,9 +45,9 @@ fn error_bounds_follow_the_arrays_and_depend_on_nothing() {
     let host = Host::of(&example::with_bounds(), Use::Steps);
     assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
     let [x, y] = expected(starts()[0], starts()[1], 0.0);
-    assert_eq!(host.read(&[12, POSITION, 11], 4), (Status::Ok, vec![0.25, x, y, 0.125]));
+    assert_eq!(host.read(&[11, POSITION, 10], 4), (Status::Ok, vec![0.25, x, y, 0.125]));
     let mut count = usize::MAX;
-    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 11, &mut count) }, Status::Ok);
+    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 10, &mut count) }, Status::Ok);
     assert_eq!(count, 0);
 }
 
@@ -108,9 +108,8 @@ fn a_call_with_one_wrong_reference_writes_nothing_at_all() {
     for (reference, message) in [
         (POLICY, "`domain_policy` (value reference 5) is of type integer, not real"),
         (IN_DOMAIN, "`in_domain` (value reference 6) is of type Boolean, not real"),
-        (8, "value reference 8 is unknown: it is kept for a variable that this FMU does not have"),
-        (11, "value reference 11 is unknown, expected at most 10"),
-        (u32::MAX, "value reference 4294967295 is unknown, expected at most 10"),
+        (10, "value reference 10 is unknown, expected at most 9"),
+        (u32::MAX, "value reference 4294967295 is unknown, expected at most 9"),
     ] {
         let host = host(Use::Steps);
         let (status, values) = host.read(&[3, POSITION, reference], 4);
@@ -164,7 +163,7 @@ fn an_array_is_an_output_and_a_real_one() {
         assert!(message.ends_with(expected), "{message}");
         assert_eq!(host.read(&[LENGTH, POSITION], 3).1, before);
     };
-    let output = "variable `position` (value reference 9) is an output and cannot be set";
+    let output = "variable `position` (value reference 8) is an output and cannot be set";
     for state in [State::Instantiated, State::Step] {
         unsafe {
             refused(state, &|c| fmi3SetFloat64(c, &POSITION, 1, [0.1; 2].as_ptr(), 2), output);
@@ -177,7 +176,7 @@ fn an_array_is_an_output_and_a_real_one() {
                 "there are none of this type",
             );
             refused(state, &|c| fmi3GetInt64(c, &POSITION, 1, [0; 2].as_mut_ptr(), 2), "there are none of this type");
-            let of_type = "`position` (value reference 9) is of type real, not ";
+            let of_type = "`position` (value reference 8) is of type real, not ";
             refused(state, &|c| fmi3GetInt32(c, &POSITION, 1, &mut 0, 1), &format!("{of_type}integer"));
             refused(state, &|c| fmi3SetInt32(c, &POSITION, 1, &0, 1), &format!("{of_type}integer"));
             refused(state, &|c| fmi3GetBoolean(c, &POSITION, 1, &mut 0, 1), &format!("{of_type}Boolean"));
@@ -234,11 +233,10 @@ fn derivatives_count_arrays_by_their_elements() {
     refused(&|host| host.rates(&[POSITION], &[1], 1), "`values`: 1 elements, expected 2");
     refused(&|host| host.rates(&[POSITION, SWAPPED], &[1, 3], 4), "order 3 are not available, expected 1 to 2");
     refused(&|host| host.gradient(&[POSITION], &[TIME], &[1.0, f64::NAN], 1), "`seed`: NaN is not finite");
-    let known = "`position` (value reference 9) is no input, parameter or time";
+    let known = "`position` (value reference 8) is no input, parameter or time";
     refused(&|host| host.jacobian(&[3], &[POSITION], &[1.0; 2], 1), known);
     refused(&|host| host.gradient(&[3], &[POSITION], &[1.0], 2), known);
-    refused(&|host| host.jacobian(&[8], &[TIME], &[1.0], 1), "that this FMU does not have");
-    refused(&|host| host.gradient(&[11], &[TIME], &[1.0], 1), "value reference 11 is unknown, expected at most 10");
+    refused(&|host| host.gradient(&[10], &[TIME], &[1.0], 1), "value reference 10 is unknown, expected at most 9");
 }
 
 #[test]
@@ -264,7 +262,7 @@ fn every_element_of_an_array_depends_on_what_its_output_does() {
 }
 
 #[test]
-fn arrays_stay_where_they_are_when_the_time_is_added() {
+fn arrays_follow_the_time_that_is_added() {
     let surrogate = example::with_arrays();
     let mut metadata = surrogate.metadata().clone();
     (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
@@ -273,7 +271,7 @@ fn arrays_stay_where_they_are_when_the_time_is_added() {
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     let load = surrogate.inputs()[2].start;
     let [x, y] = expected(starts()[0], starts()[1], load);
-    assert_eq!(host.read(&[8, POSITION, SWAPPED], 5), (Status::Ok, vec![0.5, x, y, y, x]));
+    assert_eq!(host.read(&[8, POSITION + 1, SWAPPED + 1], 5), (Status::Ok, vec![0.5, x, y, y, x]));
 }
 
 #[test]

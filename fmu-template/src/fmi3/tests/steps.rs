@@ -159,7 +159,7 @@ fn states_and_their_bytes_continue_to_the_last_bit() {
 fn a_step_with_its_outputs_allocates_nothing() {
     for precision in [Precision::Double, Precision::Single] {
         for surrogate in
-            [example::with_precision, example::series].map(|of| of(&[128, 128], Activation::Tanh, precision))
+            [example::with_precision, example::per_instant].map(|of| of(&[128, 128], Activation::Tanh, precision))
         {
             let host = Host::of(&surrogate, Use::Steps);
             assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));

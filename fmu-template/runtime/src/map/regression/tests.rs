@@ -1,6 +1,6 @@
 use super::*;
 
-use crate::{Evaluator, Input, Model, Surrogate, example};
+use crate::{Evaluator, Input, Map, Model, Surrogate, example};
 use std::f64::consts::TAU;
 
 fn scaling() -> Scaling {
@@ -139,7 +139,7 @@ fn indices_that_point_at_nothing_are_refused() {
 
 /// The example with another model.
 fn surrogate(regression: Regression) -> Result<Surrogate, FormatError> {
-    Surrogate::new(example::surrogate().metadata().clone(), Model::Regression(regression))
+    Surrogate::new(example::surrogate().metadata().clone(), Model::Response(Map::Regression(regression)))
 }
 
 #[test]
@@ -177,11 +177,12 @@ fn a_regression_takes_the_columns_that_the_inputs_are_encoded_as() {
     let Input { min, max, .. } = like.inputs()[1];
     let angle = TAU * (1.1 - min) / (max - min);
     let expected = outputs(&regression, &[0.0, 1.0, 0.0, angle.sin(), angle.cos(), 1.3]);
-    let evaluator = Evaluator::new(&Surrogate::new(like.metadata().clone(), Model::Regression(regression)).unwrap());
+    let evaluator =
+        Evaluator::new(&Surrogate::new(like.metadata().clone(), Model::Response(Map::Regression(regression))).unwrap());
     let mut found = [0.0; 2];
     evaluator.evaluate(&[0.1, 1.1, 1.3], &mut found, &mut evaluator.scratch());
     assert!(found.iter().zip(&expected).all(|(found, expected)| (found - expected).abs() < 1e-12), "{found:?}");
-    let refused = Surrogate::new(like.metadata().clone(), Model::Regression(polynomial())).unwrap_err();
+    let refused = Surrogate::new(like.metadata().clone(), Model::Response(Map::Regression(polynomial()))).unwrap_err();
     assert!(refused.to_string().contains('6'), "{refused}");
 }
 

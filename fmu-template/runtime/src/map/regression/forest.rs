@@ -1,6 +1,9 @@
 //! Sums of decision trees.
 
-use crate::{FormatError, jet::Number, surrogate::expect_finite};
+use crate::{
+    FormatError,
+    map::{expect_finite, jet::Number},
+};
 
 /// In place of an input column: the node is a leaf.
 pub const LEAF: u32 = u32::MAX;

@@ -1,9 +1,9 @@
 //! Tensors of the model file; `format` says what they are.
 
-use super::{Forest, Function, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
+use super::{Forest, Function, FunctionKind, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
 use crate::{
     FormatError, Scaling,
-    format::{Tensor, Views, bytes, elements, take},
+    format::{OUTPUTS, Tensor, Views, bytes, elements, take},
 };
 use safetensors::Dtype;
 
@@ -26,16 +26,12 @@ impl Regression {
         tensors
     }
 
-    /// The regression of these tensors; none if they are those of another kind of model.
-    pub(crate) fn read(tensors: &mut Views) -> Result<Option<Self>, FormatError> {
-        let function = if tensors.contains_key("polynomial.degrees") {
-            Function::Polynomial(read_polynomial(tensors)?)
-        } else if tensors.contains_key("forest.column") {
-            Function::Forest(read_forest(tensors)?)
-        } else if tensors.contains_key("kernel.bias") {
-            Function::Kernel(read_kernel(tensors)?)
-        } else {
-            return Ok(None);
+    /// The regression of these tensors.
+    pub(crate) fn read(tensors: &mut Views, kind: FunctionKind) -> Result<Self, FormatError> {
+        let function = match kind {
+            FunctionKind::Polynomial => Function::Polynomial(read_polynomial(tensors)?),
+            FunctionKind::Forest => Function::Forest(read_forest(tensors)?),
+            FunctionKind::Kernel => Function::Kernel(read_kernel(tensors)?),
         };
         let mut column = |name: &str| read_doubles(tensors, name, 1);
         let scaling = Scaling {
@@ -44,7 +40,7 @@ impl Regression {
             output_mean: column("output_mean")?,
             output_scale: column("output_scale")?,
         };
-        Ok(Some(Self { scaling, function }))
+        Ok(Self { scaling, function })
     }
 }
 
@@ -57,7 +53,7 @@ fn polynomial_tensors(polynomial: &Polynomial, inputs: usize, outputs: usize) ->
 }
 
 fn read_polynomial(tensors: &mut Views) -> Result<Polynomial, FormatError> {
-    let degrees = take(tensors, "polynomial.degrees", Dtype::U8, 2)?.data().to_vec();
+    let degrees = take(tensors, &format!("{OUTPUTS}polynomial.degrees"), Dtype::U8, 2)?.data().to_vec();
     Ok(Polynomial { degrees, coefficients: read_doubles(tensors, "polynomial.coefficients", 2)? })
 }
 
@@ -127,11 +123,11 @@ fn indices(name: &str, shape: Vec<usize>, values: &[u32]) -> Tensor {
 }
 
 fn read_doubles(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<f64>, FormatError> {
-    Ok(elements(take(tensors, name, Dtype::F64, dimensions)?.data(), f64::from_le_bytes))
+    Ok(elements(take(tensors, &format!("{OUTPUTS}{name}"), Dtype::F64, dimensions)?.data(), f64::from_le_bytes))
 }
 
 fn read_indices(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<u32>, FormatError> {
-    Ok(elements(take(tensors, name, Dtype::U32, dimensions)?.data(), u32::from_le_bytes))
+    Ok(elements(take(tensors, &format!("{OUTPUTS}{name}"), Dtype::U32, dimensions)?.data(), u32::from_le_bytes))
 }
 
 fn expect_length(name: &str, found: usize, expected: usize) -> Result<(), FormatError> {

@@ -1,10 +1,7 @@
 //! Layers laid out for fast products with a vector.
 
-use crate::{
-    Activation, Layer,
-    activation::activate,
-    simd::{Lanes, Real, flat, flat_mut, flush, fma},
-};
+use super::{Activation, Layer, activation::activate};
+use crate::simd::{Lanes, Real, flat, flat_mut, flush, fma};
 
 /// `W x + b` with the rows of `W` padded to whole blocks of lanes.
 ///
@@ -54,13 +51,12 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         let rows_per_block = block * WIDTH;
         let mut weights = vec![Lanes::ZERO; lanes * layer.inputs];
         let mut bias = vec![Lanes::ZERO; lanes];
-        flat_mut(&mut bias).iter_mut().zip(&layer.bias).for_each(|(to, &from)| *to = flush(from.into()));
-        for (row, values) in layer.weight.chunks_exact(layer.inputs).enumerate() {
+        flat_mut(&mut bias).iter_mut().zip(layer.bias.iter()).for_each(|(to, from)| *to = flush(T::narrow(from)));
+        for (index, value) in layer.weight.iter().enumerate() {
+            let (row, column) = (index / layer.inputs, index % layer.inputs);
             let (number, within) = (row / rows_per_block, row % rows_per_block);
-            for (column, &value) in values.iter().enumerate() {
-                let lanes = (number * layer.inputs + column) * block + within / WIDTH;
-                weights[lanes].0[within % WIDTH] = flush(value.into());
-            }
+            let lanes = (number * layer.inputs + column) * block + within / WIDTH;
+            weights[lanes].0[within % WIDTH] = flush(T::narrow(value));
         }
         Self { inputs: layer.inputs, block, weights, bias }
     }
@@ -198,11 +194,11 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
     pub(crate) fn new(layer: &Layer) -> Self {
         let lanes = layer.inputs.div_ceil(WIDTH);
         let mut weights = vec![Lanes::ZERO; lanes * layer.outputs];
-        let rows = flat_mut(&mut weights).chunks_exact_mut(lanes * WIDTH);
-        for (padded, row) in rows.zip(layer.weight.chunks_exact(layer.inputs)) {
-            padded.iter_mut().zip(row).for_each(|(to, &from)| *to = flush(from.into()));
+        for (index, value) in layer.weight.iter().enumerate() {
+            let (row, column) = (index / layer.inputs, index % layer.inputs);
+            flat_mut(&mut weights)[row * lanes * WIDTH + column] = flush(T::narrow(value));
         }
-        let bias = layer.bias.iter().map(|&bias| flush(bias.into())).collect();
+        let bias = layer.bias.iter().map(|bias| flush(T::narrow(bias))).collect();
         Self { inputs: layer.inputs, lanes, weights, bias }
     }
 

@@ -1,24 +1,15 @@
 use super::*;
-use crate::{Activation, Encoding, encoding::nearest, example};
+use crate::{Activation, Encoding, Map, Numbers, Precision, ScaledNetwork, Scaling, encoding::nearest, example};
 use extended::Extended;
 
 mod extended;
 
-const ACTIVATIONS: [Activation; 7] = [
-    Activation::Tanh,
-    Activation::Sigmoid,
-    Activation::Relu,
-    Activation::Gelu,
-    Activation::Silu,
-    Activation::Sine,
-    Activation::Identity,
-];
 const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]];
 
 /// The textbook formulas, one scalar at a time.
 fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
     let ScaledNetwork { scaling, layers } = surrogate.network().unwrap();
-    let act = |x: f64| match surrogate.metadata().activation {
+    let act = |activation: Activation, x: f64| match activation {
         Activation::Tanh => x.tanh(),
         Activation::Sigmoid => 1.0 / (1.0 + (-x).exp()),
         Activation::Relu => x.max(0.0),
@@ -29,14 +20,11 @@ fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
     };
     let mut h: Vec<f64> =
         (0..inputs.len()).map(|i| (inputs[i] - scaling.input_mean[i]) / scaling.input_scale[i]).collect();
-    for (index, layer) in layers.iter().enumerate() {
-        let last = index + 1 == layers.len();
+    for layer in layers {
         h = (0..layer.outputs)
             .map(|o| {
-                let row = &layer.weight[o * layer.inputs..][..layer.inputs];
-                let sum: f64 = row.iter().zip(&h).map(|(&w, x)| f64::from(w) * x).sum();
-                let z = sum + f64::from(layer.bias[o]);
-                if last { z } else { act(z) }
+                let sum: f64 = h.iter().enumerate().map(|(i, x)| layer.weight.get(o * layer.inputs + i) * x).sum();
+                act(layer.activation, sum + layer.bias.get(o))
             })
             .collect();
     }
@@ -45,7 +33,7 @@ fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
 
 #[test]
 fn every_instruction_set_agrees_with_the_textbook_formula() {
-    for activation in ACTIVATIONS {
+    for activation in Activation::ALL {
         for hidden in [vec![], vec![1], vec![7, 33], vec![128, 128], vec![64, 64, 64]] {
             let surrogate = example::with_network(&hidden, activation);
             let mut evaluator = Evaluator::new(&surrogate);
@@ -115,7 +103,7 @@ fn outputs_are_smooth_enough_to_be_differenced() {
 fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -> Vec<Extended> {
     let exact = Extended::from;
     let sigmoid = |x: Extended| (x * exact(0.5)).tanh() * exact(0.5) + exact(0.5);
-    let act = |x: Extended| match surrogate.metadata().activation {
+    let act = |activation: Activation, x: Extended| match activation {
         Activation::Tanh => x.tanh(),
         Activation::Sigmoid => sigmoid(x),
         Activation::Relu if x.to_f64() < 0.0 => exact(0.0),
@@ -128,11 +116,11 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Activation::Sine => x.sin(),
     };
     let network = match surrogate.model() {
-        Model::Network(network) => network,
-        Model::Series { instants, networks } => {
-            return series_on_curve(surrogate, instants, networks, inputs, rates, h);
+        Model::Response(Map::Network(network)) => network,
+        Model::PerInstant { instants, networks } => {
+            return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Regression(_) => panic!("a network was expected"),
+        Model::Response(Map::Regression(_)) => panic!("a network was expected"),
     };
     let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
@@ -154,13 +142,10 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
     let scaling = input_mean.iter().zip(input_scale);
     let mut values: Vec<Extended> =
         columns.zip(scaling).map(|(x, (&mean, &scale))| (x - exact(mean)) / exact(scale)).collect();
-    for (index, layer) in layers.iter().enumerate() {
-        let last = index + 1 == layers.len();
+    for layer in layers {
         let row = |o: usize| {
-            let weights = layer.weight[o * layer.inputs..][..layer.inputs].iter();
-            let terms = weights.zip(&values).map(|(&w, &x)| exact(w.into()) * x);
-            let z = terms.fold(exact(layer.bias[o].into()), |sum, term| sum + term);
-            if last { z } else { act(z) }
+            let terms = values.iter().enumerate().map(|(i, &x)| exact(layer.weight.get(o * layer.inputs + i)) * x);
+            act(layer.activation, terms.fold(exact(layer.bias.get(o)), |sum, term| sum + term))
         };
         values = (0..layer.outputs).map(row).collect();
     }
@@ -169,7 +154,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
 }
 
 /// The same between the networks of two instants.
-fn series_on_curve(
+fn per_instant_on_curve(
     surrogate: &Surrogate,
     instants: &[f64],
     networks: &[ScaledNetwork],
@@ -183,7 +168,7 @@ fn series_on_curve(
     let mut metadata = surrogate.metadata().clone();
     metadata.inputs.truncate(2);
     let [left, right] = [right - 1, right].map(|index| {
-        let network = Surrogate::new(metadata.clone(), Model::Network(networks[index].clone())).unwrap();
+        let network = Surrogate::new(metadata.clone(), Model::Response(Map::Network(networks[index].clone()))).unwrap();
         let rates = rates.map(|rates| &rates[..2]);
         (exact(instants[index]), on_curve(&network, &inputs[..2], rates, h))
     });
@@ -216,16 +201,16 @@ const SHAPES: [&[usize]; 5] = [&[], &[1], &[7, 33], &[128, 128], &[64, 64, 64]];
 
 #[test]
 fn derivatives_agree_with_differences_in_higher_precision() {
-    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+    for (activation, hidden) in Activation::ALL.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
         check_derivatives(&example::with_network(hidden, activation), &POINTS);
     }
 }
 
 #[test]
-fn derivatives_of_a_series_agree_with_differences_in_higher_precision() {
+fn derivatives_between_instants_agree_with_differences_in_higher_precision() {
     let points = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.01], [0.2, 5.0, 0.7]];
-    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
-        check_derivatives(&example::series(hidden, activation, Precision::Double), &points);
+    for (activation, hidden) in Activation::ALL.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+        check_derivatives(&example::per_instant(hidden, activation, Precision::Double), &points);
     }
 }
 
@@ -234,7 +219,10 @@ fn derivatives_by_encoded_inputs_agree_with_differences_in_higher_precision() {
     let points = [[0.15, 0.3, 1.0], [0.1, 1.1, 0.01], [0.2, 4.7, 0.7]];
     for hidden in SHAPES {
         check_derivatives(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &points);
-        check_derivatives(&example::encoded(&example::series(hidden, Activation::Tanh, Precision::Double)), &points);
+        check_derivatives(
+            &example::encoded(&example::per_instant(hidden, Activation::Tanh, Precision::Double)),
+            &points,
+        );
     }
 }
 
@@ -260,12 +248,22 @@ fn encoded_inputs_give_the_textbook_formula_of_their_columns() {
     }
 }
 
+/// Of the first network's layers.
+fn activations(surrogate: &Surrogate) -> Vec<Activation> {
+    let network = match surrogate.model() {
+        Model::Response(Map::Network(network)) => Some(network),
+        Model::PerInstant { networks, .. } => networks.first(),
+        Model::Response(Map::Regression(_)) => None,
+    };
+    network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
+}
+
 fn check_derivatives(surrogate: &Surrogate, points: &[[f64; 3]]) {
     let rates: [&[f64]; 2] = [&[0.02, -1.3, 0.7], &[0.05, 0.9, -0.4]];
     let mut evaluator = Evaluator::new(surrogate);
     let mut scratch = evaluator.scratch();
     for (inputs, simd) in points.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
-        let what = format!("{:?} {inputs:?} {simd:?}", surrogate.metadata().activation);
+        let what = format!("{:?} {inputs:?} {simd:?}", activations(surrogate));
         evaluator.simd = simd;
         let [first, second] = differences(surrogate, inputs, rates);
         let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
@@ -297,25 +295,25 @@ fn at(surrogate: &Surrogate, time: f64) -> [[f64; 2]; 2] {
 }
 
 #[test]
-fn a_series_is_its_networks_at_the_instants_and_a_straight_line_between_them() {
+fn a_model_of_networks_for_instants_is_its_networks_at_the_instants_and_a_straight_line_between_them() {
     for precision in [Precision::Double, Precision::Single] {
-        let series = example::series(&[7, 33], Activation::Tanh, precision);
-        let Model::Series { instants, networks } = series.model() else { unreachable!("it is a series") };
-        let mut metadata = series.metadata().clone();
+        let surrogate = example::per_instant(&[7, 33], Activation::Tanh, precision);
+        let Model::PerInstant { instants, networks } = surrogate.model() else { unreachable!("so it was made") };
+        let mut metadata = surrogate.metadata().clone();
         metadata.inputs.truncate(2);
         let of_network = |network: &ScaledNetwork| {
-            let alone = Surrogate::new(metadata.clone(), Model::Network(network.clone())).unwrap();
+            let alone = Surrogate::new(metadata.clone(), Model::Response(Map::Network(network.clone()))).unwrap();
             let (evaluator, mut outputs) = (Evaluator::new(&alone), [0.0; 2]);
             evaluator.evaluate(&[0.15, 0.3], &mut outputs, &mut evaluator.scratch());
             outputs
         };
         let expected: Vec<[f64; 2]> = networks.iter().map(of_network).collect();
         for (&instant, expected) in instants.iter().zip(&expected) {
-            assert_eq!(at(&series, instant)[0], *expected, "{instant}");
+            assert_eq!(at(&surrogate, instant)[0], *expected, "{instant}");
         }
         for left in 0..instants.len() - 1 {
             let [begin, end] = [instants[left], instants[left + 1]];
-            let [outputs, slopes] = at(&series, begin + 0.25 * (end - begin));
+            let [outputs, slopes] = at(&surrogate, begin + 0.25 * (end - begin));
             for output in 0..2 {
                 let [from, to] = [expected[left][output], expected[left + 1][output]];
                 assert!((outputs[output] - (0.75 * from + 0.25 * to)).abs() < 1e-14);
@@ -323,10 +321,10 @@ fn a_series_is_its_networks_at_the_instants_and_a_straight_line_between_them() {
             }
         }
         for (time, end) in [(-3.0, 0), (2.5, 3)] {
-            assert_eq!(at(&series, time), [expected[end], [0.0; 2]], "{time}");
+            assert_eq!(at(&surrogate, time), [expected[end], [0.0; 2]], "{time}");
         }
-        assert!(at(&series, f64::NAN)[0][0].is_nan());
-        assert!(at(&series, 1.0)[0][0].is_finite());
+        assert!(at(&surrogate, f64::NAN)[0][0].is_nan());
+        assert!(at(&surrogate, 1.0)[0][0].is_finite());
     }
 }
 
@@ -344,7 +342,7 @@ fn derivatives_keep_their_digits_where_every_neuron_saturates() {
 
 #[test]
 fn single_precision_agrees_with_double_precision_to_its_own() {
-    for (activation, hidden) in ACTIVATIONS.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
+    for (activation, hidden) in Activation::ALL.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
         let double = Evaluator::new(&example::with_network(hidden, activation));
         let mut single = Evaluator::new(&example::with_precision(hidden, activation, Precision::Single));
         let (mut of_double, mut of_single) = (double.scratch(), single.scratch());
@@ -380,19 +378,26 @@ fn scaled(factor: f32, activation: Activation, precision: Precision) -> Surrogat
     let surrogate = example::with_precision(&[32, 32], activation, precision);
     let mut network = surrogate.network().unwrap().clone();
     let [first, ..] = &mut network.layers[..] else { unreachable!("it has layers") };
-    first.weight.iter_mut().chain(&mut first.bias).for_each(|w| *w *= factor);
-    Surrogate::new(surrogate.metadata().clone(), Model::Network(network)).unwrap()
+    for numbers in [&mut first.weight, &mut first.bias] {
+        *numbers = numbers.as_single().unwrap().iter().map(|w| w * factor).collect::<Vec<f32>>().into();
+    }
+    with(&surrogate, network)
+}
+
+/// The surrogate with another network.
+fn with(surrogate: &Surrogate, network: ScaledNetwork) -> Surrogate {
+    Surrogate::new(surrogate.metadata().clone(), Model::Response(Map::Network(network))).unwrap()
 }
 
 #[test]
 fn no_hidden_value_is_ever_denormal() {
     // 1e-40 is denormal in single precision; inputs below 1e-300 make products with any weight denormal in double
     for (factor, precision) in [(1e-40, Precision::Single), (1e-30, Precision::Single), (1e-40, Precision::Double)] {
-        for activation in ACTIVATIONS {
+        for activation in Activation::ALL {
             let mut surrogate = scaled(factor, activation, precision);
             let mut network = surrogate.network().unwrap().clone();
             network.scaling.input_mean.fill(0.0);
-            surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Network(network)).unwrap();
+            surrogate = with(&surrogate, network);
             let evaluator = Evaluator::new(&surrogate);
             let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
             for inputs in [[0.15, 0.3, 1.0], [1e-300, -1e-305, 1e-310], [1e-20, 1e-25, -1e-30], [1e30, -1e30, 1e20]] {
@@ -402,13 +407,53 @@ fn no_hidden_value_is_ever_denormal() {
                     Precision::Double => x.is_subnormal(),
                     Precision::Single => (x as f32).is_subnormal(),
                 };
-                let hidden: Vec<f64> = match &scratch.memory {
-                    Memory::Double(buffers) => buffers.hidden().collect(),
-                    Memory::Single(buffers) => buffers.hidden().collect(),
-                    Memory::Regression(_) => Vec::new(),
+                let hidden: Vec<f64> = match &scratch.map {
+                    MapScratch::Double(buffers) => buffers.hidden().collect(),
+                    MapScratch::Single(buffers) => buffers.hidden().collect(),
+                    MapScratch::Regression(_) => Vec::new(),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }
         }
+    }
+}
+
+/// Another activation in each layer, the last one included, and weights in double precision that single precision does not
+/// have.
+fn mixed(hidden: &[usize], activations: &[Activation], precision: Precision) -> Surrogate {
+    let surrogate = example::with_precision(hidden, Activation::Tanh, precision);
+    let mut network = surrogate.network().unwrap().clone();
+    assert_eq!(network.layers.len(), activations.len());
+    for (layer, &activation) in network.layers.iter_mut().zip(activations) {
+        layer.activation = activation;
+        for numbers in [&mut layer.weight, &mut layer.bias] {
+            *numbers = Numbers::Double(numbers.iter().map(|w| w * (1.0 + 1e-9)).collect());
+        }
+    }
+    with(&surrogate, network)
+}
+
+#[test]
+fn each_layer_has_its_own_activation_and_doubles_keep_their_digits() {
+    for last in Activation::ALL {
+        let activations = [Activation::Sine, Activation::Silu, last];
+        let surrogate = mixed(&[9, 33], &activations, Precision::Double);
+        let (mut evaluator, single) =
+            (Evaluator::new(&surrogate), Evaluator::new(&mixed(&[9, 33], &activations, Precision::Single)));
+        let (mut scratch, mut scratch_of_single) = (evaluator.scratch(), single.scratch());
+        for inputs in POINTS {
+            let expected = reference(&surrogate, &inputs);
+            let (mut outputs, mut narrow) = ([0.0; 2], [0.0; 2]);
+            single.evaluate(&inputs, &mut narrow, &mut scratch_of_single);
+            for simd in Simd::available() {
+                evaluator.simd = simd;
+                evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                for ((found, narrow), expected) in outputs.iter().zip(narrow).zip(&expected) {
+                    assert!((found - expected).abs() < 1e-13, "{last:?} {simd:?}: {found} {expected}");
+                    assert!((narrow - expected).abs() < 1e-5, "{last:?} in single precision: {narrow} {expected}");
+                }
+            }
+        }
+        check_derivatives(&surrogate, &POINTS);
     }
 }

@@ -3,7 +3,7 @@
 use crate::simd::{Lanes, Real, flat_mut, fma};
 use serde::{Deserialize, Serialize};
 
-/// Activation of the hidden layers.
+/// Activation of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Activation {
@@ -24,28 +24,157 @@ pub enum Activation {
     Identity,
 }
 
+impl Activation {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Tanh, Self::Sigmoid, Self::Relu, Self::Gelu, Self::Silu, Self::Sine, Self::Identity];
+
+    /// Calls the user with the function of this activation. This is the only place where the two are matched.
+    #[inline(always)]
+    pub(crate) fn with<T: Real, U: User<T>>(self, user: U) {
+        match self {
+            Self::Tanh => user.run::<Tanh>(),
+            Self::Sigmoid => user.run::<Sigmoid>(),
+            Self::Relu => user.run::<Relu>(),
+            Self::Gelu => user.run::<Gelu>(),
+            Self::Silu => user.run::<Silu>(),
+            Self::Sine => user.run::<Sine>(),
+            Self::Identity => user.run::<Identity>(),
+        }
+    }
+}
+
+/// An activation as a type, so that loops over numbers are compiled for it.
+pub(crate) trait Function<T: Real> {
+    fn value<const FMA: bool>(x: T) -> T;
+    /// The value with its first and second derivative.
+    fn series<const FMA: bool>(x: T) -> [T; 3];
+}
+
+/// What uses an activation; `run` is to be marked `#[inline(always)]`, so that it is compiled with the caller's instruction
+/// set.
+pub(crate) trait User<T: Real> {
+    fn run<F: Function<T>>(self);
+}
+
+struct Tanh;
+
+impl<T: Real> Function<T> for Tanh {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        tanh::<T, FMA>(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        tanh_series::<T, FMA>(x)
+    }
+}
+
+struct Sigmoid;
+
+impl<T: Real> Function<T> for Sigmoid {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        sigmoid::<T, FMA>(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        sigmoid_series::<T, FMA>(x)
+    }
+}
+
+struct Relu;
+
+impl<T: Real> Function<T> for Relu {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        relu(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        relu_series(x)
+    }
+}
+
+struct Gelu;
+
+impl<T: Real> Function<T> for Gelu {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        gelu::<T, FMA>(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        gelu_series::<T, FMA>(x)
+    }
+}
+
+struct Silu;
+
+impl<T: Real> Function<T> for Silu {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        silu::<T, FMA>(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        silu_series::<T, FMA>(x)
+    }
+}
+
+struct Sine;
+
+impl<T: Real> Function<T> for Sine {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        sine::<T, FMA>(x)
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        sine_series::<T, FMA>(x)
+    }
+}
+
+struct Identity;
+
+impl<T: Real> Function<T> for Identity {
+    #[inline(always)]
+    fn value<const FMA: bool>(x: T) -> T {
+        x
+    }
+
+    #[inline(always)]
+    fn series<const FMA: bool>(x: T) -> [T; 3] {
+        [x, T::ONE, T::ZERO]
+    }
+}
+
 /// Passes numbers through an activation.
 #[inline(always)]
 pub(crate) fn activate<T: Real, const FMA: bool, const WIDTH: usize>(
     activation: Activation,
     values: &mut [Lanes<T, WIDTH>],
 ) {
-    match activation {
-        Activation::Tanh => map(values, tanh::<T, FMA>),
-        Activation::Sigmoid => map(values, sigmoid::<T, FMA>),
-        Activation::Relu => map(values, relu),
-        Activation::Gelu => map(values, gelu::<T, FMA>),
-        Activation::Silu => map(values, silu::<T, FMA>),
-        Activation::Sine => map(values, sine::<T, FMA>),
-        Activation::Identity => {}
-    }
+    activation.with(Activate::<T, FMA, WIDTH> { values });
 }
 
-#[inline(always)]
-fn map<T: Real, const WIDTH: usize>(values: &mut [Lanes<T, WIDTH>], function: impl Fn(T) -> T) {
-    // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
-    for value in flat_mut(values) {
-        *value = function(*value);
+struct Activate<'a, T, const FMA: bool, const WIDTH: usize> {
+    values: &'a mut [Lanes<T, WIDTH>],
+}
+
+impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Activate<'_, T, FMA, WIDTH> {
+    #[inline(always)]
+    fn run<F: Function<T>>(self) {
+        // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
+        for value in flat_mut(self.values) {
+            *value = F::value::<FMA>(*value);
+        }
     }
 }
 
@@ -54,7 +183,7 @@ fn map<T: Real, const WIDTH: usize>(values: &mut [Lanes<T, WIDTH>], function: im
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero. What is negligible becomes zero.
 /// In single precision speed counts for more than digits near zero.
 #[inline(always)]
-pub(crate) fn tanh<T: Real, const FMA: bool>(x: T) -> T {
+fn tanh<T: Real, const FMA: bool>(x: T) -> T {
     if T::IS_SINGLE && FMA {
         return short_tanh(x);
     }
@@ -66,14 +195,14 @@ pub(crate) fn tanh<T: Real, const FMA: bool>(x: T) -> T {
 
 /// `1 / (1 + exp(-x))`, NaN for NaN; as exact as [`tanh`].
 #[inline(always)]
-pub(crate) fn sigmoid<T: Real, const FMA: bool>(x: T) -> T {
+fn sigmoid<T: Real, const FMA: bool>(x: T) -> T {
     let half = T::from(0.5);
     fma::<T, FMA>(half, tanh::<T, FMA>(half * x), half)
 }
 
 /// `max(0, x)`, NaN for NaN. What is negligible becomes zero.
 #[inline(always)]
-pub(crate) fn relu<T: Real>(x: T) -> T {
+fn relu<T: Real>(x: T) -> T {
     if x < T::NEGLIGIBLE { T::ZERO } else { x }
 }
 
@@ -81,7 +210,7 @@ pub(crate) fn relu<T: Real>(x: T) -> T {
 ///
 /// The first is `4 (e + 1) / (e + 2)^2`: unlike `1 - tanh^2 x` it keeps its digits where `tanh` saturates.
 #[inline(always)]
-pub(crate) fn tanh_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn tanh_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
     let e = exp_minus_one::<T, FMA>(magnitude(x, T::EXP_HALF_MAX));
     let e_plus_two = e + 2.0.into();
     let y = (e / e_plus_two).copysign(x);
@@ -122,7 +251,7 @@ fn exp2_quotient<T: Real>(r: T) -> T {
 
 /// The sigmoid with its first and second derivative, from those of `tanh(x / 2)`.
 #[inline(always)]
-pub(crate) fn sigmoid_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn sigmoid_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
     let half = T::from(0.5);
     let [y, slope, curvature] = tanh_series::<T, FMA>(half * x);
     [fma::<T, FMA>(half, y, half), T::from(0.25) * slope, T::from(0.125) * curvature]
@@ -130,14 +259,14 @@ pub(crate) fn sigmoid_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
 
 /// `max(0, x)` with its first and second derivative; zero at the kink, as in other libraries.
 #[inline(always)]
-pub(crate) fn relu_series<T: Real>(x: T) -> [T; 3] {
+fn relu_series<T: Real>(x: T) -> [T; 3] {
     [relu(x), if x > T::ZERO { T::ONE } else { T::ZERO }, T::ZERO]
 }
 
 /// `x (1 + tanh u) / 2` with `u = √(2/π) (x + 0.044715 x³)`, NaN for NaN and for minus infinity; as exact as [`tanh`],
 /// relative to `max(1, |x|)`.
 #[inline(always)]
-pub(crate) fn gelu<T: Real, const FMA: bool>(x: T) -> T {
+fn gelu<T: Real, const FMA: bool>(x: T) -> T {
     let half = T::from(0.5) * x;
     fma::<T, FMA>(half, tanh::<T, FMA>(gelu_argument::<T, FMA>(x)), half)
 }
@@ -149,7 +278,7 @@ fn gelu_argument<T: Real, const FMA: bool>(x: T) -> T {
 
 /// The function with its first and second derivative, from those of `tanh u`.
 #[inline(always)]
-pub(crate) fn gelu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn gelu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
     let [y, slope, curvature] = tanh_series::<T, FMA>(gelu_argument::<T, FMA>(x));
     let u1 = fma::<T, FMA>(T::from(3.0) * (x * x), T::GELU_CUBIC, T::GELU_LINEAR);
     let u2 = T::from(6.0) * T::GELU_CUBIC * x;
@@ -161,13 +290,13 @@ pub(crate) fn gelu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
 
 /// `x / (1 + exp(-x))`, NaN for NaN and for minus infinity; as exact as [`tanh`], relative to `max(1, |x|)`.
 #[inline(always)]
-pub(crate) fn silu<T: Real, const FMA: bool>(x: T) -> T {
+fn silu<T: Real, const FMA: bool>(x: T) -> T {
     x * sigmoid::<T, FMA>(x)
 }
 
 /// The function with its first and second derivative, from those of the sigmoid.
 #[inline(always)]
-pub(crate) fn silu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn silu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
     let [y, slope, curvature] = sigmoid_series::<T, FMA>(x);
     [x * y, fma::<T, FMA>(x, slope, y), fma::<T, FMA>(x, curvature, slope + slope)]
 }
@@ -175,14 +304,14 @@ pub(crate) fn silu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
 /// `sin x`, NaN for NaN; absolute error below 3e-16 in double and 2e-7 in single precision for `|x|` up to 8192, beyond
 /// which it grows with `x`.
 #[inline(always)]
-pub(crate) fn sine<T: Real, const FMA: bool>(x: T) -> T {
+fn sine<T: Real, const FMA: bool>(x: T) -> T {
     let (r, shifted) = reduced::<T, FMA>(x);
     odd_series::<T, FMA>(r).alternate(shifted)
 }
 
 /// `sin x` with its first and second derivative.
 #[inline(always)]
-pub(crate) fn sine_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn sine_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
     let (r, shifted) = reduced::<T, FMA>(x);
     let square = r * r;
     let (first, others) = T::COSINE;
@@ -217,12 +346,6 @@ fn odd_series<T: Real, const FMA: bool>(r: T) -> T {
         sum = fma::<T, FMA>(sum, square, coefficient);
     }
     fma::<T, FMA>(r * square, sum, r)
-}
-
-/// `x` with its derivatives.
-#[inline(always)]
-pub(crate) fn identity_series<T: Real>(x: T) -> [T; 3] {
-    [x, T::ONE, T::ZERO]
 }
 
 /// `|x|`, limited; the comparison is false for NaN and so lets it through.

@@ -5,10 +5,11 @@ mod kernel;
 mod polynomial;
 mod tensors;
 
-use crate::{
-    FormatError, Scaling,
+use super::{
+    Scaling,
     jet::{Jet, Number},
 };
+use crate::FormatError;
 pub use forest::{Forest, LEAF, Node, Tree};
 pub use kernel::{KernelMachine, KernelMachines};
 pub use polynomial::Polynomial;
@@ -31,6 +32,14 @@ pub enum Function {
     Forest(Forest),
     /// Sums of kernels around centres: support vector regression, Gaussian processes.
     Kernel(KernelMachines),
+}
+
+/// The kind of a [`Function`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FunctionKind {
+    Polynomial,
+    Forest,
+    Kernel,
 }
 
 /// Working memory of one evaluation at a time.
@@ -154,6 +163,14 @@ impl Regression {
 }
 
 impl Function {
+    pub(crate) fn kind(&self) -> FunctionKind {
+        match self {
+            Self::Polynomial(_) => FunctionKind::Polynomial,
+            Self::Forest(_) => FunctionKind::Forest,
+            Self::Kernel(_) => FunctionKind::Kernel,
+        }
+    }
+
     fn evaluate<N: Number>(&self, columns: &mut Columns<N>) {
         let Columns { inputs, outputs, table } = columns;
         match self {

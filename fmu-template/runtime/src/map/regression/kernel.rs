@@ -2,8 +2,7 @@
 
 use crate::{
     FormatError,
-    jet::Number,
-    surrogate::{expect_finite, expect_positive, expect_shape},
+    map::{expect_finite, expect_positive, expect_shape, jet::Number},
 };
 
 /// One machine an output.

@@ -1,6 +1,9 @@
 //! Polynomials in several variables.
 
-use crate::{FormatError, jet::Number, surrogate::expect_finite, surrogate::expect_shape};
+use crate::{
+    FormatError,
+    map::{expect_finite, expect_shape, jet::Number},
+};
 
 /// `y_o = sum_t coefficients[o, t] * prod_i P_degrees[t, i](z_i)`, with Legendre polynomials `P_k`: on `[-1, 1]` they stay
 /// of order one and hardly depend on each other, whatever the degree.

@@ -1,0 +1,236 @@
+//! The network between standardised inputs and standardised outputs, in either precision.
+
+use super::{
+    Activation, Layer,
+    activation::{Function, User},
+    layers::{Dense, Order, Rows},
+};
+use crate::simd::{Lanes, Real, flat, flat_mut, flush};
+
+/// Layers, each with its activation. The last one, which has few rows, is laid out in another way than those before it.
+#[derive(Clone, Debug)]
+pub(crate) struct Network<T, const WIDTH: usize> {
+    hidden: Vec<(Dense<T, WIDTH>, Activation)>,
+    last: Rows<T, WIDTH>,
+    last_activation: Activation,
+}
+
+/// Values of a layer with their first and second derivative along a curve.
+#[derive(Clone, Debug)]
+pub(crate) struct Series<T, const WIDTH: usize> {
+    value: Vec<Lanes<T, WIDTH>>,
+    first: Vec<Lanes<T, WIDTH>>,
+    second: Vec<Lanes<T, WIDTH>>,
+}
+
+/// Working memory: the layer at hand, the one after it, and the slopes of all activations.
+#[derive(Clone, Debug)]
+pub(crate) struct Buffers<T, const WIDTH: usize> {
+    current: Series<T, WIDTH>,
+    next: Series<T, WIDTH>,
+    slopes: Vec<Vec<Lanes<T, WIDTH>>>,
+    /// What the last layer's activation is computed of.
+    last: Vec<f64>,
+    /// Order of the next evaluation.
+    order: Order,
+}
+
+impl<T: Real, const WIDTH: usize> Series<T, WIDTH> {
+    fn new(lanes: usize) -> Self {
+        let zeros = vec![Lanes::ZERO; lanes];
+        Self { value: zeros.clone(), first: zeros.clone(), second: zeros }
+    }
+}
+
+impl<T: Real, const WIDTH: usize> Buffers<T, WIDTH> {
+    /// Takes the input columns.
+    #[inline(always)]
+    pub(crate) fn load(&mut self, values: impl Iterator<Item = f64>) {
+        flat_mut(&mut self.current.value).iter_mut().zip(values).for_each(|(z, x)| *z = flush(T::narrow(x)));
+    }
+
+    /// Takes the first or the second derivatives of the input columns.
+    #[inline(always)]
+    pub(crate) fn load_rates(&mut self, order: usize, rates: impl Iterator<Item = f64>) {
+        let to = if order == 1 { &mut self.current.first } else { &mut self.current.second };
+        flat_mut(to).iter_mut().zip(rates).for_each(|(z, x)| *z = T::narrow(x));
+    }
+
+    /// The derivatives with respect to the input columns, after [`Network::adjoint`].
+    #[inline(always)]
+    pub(crate) fn gradient(&self) -> impl Iterator<Item = f64> {
+        flat(&self.current.value).iter().map(|&x| x.into())
+    }
+
+    /// Every hidden value of the last evaluation, for tests.
+    #[cfg(test)]
+    pub(crate) fn hidden(&self) -> impl Iterator<Item = f64> {
+        flat(&self.current.value).iter().chain(flat(&self.next.value)).map(|&x| x.into())
+    }
+}
+
+impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
+    /// # Panics
+    /// If there is no layer; a surrogate's networks have at least one.
+    pub(crate) fn new(layers: &[Layer]) -> Self {
+        let (last, hidden) = layers.split_last().expect("a network has at least one layer");
+        let hidden = hidden.iter().map(|layer| (Dense::new(layer), layer.activation)).collect();
+        Self { hidden, last: Rows::new(last), last_activation: last.activation }
+    }
+
+    pub(crate) fn buffers(&self, inputs: usize) -> Buffers<T, WIDTH> {
+        let lanes = || self.hidden.iter().map(|(layer, _)| layer.lanes());
+        let widest = lanes().fold(inputs.div_ceil(WIDTH).max(self.last.outputs()), usize::max);
+        let slopes = lanes().map(|lanes| vec![Lanes::ZERO; lanes]).collect();
+        let last = vec![0.0; self.last.outputs()];
+        Buffers { current: Series::new(widest), next: Series::new(widest), slopes, last, order: Order::Forward }
+    }
+
+    /// Outputs for the inputs that are loaded.
+    #[inline(always)]
+    pub(crate) fn forward<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, outputs: &mut [f64]) {
+        let (current, next) = (&mut buffers.current.value, &mut buffers.next.value);
+        for (layer, activation) in &self.hidden {
+            layer.apply::<FMA, true>(current, next, buffers.order, *activation);
+            std::mem::swap(current, next);
+        }
+        self.last.apply::<FMA, true>(current, outputs, next);
+        if self.last_activation != Activation::Identity {
+            self.last_activation.with(Values::<FMA> { values: outputs });
+        }
+        buffers.order.reverse();
+    }
+
+    /// First derivatives of the outputs, and second ones if there is a slice for them, along the curve whose value and
+    /// derivatives are loaded.
+    #[inline(always)]
+    pub(crate) fn series<const FMA: bool>(
+        &self,
+        buffers: &mut Buffers<T, WIDTH>,
+        first: &mut [f64],
+        second: Option<&mut [f64]>,
+    ) {
+        let Buffers { current, next, last, .. } = buffers;
+        for (layer, activation) in &self.hidden {
+            layer.apply::<FMA, true>(&current.value, &mut next.value, Order::Forward, Activation::Identity);
+            layer.apply::<FMA, false>(&current.first, &mut next.first, Order::Forward, Activation::Identity);
+            if second.is_some() {
+                layer.apply::<FMA, false>(&current.second, &mut next.second, Order::Forward, Activation::Identity);
+            }
+            activation.with(Pass::<T, FMA, WIDTH> { series: next, lanes: layer.lanes() });
+            std::mem::swap(current, next);
+        }
+        self.last.apply::<FMA, false>(&mut current.first, first, &mut next.first);
+        let second = second.map(|second| {
+            self.last.apply::<FMA, false>(&mut current.second, second, &mut next.second);
+            second
+        });
+        if self.last_activation != Activation::Identity {
+            self.last.apply::<FMA, true>(&mut current.value, last, &mut next.value);
+            self.last_activation.with(LastSeries::<FMA> { values: last, first, second });
+        }
+    }
+
+    /// `J^T weights` at the inputs that are loaded; the result is [`Buffers::gradient`].
+    #[inline(always)]
+    pub(crate) fn adjoint<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, weights: impl Iterator<Item = f64>) {
+        let Buffers { current, next, slopes, last, .. } = buffers;
+        let (current, next) = (&mut current.value, &mut next.value);
+        for ((layer, activation), slopes) in self.hidden.iter().zip(&mut *slopes) {
+            layer.apply::<FMA, true>(current, next, Order::Forward, Activation::Identity);
+            activation.with(Record::<T, FMA, WIDTH> { values: next, slopes });
+            std::mem::swap(current, next);
+        }
+        if self.last_activation == Activation::Identity {
+            last.fill(1.0);
+        } else {
+            self.last.apply::<FMA, true>(current, last, next);
+            self.last_activation.with(Slopes::<FMA> { values: last });
+        }
+        let weights = weights.zip(&*last).map(|(weight, slope)| T::narrow(weight * slope));
+        self.last.apply_transposed::<FMA>(weights, current);
+        for ((layer, _), slopes) in self.hidden.iter().zip(&*slopes).rev() {
+            flat_mut(current).iter_mut().zip(flat(slopes)).for_each(|(x, &slope)| *x = *x * slope);
+            layer.apply_transposed::<FMA>(&current[..layer.lanes()], next);
+            std::mem::swap(current, next);
+        }
+    }
+}
+
+/// Passes the first `lanes` of a series through an activation.
+struct Pass<'a, T, const FMA: bool, const WIDTH: usize> {
+    series: &'a mut Series<T, WIDTH>,
+    lanes: usize,
+}
+
+impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Pass<'_, T, FMA, WIDTH> {
+    #[inline(always)]
+    fn run<F: Function<T>>(self) {
+        let Series { value, first, second } = self.series;
+        let tangents = flat_mut(first).iter_mut().zip(flat_mut(second));
+        for (x, (dx, ddx)) in flat_mut(&mut value[..self.lanes]).iter_mut().zip(tangents) {
+            let [y, slope, curvature] = F::series::<FMA>(*x);
+            (*x, *dx, *ddx) = (y, slope * *dx, slope * *ddx + curvature * *dx * *dx);
+        }
+    }
+}
+
+/// Replaces values by the activation of them and notes its slopes.
+struct Record<'a, T, const FMA: bool, const WIDTH: usize> {
+    values: &'a mut [Lanes<T, WIDTH>],
+    slopes: &'a mut [Lanes<T, WIDTH>],
+}
+
+impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Record<'_, T, FMA, WIDTH> {
+    #[inline(always)]
+    fn run<F: Function<T>>(self) {
+        for (x, slope) in flat_mut(self.values).iter_mut().zip(flat_mut(self.slopes)) {
+            [*x, *slope, _] = F::series::<FMA>(*x);
+        }
+    }
+}
+
+/// Replaces the last layer's values by the activation of them.
+struct Values<'a, const FMA: bool> {
+    values: &'a mut [f64],
+}
+
+impl<const FMA: bool> User<f64> for Values<'_, FMA> {
+    #[inline(always)]
+    fn run<F: Function<f64>>(self) {
+        self.values.iter_mut().for_each(|value| *value = F::value::<FMA>(*value));
+    }
+}
+
+/// Passes the derivatives of the last layer through its activation at `values`.
+struct LastSeries<'a, const FMA: bool> {
+    values: &'a [f64],
+    first: &'a mut [f64],
+    second: Option<&'a mut [f64]>,
+}
+
+impl<const FMA: bool> User<f64> for LastSeries<'_, FMA> {
+    #[inline(always)]
+    fn run<F: Function<f64>>(self) {
+        let Self { values, first, second } = self;
+        for ((x, dx), ddx) in values.iter().zip(&*first).zip(second.into_iter().flatten()) {
+            let [_, slope, curvature] = F::series::<FMA>(*x);
+            *ddx = slope * *ddx + curvature * dx * dx;
+        }
+        for (x, dx) in values.iter().zip(first) {
+            *dx *= F::series::<FMA>(*x)[1];
+        }
+    }
+}
+
+/// Replaces the last layer's values by the slopes of its activation there.
+struct Slopes<'a, const FMA: bool> {
+    values: &'a mut [f64],
+}
+
+impl<const FMA: bool> User<f64> for Slopes<'_, FMA> {
+    #[inline(always)]
+    fn run<F: Function<f64>>(self) {
+        self.values.iter_mut().for_each(|value| *value = F::series::<FMA>(*value)[1]);
+    }
+}

@@ -1,0 +1,82 @@
+//! Models: maps together with time.
+
+mod evaluator;
+mod per_instant;
+
+use crate::{
+    Encoder, FormatError, Input, Role,
+    map::{Map, ScaledNetwork, expect_finite},
+};
+pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
+
+/// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Model {
+    /// One map gives the outputs; the time, if it is an input, is a column like the others.
+    Response(Map),
+    /// A network for each of some instants `t_0 < ... < t_N`, whose inputs are the columns other than the time. Between
+    /// two instants the outputs are interpolated linearly in time, `y = (1 - w) y_k + w y_(k+1)` with
+    /// `w = (t - t_k) / (t_(k+1) - t_k)`; before the first and after the last one they do not depend on the time.
+    PerInstant {
+        /// `t_0, ..., t_N` in seconds, at least two.
+        instants: Vec<f64>,
+        /// One an instant, all with layers of the same sizes.
+        networks: Vec<ScaledNetwork>,
+    },
+}
+
+impl Model {
+    /// Makes sure that it fits these inputs and so many outputs.
+    ///
+    /// # Errors
+    /// The first [`FormatError`].
+    pub(crate) fn check(&self, inputs: &[Input], outputs: usize) -> Result<(), FormatError> {
+        match self {
+            Self::Response(map) => map.check(Encoder::of(inputs).width(), outputs),
+            Self::PerInstant { instants, networks } => check_per_instant(instants, networks, inputs, outputs),
+        }
+    }
+}
+
+fn check_per_instant(
+    instants: &[f64],
+    networks: &[ScaledNetwork],
+    inputs: &[Input],
+    outputs: usize,
+) -> Result<(), FormatError> {
+    if inputs.iter().all(|input| input.role != Role::Time) {
+        return Err(FormatError::NoTime);
+    }
+    // the time is one of them
+    let columns = Encoder::of(inputs).width() - 1;
+    if columns == 0 {
+        return Err(FormatError::OnlyTime);
+    }
+    if instants.len() < 2 {
+        return Err(FormatError::FewInstants { count: instants.len() });
+    }
+    expect_finite("instants", instants.iter().copied())?;
+    if let Some(index) = instants.windows(2).position(|pair| pair[0] >= pair[1]) {
+        return Err(FormatError::NotAscending {
+            index: index + 1,
+            before: instants[index],
+            found: instants[index + 1],
+        });
+    }
+    if networks.len() != instants.len() {
+        return Err(FormatError::NetworkCount { found: networks.len(), expected: instants.len() });
+    }
+    for (instant, network) in networks.iter().enumerate() {
+        let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
+        network.check(columns, outputs).map_err(problem)?;
+        let (found, expected) = (network.sizes(), networks[0].sizes());
+        if found != expected {
+            return Err(FormatError::LayerSizes { instant, found, expected });
+        }
+        let mut pairs = network.layers.iter().zip(&networks[0].layers);
+        if let Some(layer) = pairs.position(|(layer, first)| layer.activation != first.activation) {
+            return Err(FormatError::LayerActivation { instant, layer });
+        }
+    }
+    Ok(())
+}

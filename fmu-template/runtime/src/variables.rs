@@ -1,0 +1,137 @@
+//! The variables of an FMU as one ordered table. Value references, the description, the instance and the C sources all
+//! come from it.
+
+use crate::{Metadata, Role};
+
+/// All variables, each at the position that is its FMI value reference: inputs, outputs, what every FMU has, arrays of
+/// outputs, error bounds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variables(Vec<Variable>);
+
+/// A variable of an FMU.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variable {
+    /// Name, as the FMU shows it.
+    pub name: String,
+    /// What its value is.
+    pub quantity: Quantity,
+    /// Whether FMI 2.0 does not have it. Its value reference stays unused there.
+    pub only_fmi3: bool,
+}
+
+/// What the value of a variable is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// An input of the surrogate: a parameter, the time or an input that is driven.
+    Input(usize),
+    /// An output.
+    Output(usize),
+    /// Something that every FMU has.
+    BuiltIn(BuiltIn),
+    /// Several outputs as one array. FMI 2.0 has no arrays.
+    Array(usize),
+    /// The error bound of an output, a constant.
+    Bound(usize),
+}
+
+/// The variables that every FMU adds to those of the surrogate: how far it may be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BuiltIn {
+    /// What to do outside the training ranges, a [`DomainPolicy`](crate::DomainPolicy): a tunable integer parameter.
+    DomainPolicy,
+    /// Whether every input, parameter and the time are in their training ranges, up to [`TOLERANCE`](crate::TOLERANCE), and
+    /// inputs and parameters have been what they were at the start of the run if the time is an input of the model: a
+    /// discrete Boolean output.
+    InDomain,
+    /// How far outside the worst one is, see [`Domain::distance`](crate::Domain::distance): a continuous dimensionless
+    /// output, never negative.
+    DomainDistance,
+    /// The independent variable of a surrogate of which no input is the time, as FMI 3.0 asks for exactly one.
+    Time,
+}
+
+impl BuiltIn {
+    /// Those of every FMU, in order; [`BuiltIn::Time`] is added where no input is the time.
+    pub const ALWAYS: [Self; 3] = [Self::DomainPolicy, Self::InDomain, Self::DomainDistance];
+
+    /// Variable name; no variable of a surrogate may have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::DomainPolicy => "domain_policy",
+            Self::InDomain => "in_domain",
+            Self::DomainDistance => "domain_distance",
+            Self::Time => "time",
+        }
+    }
+
+    /// One sentence for people.
+    pub fn description(self) -> &'static str {
+        match self {
+            Self::DomainPolicy => {
+                "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
+            }
+            Self::InDomain => {
+                "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
+                 since the start"
+            }
+            Self::DomainDistance => {
+                "Largest distance of an input, parameter or time from its training range, relative to the range; 0 inside"
+            }
+            Self::Time => "Simulation time",
+        }
+    }
+}
+
+impl Variable {
+    fn new(name: impl Into<String>, quantity: Quantity) -> Self {
+        let only_fmi3 = matches!(quantity, Quantity::Array(_) | Quantity::BuiltIn(BuiltIn::Time));
+        Self { name: name.into(), quantity, only_fmi3 }
+    }
+
+    /// Whether every FMU has it.
+    pub fn is_built_in(&self) -> bool {
+        matches!(self.quantity, Quantity::BuiltIn(_))
+    }
+}
+
+impl Variables {
+    /// The table of a surrogate with this description.
+    pub(crate) fn of(metadata: &Metadata) -> Self {
+        let Metadata { inputs, outputs, arrays, bounds, .. } = metadata;
+        let has_time = inputs.iter().any(|input| input.role == Role::Time);
+        let built_in = BuiltIn::ALWAYS.into_iter().chain((!has_time).then_some(BuiltIn::Time));
+        let bounded = bounds.iter().flat_map(|_| outputs.iter().enumerate());
+        let inputs = inputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Input(index)));
+        let outputs = outputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Output(index)));
+        let built_in = built_in.map(|variable| Variable::new(variable.name(), Quantity::BuiltIn(variable)));
+        let arrays = arrays.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Array(index)));
+        let bounds = bounded.map(|(index, output)| Variable::new(output.bound_name(), Quantity::Bound(index)));
+        Self(inputs.chain(outputs).chain(built_in).chain(arrays).chain(bounds).collect())
+    }
+
+    /// The variable with this value reference.
+    #[inline]
+    pub fn get(&self, reference: u32) -> Option<&Variable> {
+        self.0.get(reference as usize)
+    }
+
+    /// Value reference of the variable with this quantity, if there is one.
+    pub fn reference(&self, quantity: Quantity) -> Option<u32> {
+        self.iter().find(|(_, variable)| variable.quantity == quantity).map(|(reference, _)| reference)
+    }
+
+    /// Value references and variables, in order.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, &Variable)> + ExactSizeIterator {
+        self.0.iter().enumerate().map(|(reference, variable)| (reference as u32, variable))
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none, which is never so.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
