@@ -13,7 +13,7 @@ use crate::{
         comparison::NETWORK,
         worker::{self, Answer, Fit, Task},
     },
-    dataset::Dataset,
+    dataset::{Dataset, Run},
     evaluation::{self, Accuracy, OutputMetrics},
     files,
     layout::RowLayout,
