@@ -1,6 +1,6 @@
 //! Activation functions and their derivatives, written so that the compiler turns them into SIMD code.
 
-use crate::simd::{Lanes, Real, flat_mut, fma};
+use crate::simd::{Lanes, PORTABLE_FMA, Real, flat_mut, fma};
 use serde::{Deserialize, Serialize};
 
 /// Activation of a layer.
@@ -175,6 +175,27 @@ impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Activate<'_, T, F
         for value in flat_mut(self.values) {
             *value = F::value::<FMA>(*value);
         }
+    }
+}
+
+/// The activation of one number, with its first and second derivative: for a last layer that is not linear. Compiled once, as
+/// it has few numbers.
+#[inline(never)]
+pub(crate) fn series(activation: Activation, x: f64) -> [f64; 3] {
+    let mut result = [0.0; 3];
+    activation.with(Scalar { x, result: &mut result });
+    result
+}
+
+struct Scalar<'a> {
+    x: f64,
+    result: &'a mut [f64; 3],
+}
+
+impl User<f64> for Scalar<'_> {
+    #[inline(always)]
+    fn run<F: Function<f64>>(self) {
+        *self.result = F::series::<PORTABLE_FMA>(self.x);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     Activation, Layer,
-    activation::{Function, User},
+    activation::{Function, User, series},
     layers::{Dense, Order, Rows},
 };
 use crate::simd::{Lanes, Real, flat, flat_mut, flush};
@@ -96,7 +96,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
         }
         self.last.apply::<FMA, true>(current, outputs, next);
         if self.last_activation != Activation::Identity {
-            self.last_activation.with(Values::<FMA> { values: outputs });
+            outputs.iter_mut().for_each(|y| [*y, ..] = series(self.last_activation, *y));
         }
         buffers.order.reverse();
     }
@@ -127,7 +127,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
         });
         if self.last_activation != Activation::Identity {
             self.last.apply::<FMA, true>(&mut current.value, last, &mut next.value);
-            self.last_activation.with(LastSeries::<FMA> { values: last, first, second });
+            pass_last(self.last_activation, last, first, second);
         }
     }
 
@@ -145,7 +145,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             last.fill(1.0);
         } else {
             self.last.apply::<FMA, true>(current, last, next);
-            self.last_activation.with(Slopes::<FMA> { values: last });
+            last.iter_mut().for_each(|y| [_, *y, _] = series(self.last_activation, *y));
         }
         let weights = weights.zip(&*last).map(|(weight, slope)| T::narrow(weight * slope));
         self.last.apply_transposed::<FMA>(weights, current);
@@ -190,47 +190,13 @@ impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Record<'_, T, FMA
     }
 }
 
-/// Replaces the last layer's values by the activation of them.
-struct Values<'a, const FMA: bool> {
-    values: &'a mut [f64],
-}
-
-impl<const FMA: bool> User<f64> for Values<'_, FMA> {
-    #[inline(always)]
-    fn run<F: Function<f64>>(self) {
-        self.values.iter_mut().for_each(|value| *value = F::value::<FMA>(*value));
-    }
-}
-
 /// Passes the derivatives of the last layer through its activation at `values`.
-struct LastSeries<'a, const FMA: bool> {
-    values: &'a [f64],
-    first: &'a mut [f64],
-    second: Option<&'a mut [f64]>,
-}
-
-impl<const FMA: bool> User<f64> for LastSeries<'_, FMA> {
-    #[inline(always)]
-    fn run<F: Function<f64>>(self) {
-        let Self { values, first, second } = self;
-        for ((x, dx), ddx) in values.iter().zip(&*first).zip(second.into_iter().flatten()) {
-            let [_, slope, curvature] = F::series::<FMA>(*x);
-            *ddx = slope * *ddx + curvature * dx * dx;
-        }
-        for (x, dx) in values.iter().zip(first) {
-            *dx *= F::series::<FMA>(*x)[1];
-        }
+fn pass_last(activation: Activation, values: &[f64], first: &mut [f64], second: Option<&mut [f64]>) {
+    for ((x, dx), ddx) in values.iter().zip(&*first).zip(second.into_iter().flatten()) {
+        let [_, slope, curvature] = series(activation, *x);
+        *ddx = slope * *ddx + curvature * dx * dx;
     }
-}
-
-/// Replaces the last layer's values by the slopes of its activation there.
-struct Slopes<'a, const FMA: bool> {
-    values: &'a mut [f64],
-}
-
-impl<const FMA: bool> User<f64> for Slopes<'_, FMA> {
-    #[inline(always)]
-    fn run<F: Function<f64>>(self) {
-        self.values.iter_mut().for_each(|value| *value = F::series::<FMA>(*value)[1]);
+    for (x, dx) in values.iter().zip(first) {
+        *dx *= series(activation, *x)[1];
     }
 }
