@@ -316,7 +316,7 @@ mod tests {
         for (path, says) in [
             (folder.path().to_owned(), "is a directory"),
             (path("absent/"), "is a directory"),
-            (path("absent/run.csv"), "there is not a folder"),
+            (path("absent/run.csv"), "there is no folder"),
         ] {
             for refused in
                 [write_output(&path, |file| file.write_all(b"text")), write_whole(&path, b"text"), check_output(&path)]

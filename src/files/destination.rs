@@ -86,7 +86,7 @@ fn ends_like_a_folder(path: &Path) -> bool {
 fn in_folder(path: &Path, error: io::Error) -> io::Error {
     let folder = folder_of(path).display();
     match error.kind() {
-        ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, format!("there is not a folder {folder}")),
+        ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, format!("there is no folder {folder}")),
         ErrorKind::NotADirectory => io::Error::new(ErrorKind::NotADirectory, format!("{folder} is not a folder")),
         _ => error,
     }
