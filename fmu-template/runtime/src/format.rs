@@ -44,7 +44,7 @@
 
 use crate::{
     Activation, Layer, Map, Metadata, Model, Numbers, ScaledNetwork, Scaling, Surrogate,
-    regression::{FunctionKind, Regression},
+    regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
@@ -358,18 +358,34 @@ struct HeaderVersion {
     format: u32,
 }
 
-/// The structure of a model, without its numbers.
+/// The structure of a model, without its numbers. Tagged enums of serde would add 30 kB to every FMU.
 #[derive(Serialize, Deserialize)]
-#[serde(tag = "structure", rename_all = "kebab-case", deny_unknown_fields)]
-enum ModelHeader {
-    Response { outputs: MapHeader },
-    PerInstant { outputs: MapHeader },
+#[serde(deny_unknown_fields)]
+struct ModelHeader {
+    structure: Structure,
+    outputs: MapHeader,
 }
 
 #[derive(Serialize, Deserialize)]
-#[serde(tag = "map", rename_all = "kebab-case", deny_unknown_fields)]
-enum MapHeader {
-    Network { activations: Vec<Activation> },
+#[serde(rename_all = "kebab-case")]
+enum Structure {
+    Response,
+    PerInstant,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MapHeader {
+    map: MapKind,
+    /// Of the layers of a network.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    activations: Vec<Activation>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum MapKind {
+    Network,
     Polynomial,
     Forest,
     Kernel,
@@ -378,23 +394,30 @@ enum MapHeader {
 impl ModelHeader {
     fn of(model: &Model) -> Self {
         match model {
-            Model::Response(Map::Network(network)) => Self::Response { outputs: MapHeader::of(network) },
-            Model::Response(Map::Regression(regression)) => {
-                let outputs = match regression.function.kind() {
-                    FunctionKind::Polynomial => MapHeader::Polynomial,
-                    FunctionKind::Forest => MapHeader::Forest,
-                    FunctionKind::Kernel => MapHeader::Kernel,
-                };
-                Self::Response { outputs }
+            Model::Response(map) => Self { structure: Structure::Response, outputs: MapHeader::of(map) },
+            Model::PerInstant { networks, .. } => {
+                Self { structure: Structure::PerInstant, outputs: MapHeader::of_network(&networks[0]) }
             }
-            Model::PerInstant { networks, .. } => Self::PerInstant { outputs: MapHeader::of(&networks[0]) },
         }
     }
 }
 
 impl MapHeader {
-    fn of(network: &ScaledNetwork) -> Self {
-        Self::Network { activations: network.layers.iter().map(|layer| layer.activation).collect() }
+    fn of(map: &Map) -> Self {
+        let kind = match map {
+            Map::Network(network) => return Self::of_network(network),
+            Map::Regression(regression) => match regression.function {
+                Function::Polynomial(_) => MapKind::Polynomial,
+                Function::Forest(_) => MapKind::Forest,
+                Function::Kernel(_) => MapKind::Kernel,
+            },
+        };
+        Self { map: kind, activations: Vec::new() }
+    }
+
+    fn of_network(network: &ScaledNetwork) -> Self {
+        let activations = network.layers.iter().map(|layer| layer.activation).collect();
+        Self { map: MapKind::Network, activations }
     }
 }
 
@@ -439,7 +462,7 @@ impl Surrogate {
         let (header, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
         let mut tensors: Views =
             SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
-        let model = read_model(header, &mut tensors)?;
+        let model = read_model(&header, &mut tensors)?;
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });
         }
@@ -447,21 +470,27 @@ impl Surrogate {
     }
 }
 
-fn read_model(header: ModelHeader, tensors: &mut Views) -> Result<Model, FormatError> {
-    match header {
-        ModelHeader::Response { outputs } => Ok(Model::Response(match outputs {
-            MapHeader::Network { activations } => Map::Network(unstacked(tensors, &activations, None)?.remove(0)),
-            MapHeader::Polynomial => Map::Regression(Regression::read(tensors, FunctionKind::Polynomial)?),
-            MapHeader::Forest => Map::Regression(Regression::read(tensors, FunctionKind::Forest)?),
-            MapHeader::Kernel => Map::Regression(Regression::read(tensors, FunctionKind::Kernel)?),
-        })),
-        ModelHeader::PerInstant { outputs: MapHeader::Network { activations } } => {
+fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, FormatError> {
+    let MapHeader { map, activations } = &header.outputs;
+    match (&header.structure, map) {
+        (Structure::Response, MapKind::Network) => {
+            Ok(Model::Response(Map::Network(unstacked(tensors, activations, None)?.remove(0))))
+        }
+        (Structure::Response, kind) => {
+            let function = match kind {
+                MapKind::Polynomial => Function::Polynomial(Polynomial::read(tensors)?),
+                MapKind::Forest => Function::Forest(Forest::read(tensors)?),
+                MapKind::Network | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
+            };
+            Ok(Model::Response(Map::Regression(Regression::read(tensors, function)?)))
+        }
+        (Structure::PerInstant, MapKind::Network) => {
             let instants = take(tensors, "instants", Dtype::F64, 1)?;
             let instants = elements(instants.data(), f64::from_le_bytes);
-            let networks = unstacked(tensors, &activations, Some(instants.len()))?;
+            let networks = unstacked(tensors, activations, Some(instants.len()))?;
             Ok(Model::PerInstant { instants, networks })
         }
-        ModelHeader::PerInstant { .. } => Err(FormatError::PerInstantMap),
+        (Structure::PerInstant, _) => Err(FormatError::PerInstantMap),
     }
 }
 

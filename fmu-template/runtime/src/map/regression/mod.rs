@@ -34,14 +34,6 @@ pub enum Function {
     Kernel(KernelMachines),
 }
 
-/// The kind of a [`Function`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum FunctionKind {
-    Polynomial,
-    Forest,
-    Kernel,
-}
-
 /// Working memory of one evaluation at a time.
 #[derive(Clone, Debug)]
 pub struct RegressionScratch {
@@ -163,14 +155,6 @@ impl Regression {
 }
 
 impl Function {
-    pub(crate) fn kind(&self) -> FunctionKind {
-        match self {
-            Self::Polynomial(_) => FunctionKind::Polynomial,
-            Self::Forest(_) => FunctionKind::Forest,
-            Self::Kernel(_) => FunctionKind::Kernel,
-        }
-    }
-
     fn evaluate<N: Number>(&self, columns: &mut Columns<N>) {
         let Columns { inputs, outputs, table } = columns;
         match self {

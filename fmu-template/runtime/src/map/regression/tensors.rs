@@ -1,6 +1,6 @@
 //! Tensors of the model file; `format` says what they are.
 
-use super::{Forest, Function, FunctionKind, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
+use super::{Forest, Function, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
 use crate::{
     FormatError, Scaling,
     format::{OUTPUTS, Tensor, Views, bytes, elements, take},
@@ -26,13 +26,8 @@ impl Regression {
         tensors
     }
 
-    /// The regression of these tensors.
-    pub(crate) fn read(tensors: &mut Views, kind: FunctionKind) -> Result<Self, FormatError> {
-        let function = match kind {
-            FunctionKind::Polynomial => Function::Polynomial(read_polynomial(tensors)?),
-            FunctionKind::Forest => Function::Forest(read_forest(tensors)?),
-            FunctionKind::Kernel => Function::Kernel(read_kernel(tensors)?),
-        };
+    /// The regression of the scaling among these tensors and a function.
+    pub(crate) fn read(tensors: &mut Views, function: Function) -> Result<Self, FormatError> {
         let mut column = |name: &str| read_doubles(tensors, name, 1);
         let scaling = Scaling {
             input_mean: column("input_mean")?,
@@ -52,9 +47,11 @@ fn polynomial_tensors(polynomial: &Polynomial, inputs: usize, outputs: usize) ->
     ]
 }
 
-fn read_polynomial(tensors: &mut Views) -> Result<Polynomial, FormatError> {
-    let degrees = take(tensors, &format!("{OUTPUTS}polynomial.degrees"), Dtype::U8, 2)?.data().to_vec();
-    Ok(Polynomial { degrees, coefficients: read_doubles(tensors, "polynomial.coefficients", 2)? })
+impl Polynomial {
+    pub(crate) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
+        let degrees = take(tensors, &format!("{OUTPUTS}polynomial.degrees"), Dtype::U8, 2)?.data().to_vec();
+        Ok(Self { degrees, coefficients: read_doubles(tensors, "polynomial.coefficients", 2)? })
+    }
 }
 
 fn forest_tensors(forest: &Forest) -> Vec<Tensor> {
@@ -73,22 +70,24 @@ fn forest_tensors(forest: &Forest) -> Vec<Tensor> {
     ]
 }
 
-fn read_forest(tensors: &mut Views) -> Result<Forest, FormatError> {
-    let columns = read_indices(tensors, "forest.column", 1)?;
-    let numbers = read_doubles(tensors, "forest.number", 1)?;
-    let below = read_indices(tensors, "forest.below", 2)?;
-    let (roots, outputs) = (read_indices(tensors, "forest.root", 1)?, read_indices(tensors, "forest.output", 1)?);
-    let nodes = columns.len();
-    expect_length("forest.number", numbers.len(), nodes)?;
-    expect_length("forest.below", below.len(), 2 * nodes)?;
-    expect_length("forest.output", outputs.len(), roots.len())?;
-    let below = below.as_chunks::<2>().0;
-    let nodes = columns.into_iter().zip(numbers).zip(below);
-    let trees = roots.into_iter().zip(outputs);
-    Ok(Forest {
-        nodes: nodes.map(|((column, number), below)| Node { column, number, below: *below }).collect(),
-        trees: trees.map(|(root, output)| Tree { root, output }).collect(),
-    })
+impl Forest {
+    pub(crate) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
+        let columns = read_indices(tensors, "forest.column", 1)?;
+        let numbers = read_doubles(tensors, "forest.number", 1)?;
+        let below = read_indices(tensors, "forest.below", 2)?;
+        let (roots, outputs) = (read_indices(tensors, "forest.root", 1)?, read_indices(tensors, "forest.output", 1)?);
+        let nodes = columns.len();
+        expect_length("forest.number", numbers.len(), nodes)?;
+        expect_length("forest.below", below.len(), 2 * nodes)?;
+        expect_length("forest.output", outputs.len(), roots.len())?;
+        let below = below.as_chunks::<2>().0;
+        let nodes = columns.into_iter().zip(numbers).zip(below);
+        let trees = roots.into_iter().zip(outputs);
+        Ok(Self {
+            nodes: nodes.map(|((column, number), below)| Node { column, number, below: *below }).collect(),
+            trees: trees.map(|(root, output)| Tree { root, output }).collect(),
+        })
+    }
 }
 
 fn kernel_tensors(machines: &KernelMachines) -> Vec<Tensor> {
@@ -103,15 +102,18 @@ fn kernel_tensors(machines: &KernelMachines) -> Vec<Tensor> {
     tensors
 }
 
-fn read_kernel(tensors: &mut Views) -> Result<KernelMachines, FormatError> {
-    let bias = read_doubles(tensors, "kernel.bias", 1)?;
-    let machine = |(output, bias)| {
-        let mut read = |what: &str, dimensions| read_doubles(tensors, &format!("kernel.{output}.{what}"), dimensions);
-        let (lengths, centres, weights) = (read("lengths", 1)?, read("centres", 2)?, read("weights", 1)?);
-        Ok(KernelMachine { lengths, centres, weights, bias })
-    };
-    let machines = bias.into_iter().enumerate().map(machine).collect::<Result<_, FormatError>>()?;
-    Ok(KernelMachines { machines })
+impl KernelMachines {
+    pub(crate) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
+        let bias = read_doubles(tensors, "kernel.bias", 1)?;
+        let machine = |(output, bias)| {
+            let mut read =
+                |what: &str, dimensions| read_doubles(tensors, &format!("kernel.{output}.{what}"), dimensions);
+            let (lengths, centres, weights) = (read("lengths", 1)?, read("centres", 2)?, read("weights", 1)?);
+            Ok(KernelMachine { lengths, centres, weights, bias })
+        };
+        let machines = bias.into_iter().enumerate().map(machine).collect::<Result<_, FormatError>>()?;
+        Ok(Self { machines })
+    }
 }
 
 fn doubles(name: &str, shape: Vec<usize>, values: &[f64]) -> Tensor {
