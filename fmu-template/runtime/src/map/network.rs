@@ -108,7 +108,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
         &self,
         buffers: &mut Buffers<T, WIDTH>,
         first: &mut [f64],
-        second: Option<&mut [f64]>,
+        mut second: Option<&mut [f64]>,
     ) {
         let Buffers { current, next, last, .. } = buffers;
         for (layer, activation) in &self.hidden {
@@ -121,10 +121,10 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             std::mem::swap(current, next);
         }
         self.last.apply::<FMA, false>(&mut current.first, first, &mut next.first);
-        let second = second.map(|second| {
+        // not in a closure, which would not be compiled with the caller's instruction set
+        if let Some(second) = second.as_deref_mut() {
             self.last.apply::<FMA, false>(&mut current.second, second, &mut next.second);
-            second
-        });
+        }
         if self.last_activation != Activation::Identity {
             self.last.apply::<FMA, true>(&mut current.value, last, &mut next.value);
             pass_last(self.last_activation, last, first, second);
