@@ -1,11 +1,12 @@
 """Writes training_step.json: losses, gradients and a few steps of a small network for every activation, loss, optimizer
-and regularisation, computed by PyTorch (SOAP: by numpy) in double precision from single-precision parameters and rows.
-Run from this folder: `pip install torch==2.15.0 numpy; python make_training_step.py`."""
+and regularisation, computed by PyTorch (SOAP: by pytorch_optimizer) in double precision from single-precision parameters and rows.
+Run from this folder, after `pip install -r ../../scripts/bench-requirements.txt`: `python make_training_step.py`."""
 
 import json
+from unittest.mock import patch
 
-import numpy as np
 import torch
+from pytorch_optimizer import SOAP
 
 INPUTS, HIDDEN, OUTPUTS, ROWS, STEPS = 3, [5, 4], 2, 7, 3
 SIZES = [INPUTS, *HIDDEN, OUTPUTS]
@@ -26,40 +27,45 @@ class Sine(torch.nn.Module):
 
 
 class Soap:
-    """Vyas and others, arXiv:2409.11321, algorithm 3, on [W^T; b] of every layer."""
+    """SOAP of the package pytorch_optimizer on the matrix [W^T; b] of every layer, with three differences.
 
-    def __init__(self, layers, rate, refresh, decay=0.0, beta=0.95):
-        self.layers, self.rate, self.refresh, self.decay, self.beta, self.steps = layers, rate, refresh, decay, beta, 0
-        self.memory = []
-        for layer in layers:
-            m, n = layer.in_features + 1, layer.out_features
-            zeros = [np.zeros(shape) for shape in ((m, m), (n, n), (m, n), (m, n))]
-            self.memory.append(dict(zip("LRMV", zeros), U=np.eye(m), W=np.eye(n)))
+    - It uses the first gradient only to find eigenvectors. We take a step with it, in the basis of the unit vectors.
+    - It begins with the eigenvectors of the first covariance. We begin with unit vectors, and both go on by power iteration.
+    - It sorts the eigenvectors by eigenvalue before each power iteration. The paper's algorithm and ours do not.
+
+    The sign of an eigenvector, which depends on the QR decomposition, cancels out of a step.
+    """
+
+    def __init__(self, layers, rate, refresh, decay):
+        self.layers, self.refresh, self.kept, self.steps = layers, refresh, 1 - rate * decay, 0
+        self.matrices = [torch.zeros(layer.in_features + 1, layer.out_features).double() for layer in layers]
+        # weights decay before a step, as in AdamW; the package's do after it. It never refreshes by itself
+        self.soap = SOAP(self.matrices, rate, betas=(0.95, 0.95), weight_decay=0.0, precondition_frequency=10**9)
+        self.soap.param_groups[0]["step"] = 1
+        for matrix in self.matrices:
+            state = self.soap.state[matrix]
+            state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(matrix), torch.zeros_like(matrix)
+            self.soap.init_pre_conditioner(matrix, state, precondition_frequency=10**9)
+            state["Q"] = [torch.eye(size).double() for size in matrix.shape]
 
     def zero_grad(self):
         for layer in self.layers:
             layer.weight.grad = layer.bias.grad = None
 
+    @torch.no_grad()
     def step(self):
         self.steps += 1
-        for layer, s in zip(self.layers, self.memory):
-            gradient = np.vstack([layer.weight.grad.numpy().T, layer.bias.grad.numpy()[None]])
-            keep, take = self.beta, 1 - self.beta
-            s["L"] = keep * s["L"] + take * gradient @ gradient.T
-            s["R"] = keep * s["R"] + take * gradient.T @ gradient
-            s["M"] = keep * s["M"] + take * gradient
-            turned = s["U"].T @ gradient @ s["W"]
-            s["V"] = keep * s["V"] + take * turned**2
-            correction = 1 - keep**self.steps
-            direction = s["U"].T @ s["M"] @ s["W"] / correction / (np.sqrt(s["V"] / correction) + 1e-8)
-            step = torch.from_numpy(s["U"] @ direction @ s["W"].T)
-            with torch.no_grad():
-                for parameter, part in ((layer.weight, step[:-1].T), (layer.bias, step[-1])):
-                    parameter.mul_(1 - self.rate * self.decay)
-                    parameter.sub_(self.rate * part)
+        for layer, matrix in zip(self.layers, self.matrices):
+            matrix.copy_(torch.vstack([layer.weight.T, layer.bias]) * self.kept)
+            matrix.grad = torch.vstack([layer.weight.grad.T, layer.bias.grad])
+        self.soap.step()
+        for layer, matrix in zip(self.layers, self.matrices):
+            layer.weight.copy_(matrix[:-1].T)
+            layer.bias.copy_(matrix[-1])
             if self.steps > 1 and (self.steps - 1) % self.refresh == 0:
-                s["U"] = np.linalg.qr(s["L"] @ s["U"])[0]
-                s["W"] = np.linalg.qr(s["R"] @ s["W"])[0]
+                state = self.soap.state[matrix]
+                with patch.object(torch, "argsort", lambda values, descending: torch.arange(len(values))):
+                    state["Q"] = self.soap.get_orthogonal_matrix_qr(state)
 
 
 def flat(tensors):
@@ -155,6 +161,7 @@ CASES = [case(f"adam {activation}", activation) for activation in ACTIVATIONS] +
     case("normalised", activation="silu", batch_norm=True, optimizer="sgd", tolerance=1e-6),
     # directions in which the gradients hardly vary are known to a few digits only in single precision
     case("soap", optimizer="soap", refresh=2, steps=12, weight_decay=0.1, tolerance=5e-5),
+    case("soap with few refreshes", optimizer="soap", refresh=10, steps=36, tolerance=5e-5),
 ]
 content = {"torch": torch.__version__, "sizes": SIZES, "cases": CASES}
 with open("training_step.json", "w") as file:
