@@ -12,7 +12,7 @@ from pathlib import Path
 
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
-diagnostics
+diagnostics fail_points
 files integrate variable
 table multibody
 dataset

@@ -2,7 +2,10 @@
 
 mod destination;
 
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    fail_points::{Moment, reach},
+};
 use destination::{Destination, folder_of};
 use sha2::{Digest, Sha256};
 use std::{
@@ -96,9 +99,10 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
     }
     old.map_or(Ok(()), |old| keep_access(file.as_file(), &old))?;
     file.as_file().sync_all()?;
+    reach(Moment::Complete, path);
     match file.persist(path) {
         Err(mut failed) if in_place && is_of_folder(&failed.error) => overwrite(path, failed.file.as_file_mut()),
-        moved => moved.map(drop).map_err(|failed| failed.error),
+        moved => moved.map(|_| reach(Moment::Replaced, path)).map_err(|failed| failed.error),
     }
 }
 
@@ -246,8 +250,8 @@ pub fn digits(hash: Sha256) -> String {
 /// [`Error::Io`].
 pub fn remove(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::io(path, "remove")(error)),
-        _ => Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        removed => removed.map(|()| reach(Moment::Removed, path)).map_err(Error::io(path, "remove")),
     }
 }
 

@@ -61,6 +61,7 @@ pub mod dataset;
 pub mod diagnostics;
 pub mod evaluation;
 pub mod export;
+mod fail_points;
 pub mod files;
 pub mod fmi;
 mod html;

@@ -4,7 +4,11 @@
 //! parameters, outputs, and 8 bytes of their SHA-256, numbers as little-endian doubles. What a dying process left of a last
 //! record is cut off. Runs that are repeated faster than they are read back are not kept.
 
-use crate::{Error, Result, files};
+use crate::{
+    Error, Result,
+    fail_points::{Moment, reach},
+    files,
+};
 use sha2::{Digest, Sha256};
 use std::{
     collections::HashMap,
@@ -104,7 +108,9 @@ impl Journal {
             // nothing after an incomplete record could be read: a full disk may have room again for the next one
             file.write_all(&record).inspect_err(|_| drop(file.set_len(length)))
         };
-        write(file).map_err(Error::io(&self.path, "write"))
+        write(file).map_err(Error::io(&self.path, "write"))?;
+        reach(Moment::Appended, &self.path);
+        Ok(())
     }
 
     /// Removes the file: the tables are written.

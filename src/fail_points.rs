@@ -1,0 +1,48 @@
+//! Moments at which a process ends as if it were killed, for tests of what is left behind.
+//!
+//! The environment variable `METAFMU_ABORT_AT` says when: a [`Moment`], the name of a file, and after how many times, once
+//! if not given: `replaced checkpoint.safetensors 2`. Only a program with debug assertions reads it: in a released one
+//! there are no such moments.
+
+use std::{
+    env,
+    path::Path,
+    process::abort,
+    sync::atomic::{AtomicUsize, Ordering},
+};
+
+/// What has just been done to a file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Moment {
+    /// Its new content is complete, under another name.
+    Complete,
+    /// The new content has taken its place.
+    Replaced,
+    /// A record was appended to it.
+    Appended,
+    Removed,
+}
+
+/// Ends the process without cleaning up if it is to end at this moment.
+pub(crate) fn reach(moment: Moment, path: &Path) {
+    if cfg!(debug_assertions)
+        && let Ok(wanted) = env::var("METAFMU_ABORT_AT")
+        && is_due(&wanted, moment, path)
+    {
+        abort();
+    }
+}
+
+fn is_due(wanted: &str, moment: Moment, path: &Path) -> bool {
+    static REACHED: AtomicUsize = AtomicUsize::new(0);
+    let moment = match moment {
+        Moment::Complete => "complete",
+        Moment::Replaced => "replaced",
+        Moment::Appended => "appended",
+        Moment::Removed => "removed",
+    };
+    let mut words = wanted.split(' ');
+    let is_this = words.next() == Some(moment) && words.next() == path.file_name().and_then(|name| name.to_str());
+    let count = words.next().map_or(Ok(1), str::parse);
+    is_this && count == Ok(REACHED.fetch_add(1, Ordering::Relaxed) + 1)
+}
