@@ -1,23 +1,55 @@
 #!/usr/bin/env bash
-# Runs every test: format, lints, documentation, Rust tests, then the FMU in other people's tools.
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and for the other
-# platforms Wine, QEMU and compilers; as root what is missing is installed by apt. A missing tool is an error.
+# Runs the tests: format, imports, lints, documentation, Rust tests, then the FMU in other people's tools.
+# Usage: scripts/test.sh [--quick | --all] [OPTION OF PYTEST]...
+#   --quick   format, imports, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
+#   --all     also builds that are killed at random moments, other platforms, and fuzzing
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and with --all Wine,
+# QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+extent=default
+case ${1:-} in
+  --quick | --all) extent=${1#--}; shift ;;
+esac
 for tool in cargo cc python3; do
   command -v "$tool" >/dev/null || { echo "scripts/test.sh: $tool is missing" >&2; exit 1; }
 done
 step() { printf '\n== %s\n' "$*" >&2; }
+# one worker for each core, and each file's tests in one worker, because they share what the first of them builds
+tests() { .venv/bin/python -m pytest -p no:cacheprovider -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" tests/python; }
 
-step "Python packages";     scripts/venv.sh
-step "fmi-sim";             scripts/fmi-sim.sh
-step "Chromium";            scripts/chromium.sh
+if [ $extent = quick ]; then
+  step "Python packages";   scripts/venv.sh
+else
+  # what is downloaded and installed, while the compiler is at work
+  mkdir -p target
+  # in a process group of its own, which ends with this script
+  set -m
+  (scripts/venv.sh && scripts/chromium.sh && scripts/fmi-sim.sh) >target/set-up.log 2>&1 &
+  set_up=$!
+  set +m
+  trap 'kill -- -$set_up 2>/dev/null || true' EXIT
+fi
+
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
 step "lints";               cargo clippy --workspace --all-targets --locked -- -D warnings
+if [ $extent = quick ]; then
+  step "Rust unit tests";   cargo test --workspace --lib --locked
+  step "release build";     cargo build --release --locked
+  step "one build in fmpy"; tests -m quick -n 0 "$@"
+  exit
+fi
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
+# also builds the command with fail points and the examples that the Python tests run
 step "Rust tests";          cargo test --workspace --locked
 step "release build";       cargo build --release --locked
-step "Python tests";        .venv/bin/python -m pytest -p no:cacheprovider tests/python "$@"
-step "other platforms";     scripts/test-platforms.sh
+step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
+trap - EXIT
+step "Python tests";        tests -m "not thorough" "$@"
+if [ $extent = all ]; then
+  step "kills";             tests -m thorough "$@"
+  step "other platforms";   scripts/test-platforms.sh
+  step "fuzzing";           scripts/fuzz.sh
+fi

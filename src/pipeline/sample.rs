@@ -63,7 +63,10 @@ pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
     if record.tables.keys().any(|set| !project.table(set).exists()) {
         return Ok(None);
     }
-    Ok(Some(Samples { sets: project.load_tables()?, record }))
+    let sets = project.load_tables()?;
+    // of a sampling that was killed after its last table was written
+    files::remove(&project.journal())?;
+    Ok(Some(Samples { sets, record }))
 }
 
 /// The runs that failed.

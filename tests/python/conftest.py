@@ -1,7 +1,10 @@
-"""The single pendulum and the slider crank, built once by the released command, for every test here."""
+"""The released command, and the single pendulum built once by it, for every test here."""
 
 import csv
+import fcntl
 import json
+import os
+import shutil
 import signal
 import subprocess
 from dataclasses import dataclass
@@ -14,6 +17,14 @@ from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
 METAFMU = ROOT / "target" / "release" / "metafmu"
+# has the moments of src/fail_points.rs, and computes the same bytes forty times as slowly
+WITH_FAIL_POINTS = ROOT / "target" / "debug" / "metafmu"
+IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
+if IS_WORKER:
+    # there are as many workers as cores
+    os.environ.setdefault("RAYON_NUM_THREADS", "1")
+# not as many threads as the others have
+OTHER_THREADS = {"RAYON_NUM_THREADS": "2" if os.environ.get("RAYON_NUM_THREADS") == "1" else "1"}
 # accepts whatever little training gives
 ANY = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n"
 PARAMETERS = ["L", "c", "thetad0"]
@@ -55,6 +66,14 @@ def metafmu(*arguments, check=True):
     return result
 
 
+def abort_at(moment, *arguments):
+    """Runs the command, which has to end as if it were killed at a moment of src/fail_points.rs."""
+    assert WITH_FAIL_POINTS.exists(), "run `cargo build` first"
+    command, environment = [WITH_FAIL_POINTS, *map(str, arguments)], os.environ | {"METAFMU_ABORT_AT": moment}
+    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment)
+    assert result.returncode == -signal.SIGABRT, f"{moment!r} is never reached: {result.stderr}"
+
+
 def kill_after(seconds, *arguments):
     """Whether the command was still at work."""
     process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -84,11 +103,39 @@ def changed(example, *changes):
     return text
 
 
+def pytest_configure(config):
+    config.addinivalue_line("markers", "thorough: takes minutes; run by scripts/test.sh --all only")
+    config.addinivalue_line("markers", "quick: also run by scripts/test.sh --quick")
+
+
+def pytest_collection_modifyitems(items):
+    """While one worker builds the pendulum, the others do what does not need it."""
+    needs = {item.path for item in items if "pendulum" in item.fixturenames}
+    builder = min(needs, default=None)
+    items.sort(key=lambda item: (item.path != builder, item.path in needs))
+
+
+def built_once(tmp_path_factory, name, build):
+    """A copy of the folder `name`, which `build` fills for all workers."""
+    shared = tmp_path_factory.getbasetemp()
+    shared = shared.parent if IS_WORKER else shared
+    with open(shared / f"{name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / name).exists():
+            build(shared / f"unfinished-{name}")
+            (shared / f"unfinished-{name}").rename(shared / name)
+    return shutil.copytree(shared / name, tmp_path_factory.mktemp("copy") / name)
+
+
 @pytest.fixture(scope="session")
 def pendulum(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("single-pendulum")
-    metafmu("build", "examples/single-pendulum.toml", "--out", folder)
-    metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--fmi", "both")
+    """The example as it stands, exported in both versions; tests write nothing else into its folder."""
+
+    def build(folder):
+        metafmu("build", "examples/single-pendulum.toml", "--out", folder)
+        metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--fmi", "both")
+
+    folder = built_once(tmp_path_factory, "single-pendulum", build)
     metrics = json.loads((folder / "metrics.json").read_text())
     return Build(folder, folder / "single-pendulum.fmu", metrics)
 

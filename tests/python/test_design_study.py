@@ -44,7 +44,7 @@ def test_one_long_step_ends_where_many_short_ones_do(study, points):
 
 
 def test_the_rust_program_gives_the_same(pendulum, study, points):
-    assert RUST.exists(), "run `cargo test` or `cargo build --examples` first"
+    assert RUST.exists(), "run `cargo build --examples` first"
     ends, times = design_study.by_rust([RUST], pendulum.fmu, points)
     np.testing.assert_allclose(ends, [study.run(point)[-1] for point in points], rtol=1e-12, atol=1e-11)
     assert times.shape == (3, design_study.BLOCKS)

@@ -12,7 +12,7 @@ import threading
 import time
 
 import pytest
-from conftest import ALL_EPOCHS, ANY, METAFMU, changed, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, abort_at, changed, metafmu
 
 TABLES = ("train", "test", "calibration")
 
@@ -178,17 +178,10 @@ def test_a_table_that_was_changed_is_used_by_no_verb(copied):
     metafmu("evaluate", study, "--out", folder)
 
 
-def test_no_corruption_of_a_checkpoint_resumes_to_another_network(copied, tmp_path):
-    _, folder = copied
-    study = tmp_path / "study.toml"
-    study.write_text(copied[0].read_text().replace("epochs = 5", "epochs = 5000"))
-    process = subprocess.Popen([METAFMU, "train", study, "--out", folder], stderr=subprocess.DEVNULL)
+def test_no_corruption_of_a_checkpoint_resumes_to_another_network(copied):
+    study, folder = copied
     checkpoint = folder / "checkpoint.safetensors"
-    while not checkpoint.exists():
-        assert process.poll() is None
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
+    abort_at("replaced checkpoint.safetensors", "train", study, "--out", folder)
     good = checkpoint.read_bytes()
     places = random.Random(2)
     for _ in range(24):
@@ -206,6 +199,13 @@ def test_what_a_killed_process_has_not_finished_is_removed(copied):
     (folder / ".metafmu-a1B2c3").write_text("half a checkpo")
     metafmu("evaluate", study, "--out", folder)
     assert not [path for path in folder.iterdir() if path.name.startswith(".metafmu-")]
+
+
+def test_the_journal_of_a_sampling_that_was_killed_at_its_very_end_is_removed(copied):
+    study, folder = copied
+    (folder / "unfinished-runs.bin").write_bytes(b"runs that the tables have")
+    metafmu("build", study, "--out", folder, "--resume")
+    assert not (folder / "unfinished-runs.bin").exists()
 
 
 def without_room():

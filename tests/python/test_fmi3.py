@@ -198,6 +198,7 @@ def test_a_platform_that_is_not_there_is_named(both, pendulum):
     assert result.returncode == 2 and "`amiga` is not embedded" in result.stderr and "x86_64-linux" in result.stderr
 
 
+@pytest.mark.quick
 def test_an_array_has_the_values_of_its_outputs(tmp_path):
     text = (ROOT / "examples" / "double-pendulum.toml").read_text()
     text = re.sub(r"(?m)^runs = \d+", "runs = 20", text)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import METAFMU, ROOT, metafmu
+from conftest import METAFMU, OTHER_THREADS, ROOT, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
@@ -136,7 +136,7 @@ def test_a_campaign_over_a_crashing_and_hanging_fmu_completes_and_reports(folder
         assert {row["rod.k[1]"] for row in table} == {run["rod.k[1]"] for run in good}
 
     # one worker or two: the same
-    assert sample(folder, out="alone", RAYON_NUM_THREADS="1", FAULTY_MARKS=str(marks)).returncode == 0
+    assert sample(folder, out="alone", FAULTY_MARKS=str(marks), **OTHER_THREADS).returncode == 0
     for name in ("train.csv", "test.csv"):
         assert (folder / "alone" / name).read_bytes() == (folder / "out" / name).read_bytes()
     assert not list((folder / "temporary").iterdir())

@@ -4,11 +4,22 @@ import random
 import time
 
 import pytest
-from conftest import ALL_EPOCHS, changed, kill_after, losses, metafmu
+from conftest import ALL_EPOCHS, ANY, abort_at, changed, kill_after, losses, metafmu
 
 KILLS = 20
+EPOCHS = 8
 # its bytes hold no wall times
-RESULTS = ["study.fmu", "study.safetensors", "train.csv", "test.csv"]
+RESULTS = ["study.fmu", "study.safetensors", "train.csv", "test.csv", "calibration.csv"]
+# what a build writes, and what it has removed when it ends; nothing but files outlives a process, so that between two of
+# these moments it does not matter when it is killed
+WRITTEN = [
+    *RESULTS,
+    *("samples.json", "history.csv", "training.json", "metrics.json", "comparison.json", "comparison.csv", "report.html"),
+]
+MOMENTS = [
+    *(f"{moment} {name}" for name in [*WRITTEN, "checkpoint.safetensors"] for moment in ("complete", "replaced")),
+    "removed checkpoint.safetensors",
+]
 
 
 @pytest.fixture(scope="module")
@@ -16,16 +27,17 @@ def study(tmp_path_factory):
     text = changed(
         "single-pendulum.toml",
         ('name = "single-pendulum"', 'name = "study"'),
-        ("runs = 1331", "runs = 150"),
-        ("test_runs = 200", "test_runs = 20"),
-        ("step = 0.01", "step = 0.02"),
-        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [32, 32]"),
+        ("runs = 1331", "runs = 40"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("\nruns = 1000", "\nruns = 20"),
+        ("step = 0.01", "step = 0.05"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
         ("batch = 1024", "batch = 128"),
-        ("epochs = 150", "epochs = 160"),
+        ("epochs = 150", f"epochs = {EPOCHS}"),
         *ALL_EPOCHS,
     )
     path = tmp_path_factory.mktemp("resume") / "study.toml"
-    path.write_text(text)
+    path.write_text(text + ANY)
     return path
 
 
@@ -35,62 +47,81 @@ def results(folder):
 
 @pytest.fixture(scope="module")
 def undisturbed(study):
-    """Its folder, and how long it took."""
     folder = study.parent / "undisturbed"
-    begin = time.monotonic()
     metafmu("build", study, "--out", folder)
-    return folder, time.monotonic() - begin
+    return folder
 
 
-def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, undisturbed):
-    expected_folder, seconds = undisturbed
+def expect_same(folder, expected):
+    assert results(folder) == results(expected)
+    assert losses(folder) == losses(expected)
+    # neither a checkpoint nor what was being written when it was killed
+    assert {path.name for path in folder.iterdir()} == {path.name for path in expected.iterdir()}
+
+
+def test_the_moments_are_those_of_every_file_that_a_build_writes(undisturbed):
+    assert {path.name for path in undisturbed.iterdir()} == set(WRITTEN)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, undisturbed, tmp_path, moment):
+    abort_at(moment, "build", study, "--out", tmp_path)
+    metafmu("build", study, "--out", tmp_path, "--resume")
+    expect_same(tmp_path, undisturbed)
+
+
+def test_a_build_that_is_killed_after_every_epoch_ends_in_the_same_bytes(study, undisturbed, tmp_path):
+    """A process keeps its first epoch in any case, and the last one is not kept in a checkpoint."""
+    for epoch in range(1, EPOCHS):
+        abort_at("replaced history.csv", "build", study, "--out", tmp_path, "--resume")
+        assert len(losses(tmp_path)) == epoch and (tmp_path / "checkpoint.safetensors").exists()
+    result = metafmu("build", study, "--out", tmp_path, "--resume")
+    assert f"continuing after epoch {EPOCHS - 1}" in result.stderr
+    expect_same(tmp_path, undisturbed)
+
+
+@pytest.mark.thorough
+def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(study, tmp_path):
+    longer = tmp_path / "study.toml"
+    longer.write_text(study.read_text().replace(f"epochs = {EPOCHS}", "epochs = 3000"))
+    begin = time.monotonic()
+    metafmu("build", longer, "--out", tmp_path / "undisturbed")
+    seconds = time.monotonic() - begin
     moments = random.Random(1)
     killed = went_on = 0
     for number in range(KILLS):
-        folder = study.parent / f"killed-{number}"
-        killed += kill_after(moments.uniform(0, seconds), "build", study, "--out", folder)
+        folder = tmp_path / f"killed-{number}"
+        killed += kill_after(moments.uniform(0, seconds), "build", longer, "--out", folder)
         # and again, while it goes on
-        kill_after(moments.uniform(0, seconds / 2), "build", study, "--out", folder, "--resume")
+        kill_after(moments.uniform(0, seconds / 2), "build", longer, "--out", folder, "--resume")
         went_on += (folder / "checkpoint.safetensors").exists()
-        metafmu("build", study, "--out", folder, "--resume")
-        assert results(folder) == results(expected_folder), number
-        assert losses(folder) == losses(expected_folder), number
-        assert not (folder / "checkpoint.safetensors").exists()
-        # nor what was being written when it was killed
-        assert {path.suffix for path in folder.iterdir()} <= {".fmu", ".safetensors", ".csv", ".json", ".html"}
+        metafmu("build", longer, "--out", folder, "--resume")
+        expect_same(folder, tmp_path / "undisturbed")
     assert killed >= KILLS / 2 and went_on >= KILLS / 4, (killed, went_on)
 
 
-def test_a_training_that_is_killed_goes_on_with_train(study, undisturbed):
-    folder = study.parent / "train"
-    metafmu("sample", study, "--out", folder)
-    for _ in range(100):
-        kill_after(0.3 * undisturbed[1], "train", study, "--out", folder, "--resume")
-        if (folder / "checkpoint.safetensors").exists():
-            break
-    result = metafmu("train", study, "--out", folder, "--resume")
-    assert "continuing after epoch" in result.stderr
-    assert (folder / "study.safetensors").read_bytes() == (undisturbed[0] / "study.safetensors").read_bytes()
-    assert losses(folder) == losses(undisturbed[0])
+def test_a_training_that_is_killed_goes_on_with_train(study, undisturbed, tmp_path):
+    metafmu("sample", study, "--out", tmp_path)
+    abort_at("replaced checkpoint.safetensors", "train", study, "--out", tmp_path)
+    result = metafmu("train", study, "--out", tmp_path, "--resume")
+    assert "continuing after epoch 1" in result.stderr
+    assert (tmp_path / "study.safetensors").read_bytes() == (undisturbed / "study.safetensors").read_bytes()
+    assert losses(tmp_path) == losses(undisturbed)
 
 
-def test_a_checkpoint_of_another_training_is_refused_and_a_damaged_one_too(study, undisturbed):
-    folder = study.parent / "refused"
-    checkpoint = folder / "checkpoint.safetensors"
-    metafmu("sample", study, "--out", folder)
-    for _ in range(100):
-        kill_after(0.3 * undisturbed[1], "train", study, "--out", folder)
-        if checkpoint.exists():
-            break
+def test_a_checkpoint_of_another_training_is_refused_and_a_damaged_one_too(study, undisturbed, tmp_path):
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    metafmu("sample", study, "--out", tmp_path)
+    abort_at("replaced checkpoint.safetensors", "train", study, "--out", tmp_path)
     other = study.with_stem("other")
-    other.write_text(study.read_text().replace("hidden = [32, 32]", "hidden = [32, 31]"))
+    other.write_text(study.read_text().replace("hidden = [16, 16]", "hidden = [16, 15]"))
     good = checkpoint.read_bytes()
     for path, content in [(other, good), (study, good[:-1]), (study, b""), (study, b"\xff" * 100)]:
         checkpoint.write_bytes(content)
-        result = metafmu("train", path, "--out", folder, "--resume", check=False)
+        result = metafmu("train", path, "--out", tmp_path, "--resume", check=False)
         assert result.returncode == 2
         assert "checkpoint.safetensors" in result.stderr and "without --resume" in result.stderr
         assert checkpoint.read_bytes() == content
     # without --resume it does not matter
-    metafmu("train", study, "--out", folder)
-    assert (folder / "study.safetensors").read_bytes() == (undisturbed[0] / "study.safetensors").read_bytes()
+    metafmu("train", study, "--out", tmp_path)
+    assert (tmp_path / "study.safetensors").read_bytes() == (undisturbed / "study.safetensors").read_bytes()

@@ -4,15 +4,27 @@ import csv
 import json
 import random
 import shutil
-import signal
-import subprocess
 import time
 import tomllib
 
 import pytest
-from conftest import ALL_EPOCHS, METAFMU, changed, metafmu
+from conftest import ALL_EPOCHS, abort_at, changed, kill_after, metafmu
 
 KILLS = 20
+# where a search is killed one time after the other; a trial that ends has its record, then loses its checkpoint
+MOMENTS = [
+    "complete trial-0000.safetensors",
+    "replaced trial-0002.safetensors",
+    "complete trial-0004.json",
+    "replaced trial-0006.json",
+    "removed trial-{}.safetensors",
+    "complete search.csv",
+    "replaced search.csv",
+    "complete study-best.toml",
+    "replaced study-best.toml",
+    # a trial that was stopped keeps it to the end of the search
+    "removed trial-0000.safetensors",
+]
 SEARCH = """
 [search]
 method = "halving"
@@ -84,20 +96,23 @@ def test_a_trial_is_the_training_of_its_study(study, undisturbed):
     assert f"epoch {best['best_epoch']} is the best" in result.stderr
 
 
-def test_a_search_that_is_killed_goes_on_and_ends_the_same(study, undisturbed):
+def test_a_search_that_is_killed_goes_on_and_ends_the_same(study, undisturbed, tmp_path):
+    rows, _ = results(undisturbed[0])
+    finished = next(row["trial"] for row in rows if row["status"] == "finished")
+    for moment in MOMENTS:
+        abort_at(moment.format(f"{int(finished):04}"), "search", study, "--out", tmp_path, "--resume")
+    metafmu("search", study, "--out", tmp_path, "--resume")
+    assert results(tmp_path) == results(undisturbed[0])
+
+
+@pytest.mark.thorough
+def test_a_search_that_is_killed_at_random_goes_on_and_ends_the_same(study, undisturbed):
     expected_folder, seconds = undisturbed
     moments, killed = random.Random(1), 0
     for number in range(KILLS):
         folder = study.parent / f"killed-{number}"
         for arguments in ([], ["--resume"]):
-            process = subprocess.Popen(
-                [METAFMU, "search", study, "--out", folder, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-            try:
-                process.wait(moments.uniform(0, seconds))
-            except subprocess.TimeoutExpired:
-                process.kill()
-            killed += process.wait() == -signal.SIGKILL
+            killed += kill_after(moments.uniform(0, seconds), "search", study, "--out", folder, *arguments)
         metafmu("search", study, "--out", folder, "--resume")
         assert results(folder) == results(expected_folder), number
     assert killed >= KILLS / 2

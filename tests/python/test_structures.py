@@ -9,7 +9,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OUTPUTS, PARAMETERS, changed, fmu_of, kill_after, losses, metafmu
+from conftest import METAFMU, OTHER_THREADS, OUTPUTS, PARAMETERS, abort_at, changed, fmu_of, kill_after, losses, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors.numpy import load_file
@@ -88,13 +88,25 @@ def test_fmpy_computes_what_numpy_reads_from_the_file(fixed, version):
 
 
 def test_the_number_of_threads_changes_nothing(study, fixed):
-    folder = study.parent / "one-thread"
-    environment = os.environ | {"RAYON_NUM_THREADS": "1"}
-    subprocess.run([METAFMU, "build", study, "--out", folder], check=True, capture_output=True, env=environment)
+    folder = study.parent / "other-threads"
+    command = [METAFMU, "build", study, "--out", folder]
+    subprocess.run(command, check=True, capture_output=True, env=os.environ | OTHER_THREADS)
     assert results(folder) == results(fixed[0])
 
 
-def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, fixed):
+def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, fixed, tmp_path):
+    """After the first network, after nearly all, and between the results and the end of the journal of networks."""
+    for moment in ("appended unfinished-networks.bin", f"appended unfinished-networks.bin {INSTANTS - 3}", "replaced training.json"):
+        abort_at(moment, "build", study, "--out", tmp_path, "--resume")
+        assert (tmp_path / "unfinished-networks.bin").exists()
+    metafmu("build", study, "--out", tmp_path, "--resume")
+    assert results(tmp_path) == results(fixed[0])
+    assert losses(tmp_path) == losses(fixed[0])
+    assert not (tmp_path / "unfinished-networks.bin").exists()
+
+
+@pytest.mark.thorough
+def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(study, fixed):
     moments = random.Random(1)
     went_on = 0
     for number in range(KILLS):
