@@ -13,8 +13,8 @@ if ! grep -qs "^\"cargo-fuzz $version " target/tools/.crates.toml; then
 fi
 
 mkdir -p fuzz/corpus/model_file fuzz/corpus/model_description
-cargo run --quiet --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/seed.safetensors 3 2 >/dev/null
-cargo run --quiet --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/per-instant.safetensors per-instant 3 >/dev/null
+cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/seed.safetensors 3 2 >/dev/null
+cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/per-instant.safetensors per-instant 3 >/dev/null
 cp tests/data/modelDescription-fmi*.xml examples/embedding/load/modelDescription.xml fuzz/corpus/model_description/
 
 for target in model_file model_description; do

@@ -104,7 +104,7 @@ done
 # a space and a sign that a URI escapes
 model="$scratch/model #1"
 mkdir "$model"
-cargo run --quiet --locked --package metafmu-runtime --example model_file -- "$model/model.safetensors" 128 128 >/dev/null
+cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- "$model/model.safetensors" 128 128 >/dev/null
 
 zig=target/runtimes-build/zig/bin/python
 options=(-std=c99 -O1 -Wall -Wextra -Werror -pedantic tests/platforms/step.c)

@@ -34,21 +34,22 @@ fi
 
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
-step "lints";               cargo clippy --workspace --all-targets --locked -- -D warnings
+step "lints";               cargo clippy --workspace --all-targets --release --locked -- -D warnings
 if [ $extent = quick ]; then
-  step "Rust unit tests";   cargo test --workspace --lib --locked
-  step "release build";     cargo build --release --locked
+  step "Rust unit tests";   cargo test --workspace --lib --release --locked
+  step "command";           cargo build --release --locked
   step "one build in fmpy"; tests -m quick -n 0 "$@"
   exit
 fi
-step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
-# also builds the command with fail points and the examples that the Python tests run
-step "Rust tests";          cargo test --workspace --locked
-step "release build";       cargo build --release --locked
+step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
+# also builds the examples that the Python tests run
+step "Rust tests";          cargo test --workspace --release --locked
+step "command";             cargo build --release --locked
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
 trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"
 if [ $extent = all ]; then
+  step "debug assertions";  cargo test --package metafmu-runtime --package fmu-template --locked
   step "kills";             tests -m thorough "$@"
   step "other platforms";   scripts/test-platforms.sh
   step "fuzzing";           scripts/fuzz.sh

@@ -17,8 +17,6 @@ from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
 METAFMU = ROOT / "target" / "release" / "metafmu"
-# has the moments of src/fail_points.rs, and computes the same bytes forty times as slowly
-WITH_FAIL_POINTS = ROOT / "target" / "debug" / "metafmu"
 IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 if IS_WORKER:
     # there are as many workers as cores
@@ -68,8 +66,7 @@ def metafmu(*arguments, check=True):
 
 def abort_at(moment, *arguments):
     """Runs the command, which has to end as if it were killed at a moment of src/fail_points.rs."""
-    assert WITH_FAIL_POINTS.exists(), "run `cargo build` first"
-    command, environment = [WITH_FAIL_POINTS, *map(str, arguments)], os.environ | {"METAFMU_ABORT_AT": moment}
+    command, environment = [METAFMU, *map(str, arguments)], os.environ | {"METAFMU_ABORT_AT": moment}
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment)
     assert result.returncode == -signal.SIGABRT, f"{moment!r} is never reached: {result.stderr}"
 

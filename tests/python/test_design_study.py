@@ -9,7 +9,7 @@ from conftest import OUTPUTS, ROOT, simulate_with_fmpy
 sys.path.insert(0, str(ROOT / "examples" / "embedding"))
 import design_study
 
-RUST = ROOT / "target" / "debug" / "examples" / "design_study"
+RUST = ROOT / "target" / "release" / "examples" / "design_study"
 
 
 @pytest.fixture(scope="module")

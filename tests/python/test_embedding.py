@@ -125,7 +125,7 @@ def test_the_load_moves_as_under_the_exact_slider_within_the_error_of_the_surrog
 
 
 def test_the_rust_program_computes_what_the_fmpy_script_does(system):
-    program = ROOT / "target" / "debug" / "examples" / "embed_load"
+    program = ROOT / "target" / "release" / "examples" / "embed_load"
     assert program.exists(), "run `cargo build --examples` first"
     result = run([program, system.slider_crank, system.load])
     assert result.stdout.splitlines()[0] == ",".join(COLUMNS)
