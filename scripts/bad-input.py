@@ -130,6 +130,44 @@ SECTIONS = {
         "a limit that no surrogate reaches": {"study.toml": STUDY + "[accept]\nr2 = 1.0\n"},
         "a target judged by one run": {"study.toml": STUDY + "[target]\nr2 = 0.99\nruns = 8\nmax_runs = 100\n"},
     },
+    "Several mistakes at once": {
+        "unknown keys in three sections": study(
+            "step = 0.5", "step = 0.5\nmargn = 0.1", STUDY.replace("test_runs", "tests") + "[network]\nnodes = [64, 64]\n"
+        ),
+        "a wrong type beside a wrong limit": study("runs = 8", 'runs = "8"', STUDY + "[training]\ndropout = 2\nepochs = 0\n"),
+        "missing keys in two sections": study(
+            "stop = 1\nstep = 0.5\n", "", STUDY + "[target]\nr2 = 0.9\n[accept]\nr2 = 2\n"
+        ),
+        "ranges without an end": study(
+            "L = { min = 0.1, max = 0.2,", "c = { max = 0.1 }\nthetad0 = { values = [] }\nL = { min = 0.1,"
+        ),
+        "options of the training, and names that the system does not know": study(
+            "theta = {", "omega = {", STUDY.replace("L = {", "length = {") + "[training]\ndropout = 2\n"
+        ),
+        "a study and its mechanism": {
+            "study.toml": MECHANISM.replace("step = 0.5", "step = 0.3"),
+            "m.toml": PENDULUM.replace('mass = "m"', 'mass = "m*"').replace('damping = "', 'daming = "'),
+        },
+        "several mistakes in a mechanism": mechanism(
+            'mass = "m"', 'mass = "m*"\nangle = true', PENDULUM.replace('"revolute"', '"hinge"').replace('damping = "', 'daming = "')
+        ),
+        "an FMU that is not there, and a time": study("step = 0.5", "step = 0.3", FMU_STUDY),
+        "a point out of range, and a training": {
+            "study.toml": LIST + "[training]\nvalidation = 1.5\n", "points.csv": "L\n0.1\n0.3\n"
+        },
+        "a search whose values no study can have": {
+            "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"training.epoch" = [10, 20]\n'
+            '"network.activation" = ["tanh", "rele"]\n"training.batch" = ["64"]\n'
+        },
+        "a search whose range ends where no study can be": {
+            "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"training.dropout" = { min = 0.0, max = 2.0 }\n'
+            '"parameters.L.max" = [0.2, 0.01]\n'
+        },
+        "a polynomial of more terms than can be fitted": {
+            "study.toml": STUDY.replace("[outputs]", "c = { min = 0, max = 0.1 }\nthetad0 = { min = 0, max = 1 }\n[outputs]")
+            + "[baselines]\npolynomial = { degree = 20 }\nridge = { alpha = -1 }\n"
+        },
+    },
     "Searches": {
         "a value that no study can have": {
             "study.toml": STUDY + '[search]\ntrials = 2\n[search.space]\n"network.activation" = ["tanh", "rele"]\n'

@@ -79,7 +79,7 @@ The study says what to try, for instance:
   \"training.optimizer\" = [\"adam\", \"soap\"]
   \"network.hidden\" = [[64, 64], [128, 128]]
 
-Every value is checked before the first trial. Trials are compared by 1 - R² on held-out runs; one that fails is a row of the
+Every value is checked when the study is read. Trials are compared by 1 - R² on held-out runs; one that fails is a row of the
 table. With `model = \"svr\"` they fit that
 baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10.0, 100.0].")]
     Search(SearchArgs),
@@ -123,6 +123,14 @@ study's surrogate of the same variables is measured on the same test runs.")]
 
 The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise.")]
     Export(ExportModelArgs),
+    /// Print the JSON schema of study or mechanism files, with which editors complete and check them
+    #[command(after_help = "Examples:
+  metafmu schema study > study.schema.json
+  metafmu schema mechanism > mechanism.schema.json
+
+With the line `#:schema ./study.schema.json` at its beginning, a study is completed and checked by editors with Taplo, such as
+Visual Studio Code with Even Better TOML. docs/study-file.md and docs/mechanism-file.md have every key.")]
+    Schema(SchemaArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
@@ -165,6 +173,21 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct SchemaArgs {
+    /// Kind of file
+    #[arg(value_name = "FILE")]
+    pub file: SchemaOf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SchemaOf {
+    /// A study: what is sampled, how, and what is made of it
+    Study,
+    /// A mechanism: bodies, joints, springs, forces and drivers
+    Mechanism,
 }
 
 #[derive(Debug, Args)]

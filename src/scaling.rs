@@ -2,6 +2,7 @@
 
 use crate::{
     dataset::{Dataset, Run},
+    diagnostics::{KeyProblem, Problems},
     layout::RowLayout,
     variable::Variable,
 };
@@ -13,7 +14,7 @@ pub const LARGEST: f64 = 1e100;
 
 /// What is wrong with the outputs of runs: `outputs.NAME` with values of which neither scaling nor errors can be computed. An output
 /// may have one value in all rows.
-pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
+pub fn problems(dataset: &Dataset) -> Problems {
     let width = dataset.outputs.len();
     let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
     for row in dataset.runs.iter().flat_map(|run| run.outputs.chunks(width)) {
@@ -36,7 +37,7 @@ pub fn problems(dataset: &Dataset) -> Vec<(String, String)> {
             return None;
         };
         let message = format!("from {min:e} to {max:e} in the runs, expected {expected}: choose another unit");
-        Some((format!("outputs.{}", output.name), message))
+        Some(KeyProblem { key: format!("outputs.{}", output.name), message })
     };
     dataset.outputs.iter().zip(ranges).filter_map(problem).collect()
 }
@@ -172,16 +173,16 @@ mod tests {
             runs: values.map(|y| Run { parameters: vec![1.0], times: Arc::new([0.0]), outputs: vec![y, 1.0] }).to_vec(),
         };
         for good in [[0.0; 3], [3.0; 3], [1e99, -1e99, 0.0], [1e-99, 2e-98, 1e-97]] {
-            assert_eq!(problems(&dataset(good)), [], "{good:?}");
+            assert!(problems(&dataset(good)).is_empty(), "{good:?}");
         }
-        assert_eq!(problems(&Dataset { runs: Vec::new(), ..dataset([0.0; 3]) }), []);
+        assert!(problems(&Dataset { runs: Vec::new(), ..dataset([0.0; 3]) }).is_empty());
         for (wrong, says) in [
             ([1e155, 1.0, 0.0], "from 0e0 to 1e155 in the runs, expected numbers up to 1e100"),
             ([1e-200; 3], "from 1e-200 to 1e-200 in the runs, expected a size and a spread above 1e-100"),
             ([0.0, 1e-200, 2e-200], "expected a size and a spread above 1e-100: choose another unit"),
         ] {
-            let found = problems(&dataset(wrong));
-            assert!(found.len() == 1 && found[0].0 == "outputs.y" && found[0].1.contains(says), "{found:?}");
+            let found: Vec<KeyProblem> = problems(&dataset(wrong)).into_iter().collect();
+            assert!(found.len() == 1 && found[0].key == "outputs.y" && found[0].message.contains(says), "{found:?}");
         }
     }
 }

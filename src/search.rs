@@ -5,9 +5,10 @@
 
 use crate::{
     Error, Result,
+    diagnostics::Problems,
     sampling::{self, Stream},
     source::Source,
-    study::{SearchMethod, SearchOptions, Space, Study},
+    study::{SearchMethod, SearchOptions, Space, Study, set},
 };
 use rand::RngExt;
 use std::path::Path;
@@ -95,70 +96,65 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     Ok(root.to_string())
 }
 
-fn set(table: &mut toml::Table, key: &str, value: Value) -> Option<()> {
-    match key.split_once('.') {
-        None => {
-            table.insert(key.to_owned(), value);
-            Some(())
-        }
-        Some((first, rest)) => {
-            let inner = table.entry(first).or_insert_with(|| Value::Table(toml::Table::new()));
-            set(inner.as_table_mut()?, rest, value)
-        }
-    }
-}
-
-/// The studies of all trials, or for each why it is none: values may be fine and not go together.
+/// Fails if no study can have a value of the space, or an end of one of its ranges: neither alone nor beside values of other keys.
 ///
 /// # Errors
-/// [`Error::Study`] with every value of the space, the ends of its ranges among them, that no study can have.
-pub fn studies(study: &Study, path: &Path, text: &str) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
-    let Some(options) = &study.search else {
-        let message = "missing: `metafmu search` needs to know what to vary".to_owned();
-        return Err(study.refuse(vec![("search".into(), message)]).expect_err("there is a problem"));
-    };
-    let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
-    let with = |keys: &[&str], values: &[Value]| {
-        let trial = study_text(text, path, keys, values).and_then(|text| Study::parse(&text, path))?;
-        // of the same samples the source is the same
-        if trial.sampling_digest() != study.sampling_digest() {
-            Source::new(&trial)?;
-        }
-        Ok(trial)
-    };
-    let parsed = |values: Vec<Value>| {
-        let trial = with(&keys, &values);
-        (values, trial)
-    };
-    let found: Vec<(Vec<Value>, Result<Study>)> = trials(options, study.seed).into_iter().map(parsed).collect();
-    let (good, other): (Vec<_>, Vec<_>) = found.iter().partition(|(_, trial)| trial.is_ok());
-    let mut problems = Vec::new();
-    for (place, (key, space)) in options.space.iter().enumerate() {
-        for choice in choices(space) {
-            if good.iter().any(|(values, _)| values[place] == choice) {
-                continue;
-            }
-            let beside = |(values, _): &(Vec<Value>, Result<Study>)| {
-                let mut values = values.clone();
+/// [`Error::Study`] with every such value.
+pub fn check(study: &Study) -> Result<()> {
+    let Some(options) = &study.search else { return Ok(()) };
+    let mut problems = Problems::default();
+    for (key, space) in &options.space {
+        for choice in space.choices() {
+            let Err(error) = trial(study, &[key], std::slice::from_ref(&choice)) else { continue };
+            let pairs = options.space.iter().filter(|(other, _)| *other != key).flat_map(|(other, space)| {
+                space
+                    .choices()
+                    .into_iter()
+                    .map(|value| (vec![key.as_str(), other.as_str()], vec![choice.clone(), value]))
+            });
+            let whole = trials(options, study.seed).into_iter().take(TRIES).map(|mut values| {
+                let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
+                let place = options.space.get_index_of(key).unwrap_or_default();
                 values[place] = choice.clone();
-                with(&keys, &values)
-            };
-            // beside the values of good trials, alone, beside those of others
-            let alone = with(&[key], std::slice::from_ref(&choice));
-            let (first, last) = (good.iter().take(TRIES).copied(), other.iter().take(TRIES).copied());
-            let mut tries = first.map(beside).chain([alone]).chain(last.map(beside));
-            let Some(Err(error)) = tries.next() else { continue };
-            if !tries.any(|trial| trial.is_ok()) {
-                problems.push((format!("search.space.{key}"), format!("{choice}: {}", reasons(&error))));
+                (keys, values)
+            });
+            if !pairs.chain(whole).any(|(keys, values)| trial(study, &keys, &values).is_ok()) {
+                problems.add(format!("search.space.{key}"), format!("{choice}: {}", reasons(&error)));
             }
         }
     }
-    study.refuse(problems)?;
-    Ok(found)
+    study.refuse(problems)
 }
 
 /// Trials beside whose values a value is tried.
 const TRIES: usize = 10;
+
+/// The study with other values.
+fn trial(study: &Study, keys: &[&str], values: &[Value]) -> Result<Study> {
+    let (path, text) = study.file();
+    let trial = Study::parse(&study_text(text, path, keys, values)?, path)?;
+    // of the same samples the source is the same
+    if trial.sampling_digest() != study.sampling_digest() {
+        Source::new(&trial)?;
+    }
+    Ok(trial)
+}
+
+/// The values and the studies of all trials, or for each why it is none: values may be good and not go together.
+///
+/// # Errors
+/// [`Error::Study`] if the study has no search.
+pub fn studies(study: &Study) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
+    let Some(options) = &study.search else {
+        return Err(study.refusal("search", "missing: `metafmu search` needs it to know what to try"));
+    };
+    let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
+    let with_study = |values: Vec<Value>| {
+        let trial = trial(study, &keys, &values);
+        (values, trial)
+    };
+    Ok(trials(options, study.seed).into_iter().map(with_study).collect())
+}
 
 /// What is wrong with a study, without the lines of its text, which nobody has written.
 fn reasons(error: &Error) -> String {
@@ -171,17 +167,10 @@ fn reasons(error: &Error) -> String {
     }
 }
 
-/// All values of a list, the ends of a range.
-fn choices(space: &Space) -> Vec<Value> {
-    match space {
-        Space::Values(values) => values.clone(),
-        Space::Range(range) => vec![range.min.clone(), range.max.clone()],
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnostics::KeyProblem;
 
     const STUDY: &str = include_str!("../examples/single-pendulum.toml");
 
@@ -195,7 +184,7 @@ mod tests {
             "method = 'grid'\n[space]\n'training.batch' = [64, 256]\n\
              'training.learning_rate' = { min = 1e-4, max = 1e-2, scale = 'log', levels = 3 }",
         );
-        assert_eq!(options.problems(), []);
+        assert!(options.problems().is_empty());
         let found = trials(&options, 1);
         assert_eq!(found.len(), 6);
         let rates: Vec<f64> = found[..3].iter().map(|trial| trial[1].as_float().unwrap()).collect();
@@ -246,15 +235,15 @@ mod tests {
             "{STUDY}\n[search]\ntrials = 2\nmethod = 'random'\n[search.space]\n'network.hidden' = [[5, 6]]\n'training.batch' = [7]\n'training.optimiser' = ['adam']"
         );
         let path = Path::new("study.toml");
-        let study = Study::parse(&text, path).unwrap();
-        let message = studies(&study, path, &text).unwrap_err().to_string();
+        let message = Study::parse(&text, path).unwrap_err().to_string();
+        let says = "study.toml:";
         assert!(
-            message.contains("search.space.training.optimiser: \"adam\": training.optimiser: unknown key"),
+            message.starts_with(says) && message.contains("search.space.training.optimiser: unknown key `optimiser`"),
             "{message}"
         );
         let text = text.replace("'training.optimiser' = ['adam']", "'export.author' = ['A']");
         let study = Study::parse(&text, path).unwrap();
-        let trial = studies(&study, path, &text).unwrap().swap_remove(0).1.unwrap();
+        let trial = studies(&study).unwrap().swap_remove(0).1.unwrap();
         assert_eq!((trial.network.hidden, trial.training.batch), (vec![5, 6], 7));
         assert_eq!(trial.sampling, study.sampling);
         assert!(trial.search.is_none());
@@ -265,17 +254,18 @@ mod tests {
         let path = Path::new("study.toml");
         let of = |space: &str| {
             let text = format!("{STUDY}\n[search]\nmethod = 'grid'\n[search.space]\n{space}\n");
-            let study = Study::parse(&text, path).unwrap();
-            studies(&study, path, &text).map_err(|error| error.to_string())
+            let study = Study::parse(&text, path).map_err(|error| error.to_string())?;
+            check(&study).and_then(|()| studies(&study)).map_err(|error| error.to_string())
         };
-        let wrong = of("'network.activation' = ['tanh', 'rele']\n\
-                        'training.dropout' = { min = 0.0, max = 2.0, levels = 2 }\n\
+        let wrong = of("'network.activation' = ['tanh', 'rele']").unwrap_err();
+        let says = "search.space.network.activation: \"rele\", expected one of";
+        assert!(wrong.starts_with("study.toml:") && wrong.contains(says), "{wrong}");
+        let wrong = of("'training.dropout' = { min = 0.0, max = 2.0, levels = 2 }\n\
                         'parameters.L.max' = [0.2, 0.01]\n'source.constants.M' = [1.0]")
         .unwrap_err();
         let lines: Vec<&str> = wrong.lines().collect();
-        assert_eq!(lines.len(), 4, "{wrong}");
+        assert_eq!(lines.len(), 3, "{wrong}");
         for (line, says) in lines.iter().zip([
-            "search.space.network.activation: \"rele\": network.activation: \"rele\", expected one of",
             "search.space.training.dropout: 2.0: training.dropout: 2, expected a share of at least 0 and below 1",
             "search.space.parameters.L.max: 0.01: parameters.L: range is empty: min 0.1 is not below max 0.01",
             "search.space.source.constants.M: 1.0: source.constants.M: single-pendulum has no quantity `M`",
@@ -318,9 +308,9 @@ mod tests {
                 "decides nothing",
             ),
         ] {
-            let problems = options(text).problems();
+            let problems: Vec<KeyProblem> = options(text).problems().into_iter().collect();
             assert!(
-                problems.len() == 1 && problems[0].0 == key && problems[0].1.contains(message),
+                problems.len() == 1 && problems[0].key == key && problems[0].message.contains(message),
                 "{text}: {problems:?}"
             );
         }

@@ -2,11 +2,12 @@
 
 use crate::{Baseline, Fitted, Rows, expect, for_each_output, linear, not_negative};
 use linfa::traits::Fit;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.elastic-net]`: the smallest
 /// `1/(2 rows) |y - b - X w|^2 + alpha (l1_ratio |w|_1 + (1 - l1_ratio)/2 |w|_2^2)` over standardised columns.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ElasticNet {
     /// Strength of the penalties.

@@ -4,11 +4,12 @@ use crate::{Baseline, Fitted, Rows, at_least, at_most, expect, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.gaussian-process]`: a squared exponential kernel with a length of its own for each standardised input.
 /// Amplitude, lengths and noise are those of the greatest likelihood of a few rows; the model is that of more.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GaussianProcess {
     /// At most so many rows: time grows with their cube.

@@ -3,6 +3,7 @@
 use crate::{
     Baseline, Fitted, LibraryModel, MOST_TREES, Rows, at_least, at_most, expect, for_each_output, svr::matrix,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
@@ -10,7 +11,7 @@ use smartcore::{
 };
 
 /// `[baselines.gradient-boosting]`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GradientBoosting {
     /// Number of trees of each output.

@@ -1,6 +1,7 @@
 //! k nearest neighbours.
 
 use crate::{Baseline, Fitted, LibraryModel, Rows, at_least};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
     algorithm::neighbour::cover_tree::CoverTree,
@@ -9,7 +10,7 @@ use smartcore::{
 
 /// `[baselines.knn]`: the mean of the nearest training rows, weighted by the inverse of their distance in standardised
 /// inputs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Knn {
     /// How many.

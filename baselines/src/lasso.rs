@@ -1,10 +1,11 @@
 //! Lasso: least squares with a penalty on the sizes of the weights, which makes some of them zero.
 
 use crate::{Baseline, ElasticNet, Fitted, Rows, not_negative};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.lasso]`: the elastic net with `l1_ratio = 1`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Lasso {
     /// Strength of the penalty.

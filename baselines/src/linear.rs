@@ -5,10 +5,11 @@ use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_runtime::regression::{Function, Polynomial, Regression};
 use ndarray::{Array1, Array2, ShapeBuilder};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.linear]`: no options.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Linear {}
 

@@ -4,19 +4,21 @@ use crate::{
     Baseline, DecisionTree, ElasticNet, ExtraTrees, GaussianProcess, GradientBoosting, Knn, Lasso, Linear, Polynomial,
     RandomForest, Ridge, Svr,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
 /// `[baselines]`: which models are compared with the network, and how each is fitted.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Baselines {
     /// Those that `metafmu compare` fits.
     pub models: Vec<Kind>,
     /// Those of them that `metafmu build` fits.
     pub build: Vec<Kind>,
-    /// Seconds each may take to fit and to predict the test rows.
+    /// What each may take to fit and to predict the test rows.
     #[serde(rename = "time_budget")]
+    #[schemars(extend("x-unit" = "s"))]
     pub time_budget: f64,
     /// Least squares.
     pub linear: Linear,
@@ -67,7 +69,7 @@ impl Default for Baselines {
 }
 
 /// The baselines there are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[allow(missing_docs)]
 pub enum Kind {
@@ -151,6 +153,12 @@ impl Baselines {
         }
     }
 
+    /// What is wrong beside so many inputs: the key within `[baselines]` and the message.
+    pub fn problems_beside(&self, inputs: usize) -> Vec<(String, String)> {
+        let degree = self.polynomial.degree_problem(inputs);
+        degree.map(|message| ("polynomial.degree".to_owned(), message)).into_iter().collect()
+    }
+
     /// Every mistake: its key within `[baselines]` and what is wrong.
     pub fn problems(&self) -> Vec<(String, String)> {
         let budget = super::positive("time_budget", self.time_budget);
@@ -203,6 +211,10 @@ mod tests {
                 parse(text).unwrap().into_iter().map(|(key, message)| format!("{key}: {message}")).collect();
             assert_eq!(problems, [expected], "{text}");
         }
+        let beside = |text: &str, inputs| toml::from_str::<Baselines>(text).unwrap().problems_beside(inputs);
+        assert_eq!(beside("polynomial = { degree = 20 }", 2), []);
+        let message = "more than 5000 terms of degree 20 in 4 inputs: lower `degree`".to_owned();
+        assert_eq!(beside("polynomial = { degree = 20 }", 4), [("polynomial.degree".to_owned(), message)]);
         assert!(parse("models = [\"forest\"]").unwrap_err().to_string().contains("unknown variant `forest`"));
         assert!(parse("ridge = { lambda = 1 }").unwrap_err().to_string().contains("unknown field `lambda`"));
     }

@@ -7,6 +7,7 @@ use metafmu_runtime::{
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.polynomial]`: the products of powers of inputs up to a total degree, with weights `w` that make
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 /// linfa wants the whole matrix `X` in memory, 25 GB for 462 terms of 7 million rows: the normal equations
 /// `(X^T X / rows + alpha I) w = X^T y / rows` are summed up block by block instead. They are well conditioned as the
 /// powers are Legendre polynomials over the range of each input.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Polynomial {
     /// Highest sum of the powers in a term; unless given the highest of 1 to 6 that makes no more than 1000 terms.
@@ -80,6 +81,13 @@ impl Baseline for Polynomial {
         let degree = self.degree.and_then(|degree| expect((1..=20).contains(&degree), "degree", &degree, "1 to 20"));
         let rows = super::at_least("rows", self.rows, 2);
         degree.into_iter().chain(not_negative("alpha", self.alpha)).chain(rows).collect()
+    }
+}
+
+impl Polynomial {
+    /// What is wrong with the degree beside so many inputs.
+    pub(super) fn degree_problem(&self, inputs: usize) -> Option<String> {
+        degrees(inputs, self.degree?, MOST_TERMS).err()
     }
 }
 

@@ -4,13 +4,14 @@ use crate::{Baseline, Fitted, Rows, for_each_output, linear, not_negative};
 use linfa::{DatasetBase, traits::Fit};
 use linfa_linear::LinearRegression;
 use ndarray::{Array1, Array2, ShapeBuilder};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[baselines.ridge]`: the smallest `1/(2 rows) |y - b - X w|^2 + alpha/2 |w|^2` over standardised columns.
 ///
 /// linfa's elastic net never finds its end without a penalty on sizes, so this is its least squares with one more row
 /// `sqrt(rows alpha) e_i` for each weight.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ridge {
     /// Strength of the penalty.

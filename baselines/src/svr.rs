@@ -2,6 +2,7 @@
 
 use crate::{Baseline, Fitted, Rows, at_least, for_each_output, not_negative, positive};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
@@ -12,7 +13,7 @@ use smartcore::{
 };
 
 /// `[baselines.svr]`: the kernel is `exp(-gamma |z - c|^2)` over standardised inputs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Svr {
     /// At most so many rows: the time grows with their square.

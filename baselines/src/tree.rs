@@ -2,6 +2,7 @@
 
 use crate::{Baseline, Fitted, MOST_TREES, Rows, at_least, at_most, for_each_output, svr::matrix};
 use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
     ensemble::{
@@ -13,7 +14,7 @@ use smartcore::{
 };
 
 /// `[baselines.decision-tree]`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecisionTree {
     /// Fewest rows of a leaf.
@@ -23,7 +24,7 @@ pub struct DecisionTree {
 }
 
 /// `[baselines.random-forest]`: the mean of trees, each of rows drawn with repetition.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RandomForest {
     /// Number of trees of each output.
@@ -35,7 +36,7 @@ pub struct RandomForest {
 }
 
 /// `[baselines.extra-trees]`: the mean of trees whose splits are drawn at random.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExtraTrees {
     /// Number of trees of each output.

@@ -8,6 +8,7 @@ mod interrupt;
 pub mod new;
 pub mod report;
 pub mod sample;
+pub mod schema;
 pub mod search;
 pub mod simulate;
 mod stdout;

@@ -6,7 +6,8 @@ mod table;
 use super::{Outcome, print, terminal::control};
 use crate::cli::NewArgs;
 use metafmu::{
-    Error, Result, files, multibody::Mechanism, pipeline::project::describe, source::systems::SYSTEMS, study::Study,
+    Error, Result, diagnostics::Problems, files, multibody::Mechanism, pipeline::project::describe,
+    source::systems::SYSTEMS, study::Study,
 };
 use std::{
     fmt::Write,
@@ -44,8 +45,8 @@ fn of_system(name: &str, system: &str) -> String {
 fn of_mechanism(name: &str, file: &Path) -> Result<String> {
     let mechanism = Mechanism::load(file)?;
     if mechanism.parameters().values().all(|parameter| parameter.min.is_none()) {
-        let message = "none has a range, expected `min` and `max` of each that the study is to vary".into();
-        mechanism.refuse(vec![("parameters".into(), message)])?;
+        let message = "none has a range, expected `min` and `max` of each that the study is to vary";
+        mechanism.refuse(Problems::one("parameters", message))?;
     }
     describe(&mechanism, control()?);
     let file = file.display().to_string();

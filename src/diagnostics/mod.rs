@@ -1,8 +1,11 @@
-//! Where a mistake is and what it is: the one error type, lines and keys of files, "did you mean".
+//! Where a mistake is and what it is: the one error type, problems by key, lines and keys of files, "did you mean".
 
 pub mod error;
 pub(crate) mod names;
 pub mod origin;
 mod place;
+mod problems;
+pub(crate) mod schema;
 
 pub use place::Place;
+pub use problems::{KeyProblem, Problems};

@@ -2,6 +2,10 @@
 
 mod words;
 
+use super::{
+    KeyProblem, Problems,
+    schema::{self, Formats},
+};
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::{
@@ -66,23 +70,61 @@ impl Origin {
         Self { path: path.to_owned(), text: text.to_owned() }
     }
 
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
     /// The folder of the file.
     pub(crate) fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
-    /// Reads the text as a `T`; syntax errors, unknown keys and wrong types are located.
-    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T> {
+    /// Parses the text; mistakes in the syntax are located.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with the first mistake of each line.
+    pub(crate) fn parse(&self) -> Result<Spanned<DeTable<'_>>> {
         let (root, errors) = DeTable::parse_recoverable(&self.text);
-        if !errors.is_empty() {
-            return Err(Error::Study { problems: self.of_syntax(root.get_ref(), &errors) });
+        if errors.is_empty() {
+            Ok(root)
+        } else {
+            Err(Error::Study { problems: self.of_syntax(root.get_ref(), &errors) })
         }
-        toml::from_str(&self.text).map_err(|error: toml::de::Error| {
+    }
+
+    /// What is wrong with the structure: unknown and missing keys, values of the wrong type. Also the sections where something is.
+    pub(crate) fn structure(
+        &self,
+        root: &DeTable,
+        schema: &serde_json::Value,
+        formats: Formats,
+    ) -> (Vec<Problem>, Vec<String>) {
+        let breaks = self.breaks();
+        let (mut problems, mut sections) = (Vec::new(), Vec::new());
+        for schema::Mistake { key, offset, message, is_missing } in schema::mistakes(schema, formats, root, &self.text)
+        {
+            // of a section that is missing the message has the name
+            let section =
+                if is_missing && key.is_empty() { message.split('`').nth(1) } else { key.split(['.', '[']).next() };
+            sections.extend(section.map(str::to_owned).filter(|section| !sections.contains(section)));
+            problems.push(Problem { path: self.path.clone(), line: line_of(&breaks, offset), key, message });
+        }
+        (problems, sections)
+    }
+
+    /// Reads a parsed document, whose structure is right, as a `T`.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with the first thing that the type refuses although its schema does not.
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self, root: Spanned<DeTable<'_>>) -> Result<T> {
+        T::deserialize(toml::de::Deserializer::from(root)).map_err(|error: toml::de::Error| {
             let span = error.span().unwrap_or(0..0);
-            let found = self.text.get(span.clone()).unwrap_or_default();
-            let (line, message) = (self.line_at(span.start), words::of_value(error.message(), found));
-            let problem = Problem { path: self.path.clone(), line, key: self.key_at(&span), message };
-            Error::Study { problems: vec![problem] }
+            let (line, message) = (self.line_at(span.start), error.message().replace('\n', ", "));
+            Error::Study { problems: vec![Problem { path: self.path.clone(), line, key: self.key_at(&span), message }] }
         })
     }
 
@@ -127,33 +169,31 @@ impl Origin {
         Err(Error::Study { problems: vec![problem] })
     }
 
-    /// Fails if there are problems, each a dotted key and what is wrong with it.
-    pub(crate) fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
+    /// Fails if there are problems.
+    pub(crate) fn refuse(&self, problems: Problems) -> Result<()> {
         if problems.is_empty() {
             return Ok(());
         }
         Err(Error::Study { problems: self.locate(problems) })
     }
 
-    /// Gives dotted keys, each with a message, their lines.
-    pub(crate) fn locate(&self, problems: Vec<(String, String)>) -> Vec<Problem> {
+    /// Gives problems their lines.
+    pub(crate) fn locate(&self, problems: Problems) -> Vec<Problem> {
+        if problems.is_empty() {
+            return Vec::new();
+        }
         let root = DeTable::parse(&self.text).ok();
-        let breaks: Vec<usize> = self.text.match_indices('\n').map(|(offset, _)| offset).collect();
-        let locate = |(key, message): (String, String)| {
+        let breaks = self.breaks();
+        let locate = |KeyProblem { key, message }| {
             let offset = root.as_ref().map_or(0, |root| offset_of(root.get_ref(), &key));
-            let line = breaks.partition_point(|&end| end < offset) + 1;
-            Problem { path: self.path.clone(), line, key, message }
+            Problem { path: self.path.clone(), line: line_of(&breaks, offset), key, message }
         };
         problems.into_iter().map(locate).collect()
     }
 
-    /// Dotted keys of all arrays that are values of keys, and how many elements they have.
-    pub(crate) fn array_lengths(&self) -> Vec<(String, usize)> {
-        let mut lengths = Vec::new();
-        if let Ok(root) = DeTable::parse(&self.text) {
-            add_array_lengths(root.get_ref(), "", &mut lengths);
-        }
-        lengths
+    /// Byte offsets of the ends of all lines.
+    fn breaks(&self) -> Vec<usize> {
+        self.text.match_indices('\n').map(|(offset, _)| offset).collect()
     }
 
     /// Dotted key of the innermost name or value that the span lies in; empty if there is none, or if the text is no TOML.
@@ -167,15 +207,9 @@ impl Origin {
     }
 }
 
-fn add_array_lengths(table: &DeTable, prefix: &str, lengths: &mut Vec<(String, usize)>) {
-    for (name, value) in table.iter() {
-        let key = format!("{prefix}{}", name.get_ref());
-        match Spanned::get_ref(value) {
-            DeValue::Array(elements) => lengths.push((key, elements.len())),
-            DeValue::Table(inner) => add_array_lengths(inner, &format!("{key}."), lengths),
-            _ => {}
-        }
-    }
+/// The line, counted from 1, of a byte offset.
+fn line_of(breaks: &[usize], offset: usize) -> usize {
+    breaks.partition_point(|&end| end < offset) + 1
 }
 
 /// Byte offset of the longest part of a dotted key that is in the table.
@@ -229,15 +263,17 @@ fn around(outer: &Range<usize>, inner: &Range<usize>) -> Option<usize> {
 mod tests {
     use super::*;
     use indexmap::IndexMap;
+    use schemars::JsonSchema;
     use serde::Deserialize;
 
-    #[derive(Debug, Deserialize)]
+    #[derive(Debug, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     #[allow(dead_code)]
     struct Content {
         number: Option<f64>,
         count: Option<usize>,
         text: Option<String>,
+        #[schemars(extend("format" = "path"))]
         file: Option<PathBuf>,
         is_on: Option<bool>,
         list: Option<Vec<usize>>,
@@ -247,14 +283,15 @@ mod tests {
         map: Option<IndexMap<String, f64>>,
     }
 
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields, expecting = "a table such as { min = 0 }")]
+    #[derive(Debug, Deserialize, JsonSchema)]
+    #[serde(deny_unknown_fields)]
+    #[schemars(extend("examples" = [{"min": 0}]))]
     #[allow(dead_code)]
     struct Inner {
         min: f64,
     }
 
-    #[derive(Debug, Deserialize)]
+    #[derive(Debug, Deserialize, JsonSchema)]
     #[serde(rename_all = "lowercase")]
     enum Kind {
         Mesh,
@@ -263,7 +300,15 @@ mod tests {
     }
 
     fn message(text: &str) -> String {
-        Origin::new(Path::new("f.toml"), text).deserialize::<Content>().unwrap_err().to_string()
+        let origin = Origin::new(Path::new("f.toml"), text);
+        let root = match origin.parse() {
+            Ok(root) => root,
+            Err(error) => return error.to_string(),
+        };
+        let (problems, _) = origin.structure(root.get_ref(), &schema::of::<Content>(), |_, _| None);
+        // the schema refuses whatever the type does
+        assert_eq!(problems.is_empty(), origin.deserialize::<Content>(root).is_ok(), "{text}");
+        problems.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n")
     }
 
     #[test]
@@ -272,7 +317,7 @@ mod tests {
             ("number = 'x'", "f.toml:1: number: 'x', expected a number"),
             ("number = \"1.5\"", "number: \"1.5\", expected a number: 1.5 without quotes"),
             ("number = true", "number: true, expected a number"),
-            ("number = 2020-01-01", "number: 2020-01-01, expected a number"),
+            ("number = 2020-01-01", "number: the date or time 2020-01-01, expected a number"),
             ("number = [1]", "number: a list, expected a number"),
             (
                 "count = 1.0",

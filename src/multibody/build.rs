@@ -9,19 +9,19 @@ use super::{
     measure::Measure,
     model::{Actuator, Force, Model, Spring},
 };
-use crate::{diagnostics::names::expected_one_of, integrate::TOLERANCE};
+use crate::{
+    diagnostics::{Problems, names::expected_one_of},
+    integrate::TOLERANCE,
+};
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
-
-/// Dotted keys and what is wrong with them.
-pub type Problems = Vec<(String, String)>;
 
 /// The model and what its outputs measure, in the order of the description.
 ///
 /// # Errors
 /// Every problem found, with its key.
 pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Measure>), Problems> {
-    let mut builder = Builder { description, values, joints: Vec::new(), problems: Vec::new() };
+    let mut builder = Builder { description, values, joints: Vec::new(), problems: Problems::default() };
     builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
     let model = builder.model();
     let measures: Vec<Measure> = description
@@ -306,7 +306,7 @@ impl Builder<'_> {
     fn is_broken_joint(&self, coordinate: &str) -> bool {
         let owner = coordinate.rsplit_once('.').map_or("", |(owner, _)| owner);
         let key = format!("joints.{owner}.between");
-        self.problems.iter().any(|(known, _)| *known == key)
+        self.problems.iter().any(|known| known.key == key)
     }
 
     fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[Point; 2]> {
@@ -413,9 +413,8 @@ impl Builder<'_> {
 
     /// Notes a problem once: points are looked up wherever they are named.
     fn problem(&mut self, key: &str, message: String) {
-        let problem = (key.to_owned(), message);
-        if !self.problems.contains(&problem) {
-            self.problems.push(problem);
+        if !self.problems.iter().any(|known| known.key == key && known.message == message) {
+            self.problems.add(key, message);
         }
     }
 }

@@ -44,13 +44,14 @@
 
 use super::expression::Expression;
 use indexmap::IndexMap;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A vector in the plane.
 pub type Vector = [Expression; 2];
 
 /// A mechanism file's content.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     /// One sentence for people.
@@ -59,7 +60,8 @@ pub struct Description {
     /// How the equations of motion are solved.
     #[serde(default)]
     pub formulation: FormulationKind,
-    /// Acceleration of gravity in the ground frame, in m/s².
+    /// Acceleration of gravity in the ground frame.
+    #[schemars(extend("x-unit" = "m/s²"))]
     #[serde(default)]
     pub gravity: Vector,
     /// What a study may vary.
@@ -93,7 +95,7 @@ pub struct Description {
 }
 
 /// How the equations of motion are solved (Choi et al. 2021, section 2).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FormulationKind {
     /// All coordinates with Lagrange multipliers.
@@ -104,8 +106,9 @@ pub enum FormulationKind {
 }
 
 /// An entry of `[parameters]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table such as { default = 0.15, unit = \"m\" }")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"default": 0.15, "unit": "m"}]))]
 pub struct ParameterOptions {
     /// Value if the study does not set it; within the range if there is one.
     pub default: f64,
@@ -122,43 +125,51 @@ pub struct ParameterOptions {
 }
 
 /// `[ground]`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GroundOptions {
-    /// Named points.
+    /// Named points in the ground frame.
     #[serde(default)]
+    #[schemars(extend("x-unit" = "m"))]
     pub points: IndexMap<String, Vector>,
 }
 
 /// An entry of `[bodies]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyOptions {
-    /// Mass in kg; may be zero where the joints leave no motion without inertia.
+    /// Mass; may be zero where the joints leave no motion without inertia.
+    #[schemars(extend("x-unit" = "kg"))]
     #[serde(default)]
     pub mass: Expression,
-    /// Moment of inertia about the centre of mass in kg.m²; zero for a point mass.
+    /// Moment of inertia about the centre of mass; zero for a point mass.
+    #[schemars(extend("x-unit" = "kg.m²"))]
     #[serde(default)]
     pub inertia: Expression,
-    /// Centre of mass at the start, in m.
+    /// Centre of mass at the start.
+    #[schemars(extend("x-unit" = "m"))]
     #[serde(default)]
     pub position: Vector,
-    /// Angle at the start, in rad.
+    /// Angle at the start.
+    #[schemars(extend("x-unit" = "rad"))]
     #[serde(default)]
     pub angle: Expression,
-    /// Velocity of the centre of mass at the start, in m/s.
+    /// Velocity of the centre of mass at the start.
+    #[schemars(extend("x-unit" = "m/s"))]
     #[serde(default)]
     pub velocity: Vector,
-    /// Angular velocity at the start, in rad/s.
+    /// Angular velocity at the start.
+    #[schemars(extend("x-unit" = "rad/s"))]
     #[serde(default)]
     pub angular_velocity: Expression,
-    /// Named points, from the centre of mass in the body's frame, in m.
+    /// Named points, from the centre of mass in the body's frame.
+    #[schemars(extend("x-unit" = "m"))]
     #[serde(default)]
     pub points: IndexMap<String, Vector>,
 }
 
 /// An entry of `[joints]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointOptions {
     /// What it leaves free.
@@ -168,12 +179,13 @@ pub struct JointOptions {
     pub between: [String; 2],
     /// Prismatic: direction of the slide in the frame of the first point's body.
     pub axis: Option<Vector>,
-    /// Prismatic and fixed: angle of the second body against the first, in rad.
+    /// Prismatic and fixed: angle of the second body against the first.
+    #[schemars(extend("x-unit" = "rad"))]
     pub angle: Option<Expression>,
 }
 
 /// What a joint leaves free; see [`super::joints`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JointType {
     /// Rotation about the common point.
@@ -199,7 +211,7 @@ impl JointType {
 }
 
 /// An entry of `[drivers]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DriverOptions {
     /// The coordinate that is prescribed.
@@ -209,48 +221,54 @@ pub struct DriverOptions {
 }
 
 /// An entry of `[springs]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SpringOptions {
     /// Ends of a spring that acts along their distance.
     pub between: Option<[String; 2]>,
     /// Coordinate that a spring of another kind acts along.
     pub coordinate: Option<String>,
-    /// Force or torque per m or rad; zero or more, as `damping` and as the `rest` of a spring `between` two points.
+    /// Force or torque per length or angle; zero or more, as the `rest` of a spring `between` two points.
+    #[schemars(extend("x-unit" = "N/m or N.m/rad"))]
     #[serde(default)]
     pub stiffness: Expression,
-    /// Force or torque per m/s or rad/s.
+    /// Force or torque per velocity; zero or more.
+    #[schemars(extend("x-unit" = "N.s/m or N.m.s/rad"))]
     #[serde(default)]
     pub damping: Expression,
-    /// Where there is no force: a length or an angle.
+    /// Length or angle at which there is no force.
+    #[schemars(extend("x-unit" = "m or rad"))]
     #[serde(default)]
     pub rest: Expression,
 }
 
 /// An entry of `[forces]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceOptions {
     /// Where it acts.
     pub point: String,
-    /// Components in the ground frame, in N; of the parameters, `time`, positions and velocities.
+    /// Components in the ground frame; of the parameters, `time`, positions and velocities.
+    #[schemars(extend("x-unit" = "N"))]
     pub force: Vector,
 }
 
 /// An entry of `[actuators]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActuatorOptions {
     /// The coordinate along which it acts.
     pub coordinate: String,
-    /// Force in N or torque in N.m, positive where it increases the coordinate; of the parameters, `time`, positions and
+    /// Force or torque, positive where it increases the coordinate; of the parameters, `time`, positions and
     /// velocities.
+    #[schemars(extend("x-unit" = "N or N.m"))]
     pub effort: Expression,
 }
 
 /// An entry of `[outputs]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table such as { measure = \"rod.angle\" }")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"measure": "rod.angle"}]))]
 pub struct OutputOptions {
     /// What is measured.
     pub measure: String,

@@ -5,8 +5,10 @@
 //! Griewank, Walther: *Evaluating Derivatives*, chapter 13), which is how a driver gets its velocity and acceleration.
 
 use crate::diagnostics::names::expected_one_of;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::{
+    borrow::Cow,
     fmt,
     ops::{Add, Div, Mul, Neg, Sub},
 };
@@ -246,6 +248,20 @@ impl Serialize for Expression {
             [Step::Constant(value)] => serializer.serialize_f64(*value),
             _ => serializer.serialize_str(&self.text),
         }
+    }
+}
+
+impl JsonSchema for Expression {
+    fn schema_name() -> Cow<'static, str> {
+        "Expression".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [{ "type": "number", "format": "finite" }, { "type": "string", "format": "expression" }] })
     }
 }
 

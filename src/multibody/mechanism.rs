@@ -1,22 +1,43 @@
 //! The mechanism file: read, checked, simulated.
 
 use super::{
-    build::{Problems, build},
+    build::build,
     description::{Description, ParameterOptions},
+    expression::Expression,
     measure::Measure,
     model::Model,
     review::{idle_parts, oddities},
     simulate::simulate,
 };
 use crate::{
-    Result,
-    diagnostics::origin::{self, Origin, Problem},
+    Error, Result,
+    diagnostics::{
+        KeyProblem, Problems,
+        origin::{self, Origin, Problem},
+        schema,
+    },
     integrate::Budget,
     variable::Variable,
 };
 use indexmap::IndexMap;
 use nalgebra::DVector;
-use std::path::Path;
+use std::{path::Path, sync::LazyLock};
+
+static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Description>);
+
+/// The JSON schema of a mechanism file.
+pub fn json_schema() -> &'static serde_json::Value {
+    &SCHEMA
+}
+
+/// What is wrong with a number or a text of a format of the schema.
+fn format_problem(format: &str, text: &str) -> Option<String> {
+    match format {
+        "expression" => Expression::parse(text).err(),
+        "finite" if !text.parse().is_ok_and(f64::is_finite) => Some(format!("{text}, expected a finite number")),
+        _ => None,
+    }
+}
 
 /// A mechanism file's content, checked.
 #[derive(Clone, Debug)]
@@ -43,9 +64,13 @@ impl Mechanism {
     /// [`crate::Error::Study`] with every problem found.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let origin = Origin::new(path, text);
+        let root = origin.parse()?;
         origin.refuse_section("source", "this is a study, expected a mechanism")?;
-        origin.refuse(length_problems(&origin))?;
-        let description: Description = origin.deserialize()?;
+        let (problems, _) = origin.structure(root.get_ref(), json_schema(), format_problem);
+        if !problems.is_empty() {
+            return Err(Error::Study { problems });
+        }
+        let description: Description = origin.deserialize(root)?;
         let mut problems = name_problems(&description);
         problems.extend(range_problems(&description));
         problems.extend(idle_parts(&description));
@@ -53,13 +78,13 @@ impl Mechanism {
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, measures) = match build(&description, &defaults) {
             Ok(built) => built,
-            Err(problems) => return Err(origin.refuse(problems).expect_err("there is a problem")),
+            Err(problems) => return Err(Error::Study { problems: origin.locate(problems) }),
         };
-        let (mut problems, mut outputs) = (Problems::new(), Vec::new());
+        let (mut problems, mut outputs) = (Problems::default(), Vec::new());
         for ((name, output), measure) in description.outputs.iter().zip(&measures) {
             let unit = measure.unit(&model);
             if let Some(found) = output.unit.as_deref().filter(|&found| found != unit) {
-                problems.push((format!("outputs.{name}.unit"), format!("`{found}`, expected `{unit}`")));
+                problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected `{unit}`"));
             }
             let description = output.description.clone();
             outputs.push(Variable::new(name, unit, &description));
@@ -70,7 +95,7 @@ impl Mechanism {
                 let sets = [&model.constraints, &model.initial_positions, &model.initial_velocities];
                 let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
                 let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
-                problems.push((key.cloned().unwrap_or_default(), message));
+                problems.add(key.cloned().unwrap_or_default(), message);
             }
         }
         origin.refuse(problems)?;
@@ -96,7 +121,7 @@ impl Mechanism {
         parts.join(", ")
     }
 
-    /// Fails if there are problems; each is a dotted key and its message, and is given its line here.
+    /// Fails if there are problems, which are given their lines here.
     ///
     /// # Errors
     /// [`crate::Error::Study`].
@@ -132,7 +157,11 @@ impl Mechanism {
         budget: &Budget,
     ) -> std::result::Result<Vec<f64>, String> {
         let sentence = |problems: Problems| {
-            problems.into_iter().map(|(key, message)| format!("{key}: {message}")).collect::<Vec<_>>().join("; ")
+            problems
+                .into_iter()
+                .map(|KeyProblem { key, message }| format!("{key}: {message}"))
+                .collect::<Vec<_>>()
+                .join("; ")
         };
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
         model.tolerance = tolerance;
@@ -154,32 +183,11 @@ fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// Arrays that are not vectors in the plane, or do not name two points. Reading them would drop the elements after the second.
-fn length_problems(origin: &Origin) -> Problems {
-    let problem = |(key, found): (String, usize)| {
-        let mut names = key.rsplit('.');
-        let (last, before) = (names.next()?, names.next());
-        let message = match last {
-            _ if found == 2 => return None,
-            "between" => format!("{}, expected 2", counted(found, "point", "points")),
-            "gravity" | "position" | "velocity" | "axis" | "force" => of_plane(found),
-            _ if before == Some("points") => of_plane(found),
-            _ => return None,
-        };
-        Some((key, message))
-    };
-    origin.array_lengths().into_iter().filter_map(problem).collect()
-}
-
-fn of_plane(found: usize) -> String {
-    format!("{}, expected 2: x and y", counted(found, "component", "components"))
-}
-
 /// Ranges of parameters that are empty or incomplete, or do not contain the default.
 fn range_problems(description: &Description) -> Problems {
-    let mut problems = Problems::new();
+    let mut problems = Problems::default();
     for (name, &ParameterOptions { default, min, max, .. }) in &description.parameters {
-        let mut add = |field: &str, message: String| problems.push((format!("parameters.{name}.{field}"), message));
+        let mut add = |field: &str, message: String| problems.add(format!("parameters.{name}.{field}"), message);
         for (field, value) in [("default", Some(default)), ("min", min), ("max", max)] {
             if value.is_some_and(|value| !value.is_finite()) {
                 add(field, "expected a finite number".into());
@@ -206,12 +214,12 @@ fn free_of_inertia(description: &Description, model: &Model, q: &DVector<f64>) -
         let body = description.bodies.get_index(coordinate / 3).map_or("", |(name, _)| name.as_str());
         let (field, motion) = if coordinate % 3 == 2 { ("inertia", "turn") } else { ("mass", "move") };
         let message = format!("0, expected more: the body can {motion} without anything that has mass or inertia");
-        (format!("bodies.{body}.{field}"), message)
+        KeyProblem { key: format!("bodies.{body}.{field}"), message }
     };
-    let mut problems: Problems = model.motions_without_inertia(q).into_iter().map(problem).collect();
+    let mut problems: Vec<KeyProblem> = model.motions_without_inertia(q).into_iter().map(problem).collect();
     // one mass is missing for two directions
     problems.dedup();
-    problems
+    problems.into_iter().collect()
 }
 
 /// Outputs that measure something that does not move.
@@ -222,14 +230,16 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
         }
         _ => false,
     };
-    let odd = description.outputs.keys().zip(measures).filter(|(_, measure)| constant(measure));
-    odd.map(|(name, _)| (format!("outputs.{name}.measure"), "never changes: it belongs to the ground".to_owned()))
-        .collect()
+    let mut odd = Problems::default();
+    for (name, _) in description.outputs.keys().zip(measures).filter(|(_, measure)| constant(measure)) {
+        odd.add(format!("outputs.{name}.measure"), "never changes: it belongs to the ground");
+    }
+    odd
 }
 
 /// Names that are ambiguous or cannot be used in an expression.
 fn name_problems(description: &Description) -> Problems {
-    let mut problems = Problems::new();
+    let mut problems = Problems::default();
     let Description { parameters, bodies, joints, drivers, springs, forces, actuators, .. } = description;
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
     let sections: [(&str, Vec<&String>); 7] = [
@@ -248,9 +258,9 @@ fn name_problems(description: &Description) -> Problems {
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {
-                problems.push((key, format!("`{name}` is not a valid name: {PLAIN}")));
+                problems.add(key, format!("`{name}` is not a valid name: {PLAIN}"));
             } else if let Some((other, _)) = seen.iter().find(|(_, known)| known == name) {
-                problems.push((key, format!("`{name}` is the name of {other} already")));
+                problems.add(key, format!("`{name}` is the name of {other} already"));
             } else {
                 seen.push((section, name));
             }
@@ -259,23 +269,23 @@ fn name_problems(description: &Description) -> Problems {
     let points = bodies.iter().map(|(name, body)| (format!("bodies.{name}"), &body.points));
     for (key, points) in points.chain([("ground".to_owned(), &description.ground.points)]) {
         for name in points.keys().filter(|name| !is_plain(name)) {
-            problems.push((format!("{key}.points.{name}"), format!("`{name}` is not a valid name: {PLAIN}")));
+            problems.add(format!("{key}.points.{name}"), format!("`{name}` is not a valid name: {PLAIN}"));
         }
     }
     if bodies.is_empty() {
-        problems.push(("bodies".into(), "no body, expected at least one".into()));
+        problems.add("bodies", "no body, expected at least one");
     }
     if description.outputs.is_empty() {
-        problems.push(("outputs".into(), "no output, expected at least one".into()));
+        problems.add("outputs", "no output, expected at least one");
     }
     for name in description.outputs.keys() {
         let key = format!("outputs.{name}");
         if !is_plain(name) {
-            problems.push((key, format!("`{name}` is not a valid name: {PLAIN}")));
+            problems.add(key, format!("`{name}` is not a valid name: {PLAIN}"));
         } else if name == "time" {
-            problems.push((key, "`time` is the name of the time already".into()));
+            problems.add(key, "`time` is the name of the time already");
         } else if parameters.get(name).is_some_and(|parameter| parameter.min.is_some()) {
-            problems.push((key, format!("`{name}` is a parameter already: names of variables must be unique")));
+            problems.add(key, format!("`{name}` is a parameter already: names of variables must be unique"));
         }
     }
     problems

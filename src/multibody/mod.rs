@@ -18,7 +18,7 @@ pub mod model;
 pub mod review;
 pub mod simulate;
 
-pub use mechanism::Mechanism;
+pub use mechanism::{Mechanism, json_schema};
 
 #[cfg(test)]
 mod tests;

@@ -1,30 +1,32 @@
 //! Parts of a description that have no effect: usually mistakes.
 
 use super::{
-    build::Problems,
     description::{BodyOptions, Description, SpringOptions, Vector},
     expression::{Expression, Jet},
 };
+use crate::diagnostics::Problems;
 use std::collections::BTreeSet;
 
 /// Parts that have no effect although that is their only purpose: dotted keys and messages.
 pub fn idle_parts(description: &Description) -> Problems {
     let names = Names::of(description);
-    let idle = |(name, spring): (&String, &SpringOptions)| {
-        let without_effect = is_zero(&spring.stiffness) && is_zero(&spring.damping);
+    let mut problems = Problems::default();
+    for (name, spring) in &description.springs {
         // a spring between two points is also a way to measure their distance
-        let message = "neither `stiffness` nor `damping`, expected at least one of them";
-        (without_effect && !names.has(name)).then(|| (format!("springs.{name}"), message.to_owned()))
-    };
-    description.springs.iter().filter_map(idle).collect()
+        if is_zero(&spring.stiffness) && is_zero(&spring.damping) && !names.has(name) {
+            let message = "neither `stiffness` nor `damping`, expected at least one of them";
+            problems.add(format!("springs.{name}"), message);
+        }
+    }
+    problems
 }
 
 /// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
     let Description { parameters, ground, bodies, springs, forces, actuators, .. } = description;
-    let mut oddities = Problems::new();
-    let mut note = |key: String, message: &str| oddities.push((key, message.to_owned()));
+    let mut oddities = Problems::default();
+    let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
         note(format!("parameters.{name}"), "nothing depends on it");
     }

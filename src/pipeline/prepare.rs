@@ -3,6 +3,7 @@
 use crate::{
     Result, baseline,
     dataset::{Dataset, Run},
+    diagnostics::KeyProblem,
     layout::RowLayout,
     network::Network,
     sampling::{self, Stream},
@@ -71,16 +72,16 @@ fn of_rows(
 fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
     let Some(first) = runs.first() else { return Ok(Arc::new([])) };
     let other = runs.iter().position(|run| run.times != first.times);
-    let problem = other.map(|index| {
+    let problems = other.into_iter().map(|index| {
         let times = &runs[index].times;
         let difference = match first.times.iter().zip(times.iter()).find(|(expected, found)| expected != found) {
             Some((expected, found)) => format!("has a row at {found} s where the first one has it at {expected} s"),
             None => format!("has {} rows, the first one {}", times.len(), first.times.len()),
         };
         let message = format!("\"fixed\" needs the same times in every run, but training run {index} {difference}");
-        ("network.structure".to_owned(), message)
+        KeyProblem { key: "network.structure".into(), message }
     });
-    study.refuse(problem.into_iter().collect())?;
+    study.refuse(problems.collect())?;
     Ok(Arc::clone(&first.times))
 }
 

@@ -14,8 +14,8 @@ use crate::{
     fmi::{Watch, Workers},
     multibody::Mechanism,
     sampling::Sets,
-    scaling,
-    source::{Source, shard::Shard},
+    scaling, search,
+    source::{self, Source, shard::Shard},
     study::Study,
     surrogate,
 };
@@ -97,8 +97,8 @@ impl<'a> Project<'a> {
     /// # Errors
     /// [`Error::Study`] with every mistake in the file, the errors of the source.
     pub fn open(study: &Path, folder: Option<&Path>, control: Control<'a>) -> Result<Self> {
-        let study = Study::load(study)?;
-        let source = Source::new(&study)?;
+        let (study, source) = source::open(study)?;
+        search::check(&study)?;
         let folder = folder.map_or_else(|| Path::new("out").join(&study.name), Path::to_owned);
         Ok(Self { study, source, folder, control })
     }

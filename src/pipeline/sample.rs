@@ -177,7 +177,7 @@ fn simulated<'a>(project: &'a Project) -> Result<&'a Simulation> {
         Source::Simulation(simulation) => Ok(simulation),
         Source::Recorded(_) => {
             let message = "recorded runs are not simulated: there are no shards of them".to_owned();
-            Err(project.study.refuse(vec![("source".into(), message)]).expect_err("there is a problem"))
+            Err(project.study.refusal("source", message))
         }
     }
 }
@@ -261,8 +261,7 @@ fn write(project: &Project, sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_
 /// them.
 pub fn simulate(project: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let Source::Simulation(simulation) = &project.source else {
-        let problem = ("target".to_owned(), "recorded runs cannot be added to".to_owned());
-        return Err(project.study.refuse(vec![problem]).expect_err("there is a problem"));
+        return Err(project.study.refusal("target", "recorded runs cannot be added to"));
     };
     let journal = simulation.journal(&project.journal(), &project.study)?;
     let outcomes = run_points(project, simulation, points, total, &journal)?;

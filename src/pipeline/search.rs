@@ -119,7 +119,7 @@ pub struct Searched {
 /// [`Error::Io`]. A trial that fails is none of them.
 pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-    let studies = search::studies(&project.study, path, &text)?;
+    let studies = search::studies(&project.study)?;
     let folder = project.search_folder();
     project.prepare_folder()?;
     files::writable_folder(&folder)?;

@@ -8,11 +8,17 @@ pub mod shard;
 pub mod simulation;
 pub mod systems;
 
-use crate::{Result, study::Study, variable::Variable};
+use crate::{
+    Result,
+    diagnostics::{KeyProblem, Problems},
+    study::{Draft, Study},
+    variable::Variable,
+};
 pub use journal::Journal;
 pub use point::Point;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
+use std::path::Path;
 
 /// Where a study's runs come from, its parameters and outputs resolved.
 #[derive(Clone, Debug)]
@@ -21,6 +27,24 @@ pub enum Source {
     Simulation(Simulation),
     /// Tables of runs that were simulated elsewhere.
     Recorded(Recorded),
+}
+
+/// Reads a study file and finds its source.
+///
+/// # Errors
+/// [`Error::Study`](crate::Error::Study) with every mistake in the study, in the files it names, and in what it asks its source for; the errors of a
+/// source that cannot be read, if nothing else is wrong.
+pub fn open(path: &Path) -> Result<(Study, Source)> {
+    let mut draft = Draft::load(path)?;
+    if !draft.is_valid() {
+        if let Some(Err(error)) = draft.names().map(Source::new) {
+            draft.add(error);
+        }
+        return Err(draft.finish().expect_err("the draft is not valid"));
+    }
+    let study = draft.finish()?;
+    let source = Source::new(&study)?;
+    Ok((study, source))
 }
 
 impl Source {
@@ -79,19 +103,24 @@ impl Source {
     }
 
     /// The elements of an array share its unit.
-    fn array_problems(&self, study: &Study) -> Vec<(String, String)> {
+    fn array_problems(&self, study: &Study) -> Problems {
         let unit = |name: &String| self.outputs().iter().find(|output| output.name == *name).map(|output| &output.unit);
         let mixed =
             study.arrays.iter().filter(|(_, outputs)| outputs.iter().any(|name| unit(name) != unit(&outputs[0])));
-        mixed.map(|(name, _)| (format!("arrays.{name}"), "the outputs have different units".to_owned())).collect()
+        let mut problems = Problems::default();
+        for (name, _) in mixed {
+            problems.add(format!("arrays.{name}"), "the outputs have different units");
+        }
+        problems
     }
 }
 
 /// Values are taken in the source's own unit; a study with another one would be silently wrong.
-fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<(String, String)> {
+fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProblem> {
     let found = found.filter(|&found| found != expected)?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
-    Some((format!("{key}.unit"), format!("`{found}`, expected {expected}: values are in the source's unit")))
+    let message = format!("`{found}`, expected {expected}: values are in the source's unit");
+    Some(KeyProblem { key: format!("{key}.unit"), message })
 }
 
 fn list<T: AsRef<str>>(names: impl Iterator<Item = T>) -> String {

@@ -12,7 +12,7 @@ mod runs;
 use crate::{
     Error, Result,
     dataset::Dataset,
-    diagnostics::names::did_you_mean,
+    diagnostics::{KeyProblem, names::did_you_mean},
     sampling::{self, Sets, Stream},
     study::{ParameterOptions, Study, read_value},
     table::Table,
@@ -67,7 +67,7 @@ impl Recorded {
             let suggestion = did_you_mean(name, known.chain(["run", "time", "file"]));
             let message =
                 format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`{suggestion}");
-            (format!("source.columns.{name}"), message)
+            KeyProblem { key: format!("source.columns.{name}"), message }
         });
         study.refuse(unknown.collect())?;
         let there = |name: &str| columns.get(name).map_or(name, String::as_str).to_owned();

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::names::expected_one_of,
+    diagnostics::{Problems, names::expected_one_of},
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
@@ -357,7 +357,7 @@ impl Equations {
                 let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
                     let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
                     let message = format!("no system `{name}`, {}", expected_one_of(name, &known));
-                    return Err(study.refuse(vec![("source.system".into(), message)]).expect_err("there is a problem"));
+                    return Err(study.refusal("source.system", message));
                 };
                 (name.to_owned(), Simulator::System(system))
             }
@@ -387,8 +387,8 @@ impl Equations {
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }
 
-    fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<Variable>) -> Vec<(String, String)> {
-        let mut problems = Vec::new();
+    fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<Variable>) -> Problems {
+        let mut problems = Problems::default();
         let quantities: Vec<Variable> = self.simulator.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
             let known: Vec<&str> = quantities.iter().map(|quantity| quantity.name.as_str()).collect();
@@ -397,18 +397,18 @@ impl Equations {
         for (name, &value) in &study.source.constants {
             let key = format!("source.constants.{name}");
             match quantities.iter().position(|quantity| quantity.name == *name) {
-                None => problems.push((key, unknown(name))),
+                None => problems.add(key, unknown(name)),
                 Some(_) if study.parameters.contains_key(name) => {
-                    problems.push((key, "is a parameter: a quantity is either constant or varied".into()));
+                    problems.add(key, "is a parameter: a quantity is either constant or varied");
                 }
-                Some(_) if !value.is_finite() => problems.push((key, format!("{value} is not finite"))),
+                Some(_) if !value.is_finite() => problems.add(key, format!("{value} is not finite")),
                 Some(position) => self.quantities[position] = value,
             }
         }
         for (name, parameter) in &study.parameters {
             let key = format!("parameters.{name}");
             match quantities.iter().position(|quantity| quantity.name == *name) {
-                None => problems.push((key, unknown(name))),
+                None => problems.add(key, unknown(name)),
                 Some(position) => {
                     let quantity = &quantities[position];
                     problems.extend(wrong_unit(&key, parameter.unit.as_deref(), &quantity.unit));
@@ -421,8 +421,8 @@ impl Equations {
         problems
     }
 
-    fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<Variable>) -> Vec<(String, String)> {
-        let mut problems = Vec::new();
+    fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<Variable>) -> Problems {
+        let mut problems = Problems::default();
         let known = self.simulator.outputs();
         for (name, output) in &study.outputs {
             let key = format!("outputs.{name}");
@@ -430,7 +430,7 @@ impl Equations {
                 None => {
                     let known: Vec<&str> = known.iter().map(|output| output.name.as_str()).collect();
                     let message = format!("{} has no output `{name}`, {}", self.name, expected_one_of(name, &known));
-                    problems.push((key, message));
+                    problems.add(key, message);
                 }
                 Some(position) => {
                     problems.extend(wrong_unit(&key, output.unit.as_deref(), &known[position].unit));

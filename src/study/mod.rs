@@ -37,44 +37,67 @@
 //! test_runs = 200
 //! ```
 //!
-//! `[target]` is [`TargetOptions`], `[bounds]` is [`BoundsOptions`], `[network]` and `[training]` are [`NetworkOptions`] and
-//! [`TrainingOptions`], `[accept]` is [`AcceptOptions`], `[export]` is [`ExportOptions`], `[baselines]` is [`Baselines`],
-//! `[search]` is [`SearchOptions`].
+//! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
+//! those that it has by itself, its `problems_beside` those that it has beside the others.
 
-mod options;
+mod accept;
+mod bounds;
+mod digest;
+mod export;
+mod network;
+mod outputs;
+mod parameters;
 mod points;
+mod sampling;
 mod search;
+mod size;
+mod source;
+mod target;
+mod time;
+mod training;
 
 use crate::{
-    Result,
-    diagnostics::origin::{self, Origin},
+    Error, Result,
+    diagnostics::{
+        KeyProblem, Problems,
+        origin::{self, Origin, Problem},
+        schema,
+    },
     files,
     multibody::Mechanism,
     table::Table,
 };
+pub use accept::AcceptOptions;
+pub use bounds::BoundsOptions;
+pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
 use metafmu_baselines::{Baselines, Kind};
-use metafmu_runtime::{BuiltIn, Encoder, Encoding};
-use options::MAX_EPOCHS;
-pub use options::{
-    AcceptOptions, BoundsOptions, ExportOptions, FmiChoice, Loss, Method, NetworkOptions, Optimizer, OutputOptions,
-    ParameterOptions, SamplingOptions, Schedule, SourceOptions, Structure, TargetOptions, TimeOptions, TrainingOptions,
-    Variability,
-};
+use metafmu_runtime::{Encoder, Encoding};
+pub use network::{NetworkOptions, Structure};
+pub use outputs::OutputOptions;
+pub use parameters::{ParameterOptions, Variability};
 pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
+pub use sampling::{Method, SamplingOptions};
+use schemars::JsonSchema;
+pub(crate) use search::set;
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
-use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
+use serde::Deserialize;
+pub use source::SourceOptions;
 use std::{
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, LazyLock},
 };
+pub use target::TargetOptions;
+pub use time::TimeOptions;
+use toml::{Spanned, de::DeTable};
+use training::MAX_EPOCHS;
+pub use training::{Loss, Optimizer, Schedule, TrainingOptions};
 
-/// A study file's content, validated.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// A study file's content, validated: what is sampled, how, and what is made of it.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Study {
-    /// Names the outputs and the FMU: letters, digits, `-` and `_`.
+    /// Names the outputs and the FMU: a letter, then letters, digits, `-` and `_`; at most 100 characters.
     pub name: String,
     /// One sentence for people.
     #[serde(default)]
@@ -82,18 +105,19 @@ pub struct Study {
     /// Everything random follows from it.
     #[serde(default = "default_seed")]
     pub seed: u64,
-    /// What is sampled.
+    /// What is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
     pub source: SourceOptions,
-    /// The time of a run.
+    /// The rows of a run: `0, step, ..., stop`.
     pub time: TimeOptions,
-    /// Parameters by name: the surrogate's inputs beside the time.
+    /// Parameters by name: the surrogate's inputs beside the time. Each has `min` and `max`, or `values`.
     pub parameters: IndexMap<String, ParameterOptions>,
     /// Outputs by name.
     pub outputs: IndexMap<String, OutputOptions>,
     /// Outputs of one unit that an FMI 3.0 FMU also offers as an array, by the array's name.
     #[serde(default)]
+    #[schemars(extend("examples" = [{"angles": ["theta1", "theta2"]}]))]
     pub arrays: IndexMap<String, Vec<String>>,
-    /// How the parameters are sampled.
+    /// Where in the parameters' ranges runs are placed.
     pub sampling: SamplingOptions,
     /// The feed-forward network.
     #[serde(default)]
@@ -103,12 +127,13 @@ pub struct Study {
     pub training: TrainingOptions,
     /// How good the surrogate is to be, if runs are to be added until it is.
     pub target: Option<TargetOptions>,
-    /// Error bounds of the outputs, if they are wanted.
+    /// Error bounds of the outputs; without this section there are none.
     pub bounds: Option<BoundsOptions>,
-    /// When a surrogate is good enough to be used. It decides nothing else and does not count for digests.
+    /// When a surrogate is good enough to be used. One that is not is rejected: `build`, `train` and `evaluate` say why and end with exit
+    /// code 1.
     #[serde(default)]
     pub accept: AcceptOptions,
-    /// What the FMU says about itself.
+    /// What kind of FMU is made, and what it says about itself.
     #[serde(default)]
     pub export: ExportOptions,
     /// Models that are compared with the network.
@@ -128,72 +153,156 @@ pub struct Study {
     source_files: Option<String>,
 }
 
-/// Communication steps of a run of an FMU.
-const MAX_STEPS: f64 = 1e8;
-
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
 const MAX_NAME: usize = 100;
 
-/// Runs for one purpose: the points of so many are a few gigabytes.
-pub(crate) const MAX_RUNS: usize = 10_000_000;
-
-/// Rows of all runs together.
-const MAX_ROWS: f64 = 1e9;
-
-/// Bytes of the outputs of all rows.
-const MAX_BYTES: f64 = 64e9;
-
-/// Weights and biases of all networks: training holds several copies of them in single precision.
-const MAX_WEIGHTS: f64 = 1e8;
-
-/// Epochs of all networks where there is one for each instant: each has its history.
-const MAX_HISTORIES: f64 = 1e8;
-
-/// Runs that are added each time: the places of each are chosen among thirty.
-const MAX_ADDED_RUNS: usize = 100_000;
-
-/// Fewest held-out runs a `[target]` is judged on. Errors differ from run to run: that the next run is worse than the worst of
-/// `n` has a chance of `1 / (n + 1)`, which is below a tenth from here on; of three runs it is a quarter.
-const LEAST_JUDGES: usize = 10;
-
 fn default_seed() -> u64 {
     1
+}
+
+static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Study>);
+
+/// The JSON schema of a study file.
+pub fn json_schema() -> &'static serde_json::Value {
+    &SCHEMA
+}
+
+/// A study that was read, and every mistake found on the way.
+#[derive(Debug)]
+pub struct Draft {
+    study: Study,
+    problems: Vec<Problem>,
+    /// Whether what its source is asked for is known: the source itself, parameters and outputs.
+    names_are_known: bool,
+}
+
+impl Draft {
+    /// Reads a study file, and the files it names.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be read, [`Error::Study`] if it is not TOML at all.
+    pub fn load(path: &Path) -> Result<Self> {
+        Self::parse(&origin::read(path, "a study in TOML")?, path)
+    }
+
+    /// Reads a study file's text, and the files it names; `path` is for messages and tells the folder.
+    ///
+    /// # Errors
+    /// [`Error::Study`] if it is not TOML, or a file of another kind.
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let origin = Origin::new(path, text);
+        let mut root = origin.parse()?;
+        let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
+        origin.refuse_section("bodies", hint)?;
+        let (mut problems, damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
+        replace(&mut root, &damaged);
+        let mut study: Study = origin.deserialize(root)?;
+        study.origin = origin.clone();
+        // what a damaged section says is unknown: the other ones are checked without it
+        let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);
+        let of_section = |problem: &KeyProblem| problem.key.split('.').next().unwrap_or_default().to_owned();
+        let mut found: Problems =
+            study.section_problems().into_iter().filter(|problem| !is_damaged(&of_section(problem))).collect();
+        let has_problems =
+            |section: &str| is_damaged(section) || found.iter().any(|problem| of_section(problem) == section);
+        let (source, sampling) = (has_problems("source"), has_problems("sampling") || has_problems("parameters"));
+        let mut names_are_known = !source && !["parameters", "outputs", "arrays"].into_iter().any(is_damaged);
+        let time_is_known = !has_problems("time");
+        let mut is_complete = damaged.is_empty();
+        if !source {
+            names_are_known &= study.load_source(&mut found, &mut problems);
+            is_complete &= names_are_known;
+        }
+        if !sampling {
+            is_complete &= study.load_points(&mut found);
+        }
+        if is_complete {
+            found.extend(study.problems_beside());
+        }
+        problems.extend(origin.locate(found));
+        if !time_is_known {
+            study.time = PLACEHOLDER_TIME;
+        }
+        Ok(Self { study, problems, names_are_known })
+    }
+
+    /// The study, as far as it can be asked for its names; none if source, parameters or outputs are not known. Other values may be
+    /// wrong.
+    pub fn names(&self) -> Option<&Study> {
+        self.names_are_known.then_some(&self.study)
+    }
+
+    /// Whether nothing is wrong.
+    pub fn is_valid(&self) -> bool {
+        self.problems.is_empty()
+    }
+
+    /// Adds what is wrong with the source that the study names.
+    pub fn add(&mut self, error: Error) {
+        match error {
+            Error::Study { problems } => self.problems.extend(problems),
+            other => {
+                let key = self.study.source.file().map_or("source".into(), |(key, _)| format!("source.{key}"));
+                self.problems.extend(self.study.origin.locate(Problems::one(key, other.to_string())));
+            }
+        }
+    }
+
+    /// The study, if nothing is wrong.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every problem, in the order of the lines.
+    pub fn finish(self) -> Result<Study> {
+        let Self { study, mut problems, .. } = self;
+        if problems.is_empty() {
+            return Ok(study);
+        }
+        // those of the study's own file first
+        problems.sort_by_key(|problem| (problem.path != study.origin.path(), problem.line));
+        Err(Error::Study { problems })
+    }
+}
+
+/// The baselines are a crate of their own, which knows nothing of files.
+fn of_baselines(problems: Vec<(String, String)>) -> impl Iterator<Item = KeyProblem> {
+    problems.into_iter().map(|(key, message)| KeyProblem { key, message })
+}
+
+/// Sections that stand for damaged ones until their mistakes are told.
+const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none' }\ntime = { stop = 1, step = 1 }\n\
+                           parameters = { p = { min = 0, max = 1 } }\noutputs = { y = {} }\nsampling = {}\n";
+
+const PLACEHOLDER_TIME: TimeOptions = TimeOptions { stop: 1.0, step: 1.0, margin: 0.0 };
+
+fn replace(root: &mut Spanned<DeTable<'_>>, sections: &[String]) {
+    let placeholder = DeTable::parse(PLACEHOLDER).map(Spanned::into_inner).unwrap_or_default();
+    for section in sections {
+        root.get_mut().remove(section.as_str());
+    }
+    let good = placeholder.into_iter().filter(|(name, _)| sections.iter().any(|section| name.get_ref() == section));
+    root.get_mut().extend(good);
 }
 
 impl Study {
     /// Reads and validates a study file.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if it cannot be read, [`crate::Error::Study`] with every problem found.
+    /// [`Error::Io`] if it cannot be read, [`Error::Study`] with every problem found in it and in the files it names.
     pub fn load(path: &Path) -> Result<Self> {
-        Self::parse(&origin::read(path, "a study in TOML")?, path)
+        Draft::load(path)?.finish()
     }
 
     /// Validates a study file's text, and reads the files it names; `path` is for messages and tells the folder.
     ///
     /// # Errors
-    /// [`crate::Error::Study`] with every problem found in the study or in the mechanism, [`crate::Error::Table`] if the list of points is
-    /// wrong.
+    /// [`Error::Study`] with every problem found in the study and in the files it names.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let origin = Origin::new(path, text);
-        let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
-        origin.refuse_section("bodies", hint)?;
-        let mut study: Self = origin.deserialize()?;
-        let problems = study.problems();
-        study.origin = origin;
-        study.refuse(problems)?;
-        if let Some(file) = &study.source.mechanism {
-            study.mechanism = Some(Arc::new(Mechanism::load(&study.beside(file))?));
-        }
-        study.source_files = study.digest_source_files()?;
-        if let Some(file) = &study.sampling.file {
-            study.points = Some(Arc::new(points::read_points(&study.beside(file), &study.parameters)?));
-            let mut problems = Problems::default();
-            study.size_problems(&mut problems);
-            study.target_run_problems(&mut problems);
-            study.refuse(problems.0)?;
-        }
-        Ok(study)
+        Draft::parse(text, path)?.finish()
+    }
+
+    /// The file it was read from, and its text.
+    pub(crate) fn file(&self) -> (&Path, &str) {
+        (self.origin.path(), self.origin.text())
     }
 
     /// Where a file is that the study names.
@@ -201,22 +310,51 @@ impl Study {
         self.origin.folder().join(file)
     }
 
-    /// SHA-256 of the FMU or of the tables of recorded runs, if there are any.
-    fn digest_source_files(&self) -> Result<Option<String>> {
-        let SourceOptions { fmu, table, index, columns, .. } = &self.source;
-        if let Some(file) = fmu.as_ref().or(table.as_ref()) {
-            return Ok(Some(files::digest(&self.beside(file))?));
+    /// Reads the mechanism, or the digest of other files of the source. False if that failed: problems of a mechanism are in its own
+    /// file.
+    fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>) -> bool {
+        let Some((key, file)) = self.source.file() else { return true };
+        let (key, path) = (format!("source.{key}"), self.beside(file));
+        let loaded = if self.source.mechanism.is_some() {
+            Mechanism::load(&path).map(|mechanism| self.mechanism = Some(Arc::new(mechanism)))
+        } else {
+            self.digest_source_files(&path).map(|digest| self.source_files = Some(digest))
+        };
+        match loaded {
+            Ok(()) => return true,
+            Err(Error::Study { problems: more }) => problems.extend(more),
+            Err(other) => found.add(key, other.to_string()),
         }
-        let Some(index) = index else { return Ok(None) };
-        let path = self.beside(index);
-        let mut digests = vec![files::digest(&path)?];
-        let mut rows = Table::open(&path)?;
-        let column = rows.column(columns.get("file").map_or("file", String::as_str))?;
+        false
+    }
+
+    /// Reads the points of a list. False if that failed.
+    fn load_points(&mut self, found: &mut Problems) -> bool {
+        let Some(file) = &self.sampling.file else { return true };
+        match points::read_points(&self.beside(file), &self.parameters) {
+            Ok(points) => {
+                self.points = Some(Arc::new(points));
+                return true;
+            }
+            Err(error) => found.add("sampling.file", error.to_string()),
+        }
+        false
+    }
+
+    /// SHA-256 of the FMU or of the tables of recorded runs, of which `path` is the first file.
+    fn digest_source_files(&self, path: &Path) -> Result<String> {
+        let first = files::digest(path)?;
+        if self.source.index.is_none() {
+            return Ok(first);
+        }
+        let mut digests = vec![first];
+        let mut rows = Table::open(path)?;
+        let column = rows.column(self.source.columns.get("file").map_or("file", String::as_str))?;
         while rows.next_row()? {
             let file = path.with_file_name(&*rows.text(column)?);
             digests.push(files::digest(&file).map_err(|error| rows.mistake(&error.to_string()))?);
         }
-        Ok(Some(digest(&digests)))
+        Ok(digest::digest(&digests))
     }
 
     /// The mechanism that the study's source names.
@@ -232,47 +370,33 @@ impl Study {
     /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
     /// do not count.
     pub fn digest(&self) -> String {
-        let about = (&self.name, &self.description, &self.arrays);
-        let trained = (about, &self.network, &self.training, &self.export.precision, self.sampling_digest());
-        match (&self.bounds, &self.target) {
-            (None, None) => digest(&trained),
-            (bounds, None) => digest(&(trained, bounds)),
-            (bounds, target) => digest(&(trained, bounds, target)),
-        }
+        digest::of_surrogate(self)
     }
 
     /// Like [`Study::digest`], of what decides a baseline that is exported.
     pub fn baseline_digest(&self, kind: Kind) -> String {
-        let options = serde_json::to_value(&self.baselines).unwrap_or_default();
-        digest(&(
-            kind,
-            options.get(kind.name()),
-            &self.name,
-            &self.arrays,
-            self.training.validation,
-            self.sampling_digest(),
-        ))
+        digest::of_baseline(self, kind)
     }
 
     /// Like [`Study::digest`], of what decides the samples only: a table sampled before the network was changed stays good.
     pub fn sampling_digest(&self) -> String {
-        let study = (self.seed, &self.source, &self.time, &self.parameters, &self.outputs, &self.sampling);
-        let mechanism = self.mechanism.as_ref().map(|mechanism| mechanism.description());
-        match (mechanism, self.points(), &self.source_files) {
-            (None, None, None) if self.bounds.is_none() => digest(&study),
-            files => digest(&(study, files, self.calibration_runs())),
-        }
+        digest::of_samples(self)
     }
 
-    /// Fails if there are problems; each is a dotted key and what is wrong with it, and is given its line here.
+    /// Fails if there are problems, which are given their lines here.
     ///
     /// # Errors
-    /// [`crate::Error::Study`].
-    pub fn refuse(&self, problems: Vec<(String, String)>) -> Result<()> {
+    /// [`Error::Study`].
+    pub fn refuse(&self, problems: Problems) -> Result<()> {
         self.origin.refuse(problems)
     }
 
-    fn problems(&self) -> Vec<(String, String)> {
+    /// The error of one problem.
+    pub fn refusal(&self, key: &str, message: impl Into<String>) -> Error {
+        Error::Study { problems: self.origin.locate(Problems::one(key, message)) }
+    }
+
+    fn name_problems(&self) -> Problems {
         let mut problems = Problems::default();
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !self.name.starts_with(|c: char| c.is_ascii_alphabetic()) || !self.name.chars().all(plain) {
@@ -284,256 +408,45 @@ impl Study {
             problems
                 .add("name", format!("{characters} characters, expected at most {MAX_NAME}: files are named after it"));
         }
-        self.source_problems(&mut problems);
-        self.fmu_problems(&mut problems);
-        self.time_problems(&mut problems);
-        self.variable_problems(&mut problems);
-        self.sampling_problems(&mut problems);
-        self.target_problems(&mut problems);
-        self.bounds_problems(&mut problems);
-        // of a list of points the number is not known yet
-        if self.sampling.method != Some(Method::List) {
-            self.size_problems(&mut problems);
-            self.target_run_problems(&mut problems);
-        }
-        problems.extend("network", self.network.problems());
-        problems.extend("training", self.training.problems(self.outputs.len()));
-        self.network_problems(&mut problems);
-        problems.extend("accept", self.accept.problems());
-        problems.extend("baselines", self.baselines.problems());
-        problems.extend("search", self.search.as_ref().map(SearchOptions::problems).unwrap_or_default());
-        problems.0
+        problems
     }
 
-    fn source_problems(&self, problems: &mut Problems) {
-        let SourceOptions { system, mechanism, fmu, table, index, columns, constants, .. } = &self.source;
-        let given = [system.is_some(), mechanism.is_some(), fmu.is_some(), table.is_some(), index.is_some()];
-        if given.iter().filter(|&&given| given).count() != 1 {
-            problems.add("source", "expected one of `system`, `mechanism`, `fmu`, `table` and `index`".into());
-        } else if !self.source.is_recorded() && !columns.is_empty() {
-            problems.add("source.columns", "belongs to `table` and `index`".into());
-        } else if self.source.is_recorded() && !constants.is_empty() {
-            problems.add("source.constants", "belongs to `system`, `mechanism` and `fmu`".into());
+    /// What is wrong with each section by itself.
+    fn section_problems(&self) -> Problems {
+        let mut problems = self.name_problems();
+        problems.extend(self.source.problems());
+        problems.add_section("time", self.time.problems());
+        problems.extend(parameters::problems(&self.parameters));
+        problems.extend(outputs::problems(&self.outputs));
+        problems.extend(outputs::array_problems(&self.arrays));
+        problems.extend(self.sampling.problems());
+        problems.add_section("network", self.network.problems());
+        problems.add_section("training", self.training.problems());
+        problems.extend(self.target.map(|target| target.problems()).unwrap_or_default());
+        problems.add_section("bounds", self.bounds.map(|bounds| bounds.problems()).unwrap_or_default());
+        problems.add_section("accept", self.accept.problems());
+        problems.add_section("baselines", of_baselines(self.baselines.problems()));
+        if let Some(search) = &self.search {
+            problems.add_section("search", search.problems());
+            problems.add_section("search", search.key_problems(&SCHEMA));
         }
+        problems
     }
 
-    fn fmu_problems(&self, problems: &mut Problems) {
-        let SourceOptions { fmu, step, tolerance, time_limit, retries, max_failed, .. } = self.source.clone();
-        let is_recorded = self.source.is_recorded();
-        if step.is_some() && fmu.is_none() {
-            problems.add("source.step", "belongs to `fmu`".into());
-        }
-        if retries.is_some() && fmu.is_none() {
-            let reason = if is_recorded { "" } else { ": a simulation that failed would fail again" };
-            problems.add("source.retries", format!("belongs to `fmu`{reason}"));
-        }
-        let given = [tolerance.is_some(), time_limit.is_some(), max_failed.is_some()];
-        for (key, _) in
-            ["tolerance", "time_limit", "max_failed"].iter().zip(given).filter(|(_, given)| *given && is_recorded)
-        {
-            problems.add(&format!("source.{key}"), "belongs to `system`, `mechanism` and `fmu`".into());
-        }
-        if let Some(tolerance) = tolerance.filter(|tolerance| !(1e-13..=0.1).contains(tolerance)) {
-            problems.add("source.tolerance", format!("{tolerance}, expected a number from 1e-13 to 0.1"));
-        }
-        if let Some(limit) = time_limit {
-            problems.expect_positive("source.time_limit", limit);
-        }
-        if let Some(share) = max_failed.filter(|share| !(0.0..1.0).contains(share)) {
-            problems.add("source.max_failed", format!("{share}, expected a share of at least 0 and below 1"));
-        }
-        let Some(step) = step else { return };
-        problems.expect_positive("source.step", step);
-        let steps = self.time.step / step;
-        if steps > 0.0 && (steps < 0.5 || (steps.round() - steps).abs() > 1e-9 * steps) {
-            let message = format!("{step} s does not divide the time between two rows, {} s", self.time.step);
-            problems.add("source.step", message);
-        } else if self.time.stop / step > MAX_STEPS {
-            problems.add("source.step", format!("{} steps a run, expected at most 100 million", self.time.stop / step));
-        }
-    }
-
-    fn time_problems(&self, problems: &mut Problems) {
-        let TimeOptions { stop, step, margin } = self.time;
-        if !(0.0..=1.0).contains(&margin) {
-            problems.add("time.margin", format!("{margin}, expected a share from 0 to 1"));
-        } else if margin > 0.0 && self.source.is_recorded() {
-            problems.add(
-                "time.margin",
-                "belongs to `system`, `mechanism` and `fmu`: recorded runs end where they end".into(),
-            );
-        } else if margin > 0.0 && self.network.structure == Structure::Fixed {
-            problems.add("time.margin", "belongs to the structure \"full\"".into());
-        }
-        problems.expect_positive("time.stop", stop);
-        problems.expect_positive("time.step", step);
-        let steps = stop / step;
-        if steps > 1e7 {
-            problems.add("time.step", format!("{steps} rows a run, expected at most 10 million"));
-        } else if steps > 0.0 && (steps < 0.5 || (steps.round() - steps).abs() > 1e-9 * steps) {
-            problems.add("time.step", format!("{step} s does not divide the stop time of {stop} s"));
-        }
-    }
-
-    fn variable_problems(&self, problems: &mut Problems) {
-        if self.parameters.is_empty() {
-            problems.add("parameters", "no parameter, expected at least one".into());
-        }
-        if self.outputs.is_empty() {
-            problems.add("outputs", "no output, expected at least one".into());
-        }
-        for name in self.parameters.keys() {
-            problems.expect_variable_name(&format!("parameters.{name}"), name);
-        }
-        for name in self.outputs.keys() {
-            let key = format!("outputs.{name}");
-            problems.expect_variable_name(&key, name);
-            if self.parameters.contains_key(name) {
-                problems.add(&key, format!("`{name}` is a parameter already: names of variables must be unique"));
-            }
-        }
-        for name in self.outputs.keys().filter(|_| self.bounds.is_some()) {
-            let bound = format!("{name}_bound");
-            for section in ["parameters", "outputs", "arrays"] {
-                let is_there = match section {
-                    "parameters" => self.parameters.contains_key(&bound),
-                    "outputs" => self.outputs.contains_key(&bound),
-                    _ => self.arrays.contains_key(&bound),
-                };
-                if is_there {
-                    let message = format!("`{bound}` is the name of the error bound of `{name}`");
-                    problems.add(&format!("{section}.{bound}"), message);
-                }
-            }
-        }
-        for (name, outputs) in &self.arrays {
-            let key = format!("arrays.{name}");
-            problems.expect_variable_name(&key, name);
-            if self.parameters.contains_key(name) || self.outputs.contains_key(name) {
-                problems
-                    .add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
-            }
-            if outputs.len() < 2 {
-                problems.add(&key, format!("{} outputs, expected at least 2", outputs.len()));
-            }
-            for (index, output) in outputs.iter().enumerate() {
-                if !self.outputs.contains_key(output) {
-                    problems.add(&key, format!("`{output}` is no output"));
-                } else if outputs[..index].contains(output) {
-                    problems.add(&key, format!("`{output}` is duplicated"));
-                }
-            }
-        }
-        for (name, parameter) in &self.parameters {
-            if let Some(problem) = parameter.problem() {
-                problems.add(&format!("parameters.{name}"), problem);
-            }
-        }
-    }
-
-    fn sampling_problems(&self, problems: &mut Problems) {
-        let SamplingOptions { method, levels, runs, file, faces, test_runs } = &self.sampling;
-        if *test_runs == 0 {
-            problems.add("sampling.test_runs", "expected at least 1".into());
-        }
-        if self.source.is_recorded() {
-            let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
-            let is_plan = given.contains(&true);
-            if is_plan || self.parameters.values().any(|parameter| parameter.levels.is_some()) {
-                problems.add("sampling", "recorded runs are where they are: expected `test_runs` only".into());
-            }
-            return;
-        }
-        let Some(method) = method else {
-            problems.add("sampling", "expected a `method`".into());
-            return;
-        };
-        let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
-        if !mesh && levels.is_some() {
-            problems.add("sampling.levels", "belongs to the method \"mesh\"".into());
-        }
-        if mesh && runs.is_some() {
-            problems.add("sampling.runs", "a mesh has `levels`; `runs` belong to the other methods".into());
-        }
-        if list && runs.is_some() {
-            problems.add("sampling.runs", "a list has a `file`; `runs` belong to the other methods".into());
-        }
-        if !list && file.is_some() {
-            problems.add("sampling.file", "belongs to the method \"list\"".into());
-        }
-        if list && file.is_none() {
-            problems.add("sampling", "the list has no `file`".into());
-        }
-        if faces.is_some() && (mesh || list) {
-            problems
-                .add("sampling.faces", "a mesh has its ends anyway, and a list its points: expected no `faces`".into());
-        }
-        if let Some(faces) = faces.filter(|faces| !(0.0..=0.5).contains(faces)) {
-            problems.add("sampling.faces", format!("{faces}, expected a share from 0 to 0.5"));
-        }
-        if !mesh && !list && runs.is_none_or(|runs| runs < 2) {
-            problems.add("sampling.runs", "expected at least 2 runs".into());
-        }
-        let limits =
-            [(Method::Sobol, "sobol", MAX_SOBOL_PARAMETERS), (Method::Halton, "halton", MAX_HALTON_PARAMETERS)];
-        for (_, name, limit) in limits.into_iter().filter(|(limited, ..)| limited == method) {
-            if self.parameters.len() > limit {
-                problems.add("sampling.method", format!("the method \"{name}\" takes at most {limit} parameters"));
-            }
-        }
-        if !self.parameters.is_empty() && self.parameters.values().all(ParameterOptions::is_nominal) {
-            let message = "every parameter has `values`, expected one with a range: no run would be left for the tests";
-            problems.add("parameters", message.into());
-        }
-        for (name, parameter) in self.parameters.iter().filter(|(_, parameter)| !parameter.is_nominal()) {
-            let key = format!("parameters.{name}.levels");
-            match (mesh, parameter.levels.or(*levels)) {
-                (false, _) if parameter.levels.is_some() => problems.add(&key, "belongs to the method \"mesh\"".into()),
-                (true, None) => problems.add("sampling", format!("the mesh has no `levels` for `{name}`")),
-                (true, Some(levels)) if levels < 2 => {
-                    problems.add(&key, format!("{levels} levels, expected at least 2: both ends of the range"));
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// What would take more memory than machines have, or more time than anyone has.
-    fn size_problems(&self, problems: &mut Problems) {
-        let train_runs = self.train_runs();
-        let planned = match self.sampling.method {
-            Some(Method::Mesh) => "sampling.levels",
-            Some(Method::List) => "sampling.file",
-            _ => "sampling.runs",
-        };
-        let target = self.target.map_or(0, |target| target.max_runs);
-        let counts = [
-            (planned, train_runs),
-            ("sampling.test_runs", self.sampling.test_runs as u64),
-            ("bounds.runs", self.calibration_runs() as u64),
-            ("target.max_runs", target as u64),
-        ];
-        let too_many = counts.iter().filter(|(_, runs)| *runs > MAX_RUNS as u64);
-        let before = problems.0.len();
-        let message = |runs: u64| match runs {
-            u64::MAX => format!("more runs than can be counted, expected at most {MAX_RUNS}"),
-            runs => format!("{runs} runs, expected at most {MAX_RUNS}"),
-        };
-        problems.0.extend(too_many.map(|(key, runs)| ((*key).into(), message(*runs))));
-        // rows of recorded runs are what the tables have
-        if problems.0.len() > before || self.source.is_recorded() {
-            return;
-        }
-        let runs = train_runs.max(target as u64) + (self.sampling.test_runs + self.calibration_runs()) as u64;
-        let rows = runs as f64 * (self.time.stop * (1.0 + self.time.margin) / self.time.step + 1.0);
-        let bytes = 8.0 * rows * self.outputs.len() as f64;
-        if rows > MAX_ROWS {
-            problems.add("sampling", format!("{rows:.3e} rows of all runs, expected at most a billion"));
-        } else if bytes > MAX_BYTES {
-            let (count, gigabytes) = (self.outputs.len(), bytes / 1e9);
-            let message = format!("{rows:.3e} rows of {count} outputs are {gigabytes:.0} GB, expected at most 64 GB");
-            problems.add("sampling", message);
-        }
+    /// What is wrong with the sections beside each other.
+    fn problems_beside(&self) -> Problems {
+        let mut problems = self.source.problems_beside(self);
+        problems.add_section("time", self.time.problems_beside(self));
+        problems.extend(parameters::problems_beside(self));
+        problems.extend(outputs::problems_beside(self));
+        problems.extend(self.sampling.problems_beside(self));
+        problems.extend(size::problems(self));
+        problems.extend(self.network.problems_beside(self));
+        problems.add_section("training", self.training.problems_beside(self.outputs.len()));
+        problems.extend(self.target.map(|target| target.problems_beside(self)).unwrap_or_default());
+        // the time is an input, too
+        problems.add_section("baselines", of_baselines(self.baselines.problems_beside(self.encoder().width() + 1)));
+        problems
     }
 
     /// How the parameters' values become columns of the network.
@@ -566,137 +479,10 @@ impl Study {
         }
     }
 
-    fn target_problems(&self, problems: &mut Problems) {
-        let Some(TargetOptions { r2, runs, .. }) = self.target else { return };
-        if self.source.is_recorded() {
-            problems.add("target", "recorded runs cannot be added to".into());
-        }
-        if self.network.structure == Structure::Fixed {
-            problems.add("target", "belongs to the structure \"full\"".into());
-        }
-        if !(r2 > 0.0 && r2 < 1.0) {
-            problems.add("target.r2", format!("{r2}, expected a number between 0 and 1"));
-        }
-        if !(1..=MAX_ADDED_RUNS).contains(&runs) {
-            problems.add("target.runs", format!("{runs} runs, expected 1 to {MAX_ADDED_RUNS}"));
-        }
-    }
-
-    /// Whether the plan's runs are enough for a target.
-    fn target_run_problems(&self, problems: &mut Problems) {
-        let Some(TargetOptions { max_runs, .. }) = self.target.filter(|_| !self.source.is_recorded()) else { return };
-        let runs = self.train_runs();
-        if (max_runs as u64) < runs {
-            problems.add("target.max_runs", format!("{max_runs} runs, expected at least the {runs} of the plan"));
-        }
-        let share = self.training.validation;
-        let held_out = self.training.held_out(runs as usize);
-        if held_out >= LEAST_JUDGES || !(share > 0.0 && share < 1.0) {
-            return;
-        }
-        let more = match self.sampling.method {
-            Some(Method::Mesh) => "more `sampling.levels`",
-            Some(Method::List) => "more points in `sampling.file`",
-            _ => "more `sampling.runs`",
-        };
-        let least_runs = (LEAST_JUDGES as f64 / share).ceil();
-        let least_share = (100.0 * LEAST_JUDGES as f64 / runs as f64).ceil() / 100.0;
-        let larger = match least_share <= 0.5 {
-            true => format!("`training.validation` of at least {least_share}, or "),
-            false => String::new(),
-        };
-        let message = format!(
-            "{held_out} of {runs} runs are held out to judge it, expected at least {LEAST_JUDGES}: set {larger}{more} \
-             ({least_runs} runs with `training.validation = {share}`)"
-        );
-        problems.add("target", message);
-    }
-
-    fn bounds_problems(&self, problems: &mut Problems) {
-        let Some(BoundsOptions { coverage, runs }) = self.bounds else { return };
-        if !(coverage > 0.0 && coverage < 1.0) {
-            problems.add("bounds.coverage", format!("{coverage}, expected a share between 0 and 1"));
-            return;
-        }
-        let least = BoundsOptions::least_runs(coverage);
-        if runs < least {
-            let message = format!("{runs} runs, expected at least {least} for a coverage of {coverage}");
-            problems.add("bounds.runs", message);
-        }
-    }
-
     /// Number of runs that error bounds are measured on.
     pub fn calibration_runs(&self) -> usize {
         self.bounds.map_or(0, |bounds| bounds.runs)
     }
-
-    /// What is wrong with the network and its training beside each other and the rest.
-    fn network_problems(&self, problems: &mut Problems) {
-        let NetworkOptions { structure, hidden, .. } = &self.network;
-        if hidden.is_empty() {
-            let message = "belongs to hidden layers, `network.hidden` has none";
-            let given =
-                [("training.dropout", self.training.dropout > 0.0), ("training.batch_norm", self.training.batch_norm)];
-            given.iter().filter(|(_, given)| *given).for_each(|(key, _)| problems.add(key, message.into()));
-        }
-        let instants = match structure {
-            Structure::Fixed if !self.source.is_recorded() => self.time.stop / self.time.step + 1.0,
-            _ => 1.0,
-        };
-        let inputs = self.encoder().width() + usize::from(*structure == Structure::Full);
-        let sizes: Vec<usize> = [&[inputs], hidden.as_slice(), &[self.outputs.len()]].concat();
-        let weights: f64 = sizes.windows(2).map(|pair| (pair[0] as f64 + 1.0) * pair[1] as f64).sum();
-        if weights * instants > MAX_WEIGHTS {
-            let of = if instants > 1.0 { format!(" of {instants:.0} networks") } else { String::new() };
-            let message = format!("{:.3e} weights and biases{of}, expected at most 100 million", weights * instants);
-            problems.add("network.hidden", message);
-        }
-        let epochs = self.training.epochs as f64 * instants;
-        if instants > 1.0 && epochs > MAX_HISTORIES && self.training.epochs <= MAX_EPOCHS {
-            let message = format!("{epochs:.3e} epochs of {instants:.0} networks, expected at most 100 million");
-            problems.add("training.epochs", message);
-        }
-    }
-}
-
-/// Dotted keys and what is wrong with them.
-#[derive(Default)]
-struct Problems(Vec<(String, String)>);
-
-impl Problems {
-    fn add(&mut self, key: &str, message: String) {
-        self.0.push((key.to_owned(), message));
-    }
-
-    /// Those of a section, whose keys are within it.
-    fn extend(&mut self, section: &str, problems: Vec<(String, String)>) {
-        self.0.extend(problems.into_iter().map(|(key, message)| (format!("{section}.{key}"), message)));
-    }
-
-    fn expect_positive(&mut self, key: &str, value: f64) {
-        if !(value.is_finite() && value > 0.0) {
-            self.add(key, format!("{value}, expected a positive number"));
-        }
-    }
-
-    /// FMI takes any text on one line, and so do the tables but for spaces at its ends.
-    fn expect_variable_name(&mut self, key: &str, name: &str) {
-        if name.is_empty() || name.contains(char::is_control) || name.trim() != name {
-            let expected = "expected a text on one line without spaces at its ends";
-            self.add(key, format!("`{}` is not a valid name of a variable, {expected}", name.escape_debug()));
-        }
-        if name == BuiltIn::Time.name() {
-            self.add(key, "`time` is the name of the independent variable".into());
-        } else if BuiltIn::ALWAYS.iter().any(|variable| variable.name() == name) {
-            self.add(key, format!("`{name}` is the name of a variable that every FMU of metafmu has"));
-        }
-    }
-}
-
-fn digest(content: &impl Serialize) -> String {
-    // a study is plain data with string keys: serialization cannot fail, and if it did, no digest could match
-    let text = serde_json::to_string(content).unwrap_or_default();
-    files::digits(Sha256::new_with_prefix(text))
 }
 
 #[cfg(test)]
@@ -796,7 +582,7 @@ mod tests {
                 "[arrays]\nq = [\"theta\", \"omega\"]\n[sampling]",
                 "[sampling]",
                 "arrays.q",
-                "`omega` is no output",
+                "`omega` is not an output",
             ),
             ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
             ("[network]", "[bounds]\ncoverage = 95\n[network]", "[network]", "bounds.coverage", "between 0 and 1"),
@@ -806,9 +592,9 @@ mod tests {
             ("[network]", "[accept]\nr3 = 0.5\n[network]", "[network]", "accept.r3", "unknown key"),
         ] {
             let messages = problems(&GOOD.replacen(from, to, 1));
-            let found = messages.first().cloned().unwrap_or_default();
-            assert!(found.contains(key), "{to}: no `{key}` in {found}");
-            assert!(found.contains(says), "{to}: no `{says}` in {found}");
+            let found =
+                messages.iter().find(|message| message.contains(&format!(": {key}: ")) && message.contains(says));
+            let found = found.unwrap_or_else(|| panic!("{to}: no `{key}` with `{says}` in {messages:#?}"));
             let expected = line(needle) + usize::from(to.contains('\n') && from != "\nc = ");
             // a mistake in a value that only the defaults of `levels` explain is placed at the parameter
             if key != "parameters.L.levels" {
@@ -961,6 +747,40 @@ mod tests {
         let line = text.lines().position(|line| line.starts_with("\" y19999\"")).unwrap() + 1;
         assert!(found[19_999].starts_with(&format!("study.toml:{line}: outputs. y19999: ")), "{}", found[19_999]);
         assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
+    }
+
+    /// A section with a mistake in its structure is not judged further, the others are; nothing is said that follows from a mistake.
+    #[test]
+    fn mistakes_of_all_kinds_are_told_at_once_and_their_consequences_are_not() {
+        let text = GOOD
+            .replacen("stop = 2.0", "stop = \"2\"", 1)
+            .replacen("levels = 11", "level = 11", 1)
+            .replacen("min = 0.1,", "min = 0.3,", 1)
+            .replacen("hidden = [128, 128]", "hidden = [0]\nnodes = 3", 1)
+            .replacen("activation = \"relu\"", "activation = 1", 1);
+        let found = problems(&text);
+        let keys: Vec<&str> = found.iter().map(|line| line.split(": ").nth(1).unwrap()).collect();
+        assert_eq!(
+            keys,
+            ["time.stop", "parameters.L", "sampling.level", "network.nodes", "network.activation"],
+            "{found:#?}"
+        );
+        let missing = problems(&GOOD.replacen("[time]", "[tyme]", 1));
+        let says = ["`time` is missing", "tyme: unknown key `tyme`, expected one of name, description, seed"];
+        assert!(missing.len() == 2 && missing.iter().zip(says).all(|(line, says)| line.contains(says)), "{missing:#?}");
+    }
+
+    #[test]
+    fn the_default_of_every_section_and_the_placeholder_are_valid() {
+        let schema = json_schema();
+        assert!(DeTable::parse(PLACEHOLDER).is_ok());
+        let root = Origin::new(Path::new("p"), PLACEHOLDER);
+        let document = root.parse().unwrap();
+        let (problems, _) = root.structure(document.get_ref(), schema, |_, _| None);
+        assert!(problems.is_empty(), "{problems:?}");
+        let study: Study = root.deserialize(document).unwrap();
+        assert!(study.network.problems().is_empty() && study.training.problems().is_empty());
+        assert!(study.accept.problems().is_empty() && BoundsOptions::default().problems().is_empty());
     }
 
     #[test]

@@ -1,17 +1,20 @@
 //! `[search]`: which studies are tried.
 
+use crate::diagnostics::{Problems, schema};
 use indexmap::IndexMap;
 use metafmu_baselines::Kind;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use toml::de::DeTable;
 
 /// `[search]`: studies that differ from this one in some keys, of which the best is wanted.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SearchOptions {
     /// Which trials there are, and how far each goes.
     #[serde(default)]
     pub method: SearchMethod,
-    /// Number of trials; a grid has as many as it has points.
+    /// Number of trials, 2 to 10,000; a grid has as many as it has points.
     pub trials: Option<usize>,
     /// Of the method "halving": how often the trials are compared, the last time after all epochs.
     #[serde(default = "default_rungs")]
@@ -20,7 +23,6 @@ pub struct SearchOptions {
     #[serde(default = "default_reduction")]
     pub reduction: usize,
     /// The baseline that is fitted instead of the network, if any.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<Kind>,
     /// Values by the dotted key of this file that they are for.
     pub space: IndexMap<String, Space>,
@@ -35,7 +37,7 @@ fn default_reduction() -> usize {
 }
 
 /// How trials are chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SearchMethod {
     /// Every combination of values.
@@ -48,22 +50,24 @@ pub enum SearchMethod {
 }
 
 /// Values of one key.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "expected a list of values, or a table with `min` and `max`")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
 pub enum Space {
     /// These.
-    Values(Vec<toml::Value>),
+    Values(#[schemars(with = "Vec<serde_json::Value>")] Vec<toml::Value>),
     /// Numbers of a range.
     Range(Range),
 }
 
 /// Numbers of a range; whole ones if both ends are.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
     /// Smallest value.
+    #[schemars(with = "f64")]
     pub min: toml::Value,
     /// Largest value.
+    #[schemars(with = "f64")]
     pub max: toml::Value,
     /// How values are spread.
     #[serde(default)]
@@ -73,7 +77,7 @@ pub struct Range {
 }
 
 /// How the values of a range are spread.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Scale {
     /// Evenly.
@@ -84,10 +88,10 @@ pub enum Scale {
 }
 
 impl SearchOptions {
-    /// Every mistake: its key within `[search]` and what is wrong.
-    pub fn problems(&self) -> Vec<(String, String)> {
-        let mut problems = Vec::new();
-        let mut add = |key: &str, message: String| problems.push((key.to_owned(), message));
+    /// Every mistake, by key within the section.
+    pub(crate) fn problems(&self) -> Problems {
+        let mut problems = Problems::default();
+        let mut add = |key: &str, message: String| problems.add(key, message);
         if self.space.is_empty() {
             add("space", "no key, expected at least one".into());
         }
@@ -132,9 +136,56 @@ impl SearchOptions {
         };
         let trials = self.space.values().map(points).fold(1, usize::saturating_mul);
         if grid && trials > MAX_TRIALS {
-            problems.push(("space".into(), format!("{trials} trials, expected at most {MAX_TRIALS}")));
+            problems.add("space", format!("{trials} trials, expected at most {MAX_TRIALS}"));
         }
         problems
+    }
+}
+
+impl SearchOptions {
+    /// Keys of the space that the study cannot have, and values of the wrong type; by key within the section.
+    pub(super) fn key_problems(&self, schema: &serde_json::Value) -> Problems {
+        let mut problems = Problems::default();
+        for (name, space) in &self.space {
+            let key = format!("space.{name}");
+            for choice in space.choices() {
+                let mut study = toml::Table::new();
+                set(&mut study, name, choice);
+                let text = study.to_string();
+                let Ok(root) = DeTable::parse(&text) else { continue };
+                // one mistake of each key is enough, and what is missing is in the study itself
+                let mistakes = schema::mistakes(schema, |_, _| None, root.get_ref(), &text);
+                if let Some(mistake) = mistakes.into_iter().find(|mistake| !mistake.is_missing) {
+                    problems.add(key, mistake.message);
+                    break;
+                }
+            }
+        }
+        problems
+    }
+}
+
+impl Space {
+    /// All values of a list, the ends of a range.
+    pub(crate) fn choices(&self) -> Vec<toml::Value> {
+        match self {
+            Self::Values(values) => values.clone(),
+            Self::Range(range) => vec![range.min.clone(), range.max.clone()],
+        }
+    }
+}
+
+/// Sets the value of a dotted key; none if it leads through something that is not a table.
+pub(crate) fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
+    match key.split_once('.') {
+        None => {
+            table.insert(key.to_owned(), value);
+            Some(())
+        }
+        Some((first, rest)) => {
+            let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            set(inner.as_table_mut()?, rest, value)
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Rows, TrainingError, gradient::Gradients, optimizer::Updater, pace::Pace, team::Team};
 use crate::{
+    diagnostics::KeyProblem,
     network::{
         BLOCK_ROWS, Network, Packed,
         kernels::{batch_norm, buffer::Buffer},
@@ -43,8 +44,10 @@ impl Trainer {
         threads: usize,
         seed: u64,
     ) -> Result<Self, TrainingError> {
-        if let Some((name, problem)) = options.problems(network.outputs()).into_iter().next() {
-            return Err(TrainingError::Option { name, problem });
+        let mut problems = options.problems();
+        problems.extend(options.problems_beside(network.outputs()));
+        if let Some(KeyProblem { key, message }) = problems.into_iter().next() {
+            return Err(TrainingError::Option { name: key, problem: message });
         }
         let packed = Packed::with(&network, options.batch_norm, options.dropout);
         let team = Team::new(threads);

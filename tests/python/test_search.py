@@ -150,10 +150,13 @@ def test_what_cannot_be_searched_is_said_with_its_line(study):
     path.write_text(text[: text.index("[search]")])
     result = metafmu("search", path, check=False)
     assert result.returncode == 2 and "search: missing" in result.stderr
-    path.write_text(text.replace('"soap"]', '"soap", "adamm"]').replace("[[8], [16, 16]]", "[[8], [0]]"))
-    result = metafmu("search", path, "--out", study.parent / "wrong", check=False)
-    assert result.returncode == 2 and not (study.parent / "wrong").exists(), "before the first trial"
-    assert 'search.space.training.optimizer: "adamm": training.optimizer: "adamm", expected one of ' in result.stderr
+    path.write_text(text.replace('"soap"]', '"soap", "adamm"]'))
+    result = metafmu("sample", path, "--out", study.parent / "wrong", check=False)
+    assert result.returncode == 2 and not (study.parent / "wrong").exists(), "before the first run"
+    assert 'search.space.training.optimizer: "adamm", expected one of ' in result.stderr
+    path.write_text(text.replace("[[8], [16, 16]]", "[[8], [0]]"))
+    result = metafmu("sample", path, "--out", study.parent / "wrong", check=False)
+    assert result.returncode == 2 and not (study.parent / "wrong").exists(), "before the first run"
     assert "search.space.network.hidden: [0]: network.hidden: hidden layer 1 has 0 nodes" in result.stderr
 
 

@@ -3,7 +3,7 @@
 use super::super::wrong_unit;
 use crate::{
     Result,
-    diagnostics::names::did_you_mean,
+    diagnostics::{Problems, names::did_you_mean},
     fmi::{
         ModelDescription,
         host::{InterfaceKind, element_names},
@@ -59,15 +59,13 @@ struct Resolver<'a> {
     task: Task,
 }
 
-type Problems = Vec<(String, String)>;
-
 impl Resolver<'_> {
     fn parameters(&mut self) -> Problems {
-        let mut problems = Vec::new();
+        let mut problems = Problems::default();
         let description = self.description;
         for (name, options) in &self.study.parameters {
-            let (key, before) = (format!("parameters.{name}"), problems.len());
-            let mut add = |message: String| problems.push((key.clone(), message));
+            let (key, before) = (format!("parameters.{name}"), problems.iter().len());
+            let mut add = |message: String| problems.add(key.clone(), message);
             let Some(variable) = description.variable(name) else {
                 add(unknown(description, name, before, "variable to be set", |variable| varied(variable).is_ok()));
                 continue;
@@ -95,10 +93,10 @@ impl Resolver<'_> {
     }
 
     fn constants(&mut self) -> Problems {
-        let mut problems = Vec::new();
+        let mut problems = Problems::default();
         for (name, &value) in &self.study.source.constants {
-            let before = problems.len();
-            let mut add = |message: String| problems.push((format!("source.constants.{name}"), message));
+            let before = problems.iter().len();
+            let mut add = |message: String| problems.add(format!("source.constants.{name}"), message);
             let Some(variable) = self.description.variable(name) else {
                 add(unknown(self.description, name, before, "variable to be set", |variable| {
                     settable(variable).is_ok()
@@ -124,24 +122,25 @@ impl Resolver<'_> {
     }
 
     fn outputs(&mut self) -> Problems {
-        let mut problems = Vec::new();
+        let mut problems = Problems::default();
         for (name, options) in &self.study.outputs {
             let key = format!("outputs.{name}");
             let Some(variable) = recorded_as(self.description, name) else {
-                let message = unknown(self.description, name, problems.len(), "variable to be recorded", |variable| {
-                    recordable(variable).is_ok()
-                });
-                problems.push((key, message));
+                let message =
+                    unknown(self.description, name, problems.iter().len(), "variable to be recorded", |variable| {
+                        recordable(variable).is_ok()
+                    });
+                problems.add(key, message);
                 continue;
             };
             if let Err(reason) = recordable(variable) {
-                problems.push((key, reason));
+                problems.add(key, reason);
                 continue;
             }
             if variable.name == *name && !variable.dimensions.is_empty() {
                 let shape = self.description.shape(variable).unwrap_or_default();
                 let some: Vec<String> = element_names(name, &shape).take(3).collect();
-                problems.push((key, format!("is an array, expected its elements: {}", some.join(", "))));
+                problems.add(key, format!("is an array, expected its elements: {}", some.join(", ")));
                 continue;
             }
             let unit = self.description.unit_of(variable).unwrap_or_default();

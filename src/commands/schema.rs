@@ -1,0 +1,13 @@
+//! `metafmu schema`: prints the JSON schema of the files that people write.
+
+use super::{Outcome, print_json};
+use crate::cli::{SchemaArgs, SchemaOf};
+use metafmu::{Result, multibody, study};
+
+pub fn run(args: &SchemaArgs) -> Result<Outcome> {
+    print_json(match args.file {
+        SchemaOf::Study => study::json_schema(),
+        SchemaOf::Mechanism => multibody::json_schema(),
+    })?;
+    Ok(Outcome::Fine)
+}

@@ -1,0 +1,43 @@
+//! `[accept]`: when a surrogate may be used.
+
+use crate::diagnostics::Problems;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[accept]`: when a surrogate may be used. One that is not as good is rejected: `build`, `train` and `evaluate` say why and end
+/// with exit code 1. It decides nothing else: results stay valid when it is changed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct AcceptOptions {
+    /// Smallest R² of an output, below 1; at 0 it is as good as its mean.
+    pub r2: f64,
+    /// Largest root mean square error of an output, in multiples of that of the best baseline of the build, at least 1 or `inf`.
+    /// Not asked of an output whose R² is above 0.9999.
+    pub baseline_factor: f64,
+    /// Largest error of an output, as a share of its range in training; without it, it may have any.
+    pub largest_error: Option<f64>,
+}
+
+impl Default for AcceptOptions {
+    fn default() -> Self {
+        Self { r2: 0.0, baseline_factor: 2.0, largest_error: None }
+    }
+}
+
+impl AcceptOptions {
+    /// R² from which on an output is not compared with baselines: its root mean square error is a hundredth of its standard
+    /// deviation, and a polynomial may be exact where the truth is one.
+    pub const EXCELLENT: f64 = 0.9999;
+
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { r2, baseline_factor, largest_error } = *self;
+        let mut problems = Problems::default();
+        problems.expect(r2 < 1.0, "r2", r2, "a number below 1");
+        problems.expect(baseline_factor >= 1.0, "baseline_factor", baseline_factor, "a number of at least 1, or inf");
+        if let Some(share) = largest_error {
+            problems.expect(share > 0.0, "largest_error", share, "a positive number");
+        }
+        problems
+    }
+}

@@ -1,0 +1,44 @@
+//! `[bounds]`: error bounds of the outputs.
+
+use crate::diagnostics::Problems;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[bounds]`: error bounds of the outputs, measured on runs of their own; without this section there are none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoundsOptions {
+    /// Share of points that are to lie within the bounds, between 0 and 1.
+    pub coverage: f64,
+    /// Number of runs the bounds are measured on: random, from the same ranges, part of neither training nor tests. At least
+    /// `coverage / (1 - coverage)`.
+    pub runs: usize,
+}
+
+impl Default for BoundsOptions {
+    fn default() -> Self {
+        Self { coverage: 0.95, runs: 200 }
+    }
+}
+
+impl BoundsOptions {
+    /// Fewest runs that bounds of this coverage can be measured on.
+    pub fn least_runs(coverage: f64) -> usize {
+        (coverage / (1.0 - coverage)).ceil() as usize
+    }
+
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { coverage, runs } = *self;
+        let mut problems = Problems::default();
+        if !(coverage > 0.0 && coverage < 1.0) {
+            problems.add("coverage", format!("{coverage}, expected a share between 0 and 1"));
+            return problems;
+        }
+        let least = Self::least_runs(coverage);
+        if runs < least {
+            problems.add("runs", format!("{runs} runs, expected at least {least} for a coverage of {coverage}"));
+        }
+        problems
+    }
+}

@@ -1,0 +1,211 @@
+//! What decides which results. Every key of the study is in one of these structures, or named here as one that decides nothing: a
+//! key that is added does not compile before that is said.
+
+use super::{
+    BoundsOptions, ExportOptions, NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions, SourceOptions,
+    Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
+};
+use crate::{files, multibody::description::Description};
+use indexmap::IndexMap;
+use metafmu_baselines::{Baselines, Kind};
+use metafmu_runtime::Precision;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+/// What decides the runs.
+#[derive(Serialize)]
+struct Samples<'a> {
+    seed: u64,
+    source: Source<'a>,
+    time: &'a TimeOptions,
+    parameters: IndexMap<&'a str, Parameter<'a>>,
+    outputs: &'a IndexMap<String, OutputOptions>,
+    sampling: Plan<'a>,
+    calibration_runs: usize,
+}
+
+/// Of the source: files count by their content, not by their names.
+#[derive(Serialize)]
+struct Source<'a> {
+    system: &'a Option<String>,
+    mechanism: Option<&'a Description>,
+    /// SHA-256 of the FMU or of the recorded runs.
+    files: Option<&'a str>,
+    columns: &'a IndexMap<String, String>,
+    constants: &'a IndexMap<String, f64>,
+    step: Option<f64>,
+    tolerance: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Parameter<'a> {
+    min: f64,
+    max: f64,
+    values: &'a [f64],
+    periodic: bool,
+    unit: &'a Option<String>,
+    description: &'a Option<String>,
+    levels: Option<usize>,
+    variability: Option<Variability>,
+}
+
+/// Of the sampling: a list's points count, not the name of its file.
+#[derive(Serialize)]
+struct Plan<'a> {
+    method: Option<super::Method>,
+    levels: Option<usize>,
+    runs: Option<usize>,
+    points: Option<&'a [Vec<f64>]>,
+    faces: Option<f64>,
+    test_runs: usize,
+}
+
+/// What decides the surrogate.
+#[derive(Serialize)]
+struct Trained<'a> {
+    name: &'a str,
+    description: &'a str,
+    arrays: &'a IndexMap<String, Vec<String>>,
+    network: &'a NetworkOptions,
+    training: &'a TrainingOptions,
+    precision: Precision,
+    bounds: Option<BoundsOptions>,
+    target: Option<TargetOptions>,
+    samples: String,
+}
+
+/// What decides a baseline that is exported.
+#[derive(Serialize)]
+struct Fitted<'a> {
+    kind: Kind,
+    options: Option<serde_json::Value>,
+    name: &'a str,
+    arrays: &'a IndexMap<String, Vec<String>>,
+    validation: f64,
+    samples: String,
+}
+
+/// [`Study::sampling_digest`].
+pub(super) fn of_samples(study: &Study) -> String {
+    let Study { seed, source, time, parameters, outputs, sampling, .. } = study;
+    digest(&Samples {
+        seed: *seed,
+        source: of_source(study, source),
+        time,
+        parameters: parameters.iter().map(|(name, options)| (name.as_str(), of_parameter(options))).collect(),
+        outputs,
+        sampling: of_plan(study, sampling),
+        calibration_runs: study.calibration_runs(),
+    })
+}
+
+fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> Source<'a> {
+    // the names of files, and what is done about runs that fail, decide nothing
+    let SourceOptions {
+        system,
+        mechanism: _,
+        fmu: _,
+        table: _,
+        index: _,
+        columns,
+        constants,
+        step,
+        tolerance,
+        time_limit: _,
+        retries: _,
+        max_failed: _,
+    } = options;
+    Source {
+        system,
+        mechanism: study.mechanism.as_ref().map(|mechanism| mechanism.description()),
+        files: study.source_files.as_deref(),
+        columns,
+        constants,
+        step: *step,
+        tolerance: *tolerance,
+    }
+}
+
+fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
+    let ParameterOptions { min, max, values, periodic, unit, description, levels, variability, problem: _ } = options;
+    Parameter {
+        min: *min,
+        max: *max,
+        values,
+        periodic: *periodic,
+        unit,
+        description,
+        levels: *levels,
+        variability: *variability,
+    }
+}
+
+fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> Plan<'a> {
+    let &SamplingOptions { method, levels, runs, file: _, faces, test_runs } = options;
+    Plan { method, levels, runs, points: study.points(), faces, test_runs }
+}
+
+/// [`Study::digest`].
+pub(super) fn of_surrogate(study: &Study) -> String {
+    let Study {
+        name,
+        description,
+        arrays,
+        network,
+        training,
+        export,
+        bounds,
+        target,
+        // these decide the runs
+        seed: _,
+        source: _,
+        time: _,
+        parameters: _,
+        outputs: _,
+        sampling: _,
+        mechanism: _,
+        points: _,
+        source_files: _,
+        // these decide nothing about the network
+        accept: _,
+        baselines: _,
+        search: _,
+        origin: _,
+    } = study;
+    // what the FMU says of itself
+    let ExportOptions { fmi: _, precision, author: _, copyright: _, license: _ } = export;
+    digest(&Trained {
+        name,
+        description,
+        arrays,
+        network,
+        training,
+        precision: *precision,
+        bounds: *bounds,
+        target: *target,
+        samples: of_samples(study),
+    })
+}
+
+/// [`Study::baseline_digest`].
+pub(super) fn of_baseline(study: &Study, kind: Kind) -> String {
+    digest(&Fitted {
+        kind,
+        options: options_of(&study.baselines, kind),
+        name: &study.name,
+        arrays: &study.arrays,
+        validation: study.training.validation,
+        samples: of_samples(study),
+    })
+}
+
+fn options_of(baselines: &Baselines, kind: Kind) -> Option<serde_json::Value> {
+    serde_json::to_value(baselines).ok()?.get(kind.name()).cloned()
+}
+
+/// SHA-256 of content as JSON, in hexadecimal digits.
+pub(super) fn digest(content: &impl Serialize) -> String {
+    // plain data with string keys: serialization cannot fail, and if it did, no digest could match
+    let text = serde_json::to_string(content).unwrap_or_default();
+    files::digits(Sha256::new_with_prefix(text))
+}

@@ -1,0 +1,96 @@
+//! `[network]`: the feed-forward network.
+
+use super::{MAX_EPOCHS, Study};
+use crate::diagnostics::Problems;
+use metafmu_runtime::Activation;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Serialize};
+
+/// `[network]`: the feed-forward network.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NetworkOptions {
+    /// How the time enters.
+    pub structure: Structure,
+    /// Number of nodes of each hidden layer, 1 to 16384 each; at most 100 layers.
+    pub hidden: Vec<usize>,
+    /// Activation of every hidden layer.
+    #[schemars(schema_with = "activations")]
+    pub activation: Activation,
+}
+
+/// How the time enters a surrogate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Structure {
+    /// One network, of which the time is an input.
+    #[default]
+    Full,
+    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated.
+    Fixed,
+}
+
+impl Default for NetworkOptions {
+    fn default() -> Self {
+        Self { structure: Structure::Full, hidden: vec![64; 6], activation: Activation::Tanh }
+    }
+}
+
+/// The runtime has no schemas: what is in every FMU stays small.
+fn activations(_: &mut SchemaGenerator) -> Schema {
+    use Activation::{Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh};
+    json_schema!({ "type": "string", "enum": [Tanh, Sigmoid, Relu, Gelu, Silu, Sine, Identity] })
+}
+
+/// Hidden layers of a network.
+const MAX_LAYERS: usize = 100;
+
+/// Weights and biases of all networks: training holds several copies of them in single precision.
+const MAX_WEIGHTS: f64 = 1e8;
+
+/// Epochs of all networks where there is one for each instant: each has its history.
+const MAX_HISTORIES: f64 = 1e8;
+
+impl NetworkOptions {
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        if self.hidden.len() > MAX_LAYERS {
+            let message = format!("{} hidden layers, expected at most {MAX_LAYERS}", self.hidden.len());
+            return Problems::one("hidden", message);
+        }
+        let mut problems = Problems::default();
+        for (layer, nodes) in self.hidden.iter().enumerate().filter(|(_, nodes)| !(1..=16384).contains(*nodes)) {
+            problems.add("hidden", format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1));
+        }
+        problems
+    }
+
+    /// What is wrong beside the other sections, by dotted key.
+    pub(super) fn problems_beside(&self, study: &Study) -> Problems {
+        let Self { structure, hidden, .. } = self;
+        let mut problems = Problems::default();
+        if hidden.is_empty() {
+            let message = "belongs to hidden layers, `network.hidden` has none";
+            problems.expect_absent(study.training.dropout > 0.0, "training.dropout", message);
+            problems.expect_absent(study.training.batch_norm, "training.batch_norm", message);
+        }
+        let instants = match structure {
+            Structure::Fixed if !study.source.is_recorded() => study.time.stop / study.time.step + 1.0,
+            _ => 1.0,
+        };
+        let inputs = study.encoder().width() + usize::from(*structure == Structure::Full);
+        let sizes: Vec<usize> = [&[inputs], hidden.as_slice(), &[study.outputs.len()]].concat();
+        let weights: f64 = sizes.windows(2).map(|pair| (pair[0] as f64 + 1.0) * pair[1] as f64).sum();
+        if weights * instants > MAX_WEIGHTS {
+            let of = if instants > 1.0 { format!(" of {instants:.0} networks") } else { String::new() };
+            let message = format!("{:.3e} weights and biases{of}, expected at most 100 million", weights * instants);
+            problems.add("network.hidden", message);
+        }
+        let epochs = study.training.epochs as f64 * instants;
+        if instants > 1.0 && epochs > MAX_HISTORIES && study.training.epochs <= MAX_EPOCHS {
+            let message = format!("{epochs:.3e} epochs of {instants:.0} networks, expected at most 100 million");
+            problems.add("training.epochs", message);
+        }
+        problems
+    }
+}

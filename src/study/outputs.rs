@@ -1,0 +1,93 @@
+//! `[outputs]` and `[arrays]`: what the surrogate predicts.
+
+use super::Study;
+use crate::diagnostics::Problems;
+use indexmap::IndexMap;
+use metafmu_runtime::BuiltIn;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// An entry of `[outputs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"unit": "rad"}, {}]))]
+pub struct OutputOptions {
+    /// Unit; must be the source's own, which it is unless given.
+    pub unit: Option<String>,
+    /// One sentence for people; the source's unless given.
+    pub description: Option<String>,
+}
+
+/// Every mistake in `[outputs]`, by dotted key.
+pub(super) fn problems(outputs: &IndexMap<String, OutputOptions>) -> Problems {
+    let mut problems = Problems::default();
+    if outputs.is_empty() {
+        problems.add("outputs", "no output, expected at least one");
+    }
+    for name in outputs.keys() {
+        check_variable_name(&mut problems, &format!("outputs.{name}"), name);
+    }
+    problems
+}
+
+/// Every mistake in `[arrays]` by itself, by dotted key.
+pub(super) fn array_problems(arrays: &IndexMap<String, Vec<String>>) -> Problems {
+    let mut problems = Problems::default();
+    for (name, outputs) in arrays {
+        let key = format!("arrays.{name}");
+        check_variable_name(&mut problems, &key, name);
+        if outputs.len() < 2 {
+            problems.add(&key, format!("{} outputs, expected at least 2", outputs.len()));
+        }
+        for (_, output) in outputs.iter().enumerate().filter(|(index, output)| outputs[..*index].contains(output)) {
+            problems.add(&key, format!("`{output}` is duplicated"));
+        }
+    }
+    problems
+}
+
+/// What is wrong beside the other sections: names of variables must be unique.
+pub(super) fn problems_beside(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    let Study { parameters, outputs, arrays, .. } = study;
+    for name in outputs.keys().filter(|name| parameters.contains_key(*name)) {
+        let message = format!("`{name}` is a parameter already: names of variables must be unique");
+        problems.add(format!("outputs.{name}"), message);
+    }
+    for (name, elements) in arrays {
+        let key = format!("arrays.{name}");
+        if parameters.contains_key(name) || outputs.contains_key(name) {
+            let message = format!("`{name}` is a parameter or output already: names of variables must be unique");
+            problems.add(&key, message);
+        }
+        for output in elements.iter().filter(|output| !outputs.contains_key(*output)) {
+            problems.add(&key, format!("`{output}` is not an output"));
+        }
+    }
+    for name in outputs.keys().filter(|_| study.bounds.is_some()) {
+        let bound = format!("{name}_bound");
+        let sections = [
+            ("parameters", parameters.contains_key(&bound)),
+            ("outputs", outputs.contains_key(&bound)),
+            ("arrays", arrays.contains_key(&bound)),
+        ];
+        for (section, _) in sections.iter().filter(|(_, is_there)| *is_there) {
+            let message = format!("`{bound}` is the name of the error bound of `{name}`");
+            problems.add(format!("{section}.{bound}"), message);
+        }
+    }
+    problems
+}
+
+/// FMI takes any text on one line, and so do the tables but for spaces at its ends.
+pub(super) fn check_variable_name(problems: &mut Problems, key: &str, name: &str) {
+    if name.is_empty() || name.contains(char::is_control) || name.trim() != name {
+        let expected = "expected a text on one line without spaces at its ends";
+        problems.add(key, format!("`{}` is not a valid name of a variable, {expected}", name.escape_debug()));
+    }
+    if name == BuiltIn::Time.name() {
+        problems.add(key, "`time` is the name of the independent variable");
+    } else if BuiltIn::ALWAYS.iter().any(|variable| variable.name() == name) {
+        problems.add(key, format!("`{name}` is the name of a variable that every FMU of metafmu has"));
+    }
+}

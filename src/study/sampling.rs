@@ -1,0 +1,105 @@
+//! `[sampling]`: where in the parameters' ranges runs are placed.
+
+use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study};
+use crate::diagnostics::Problems;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// `[sampling]`: where in the parameters' ranges runs are placed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingOptions {
+    /// How the training runs are placed; recorded runs have no method.
+    pub method: Option<Method>,
+    /// Of the method "mesh": levels of each parameter, both ends of its range included.
+    pub levels: Option<usize>,
+    /// Number of training runs of the methods that have neither levels nor a file.
+    pub runs: Option<usize>,
+    /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
+    #[schemars(extend("format" = "path"))]
+    pub file: Option<PathBuf>,
+    /// Share of the training runs that lie on the ends of each parameter's range, half of them on either end, from 0 to 0.5; none
+    /// unless given. A mesh has its ends anyway, and a list has its points.
+    pub faces: Option<f64>,
+    /// Number of test runs: random, from the same ranges, never part of training.
+    #[serde(default = "default_test_runs")]
+    pub test_runs: usize,
+}
+
+fn default_test_runs() -> usize {
+    200
+}
+
+/// How the training runs are placed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Full factorial: every combination of evenly spaced levels.
+    Mesh,
+    /// Independent and uniform over the ranges.
+    Random,
+    /// Latin hypercube: each of `runs` slices of each range has one point.
+    LatinHypercube,
+    /// Low-discrepancy: a randomly shifted Sobol sequence, which leaves no gaps and no clusters; at most 100 parameters.
+    Sobol,
+    /// Low-discrepancy: a randomly shifted Halton sequence; at most 16 parameters.
+    Halton,
+    /// The points of a CSV or Parquet file.
+    List,
+}
+
+impl SamplingOptions {
+    /// Every mistake, by dotted key.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { method, levels, runs, file, faces, test_runs } = self;
+        let mut problems = Problems::default();
+        if *test_runs == 0 {
+            problems.add("sampling.test_runs", "expected at least 1");
+        }
+        let Some(method) = method else { return problems };
+        let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
+        problems.expect_absent(!mesh && levels.is_some(), "sampling.levels", "belongs to the method \"mesh\"");
+        problems.expect_absent(!list && file.is_some(), "sampling.file", "belongs to the method \"list\"");
+        let message = "a mesh has `levels`; `runs` belong to the other methods";
+        problems.expect_absent(mesh && runs.is_some(), "sampling.runs", message);
+        let message = "a list has a `file`; `runs` belong to the other methods";
+        problems.expect_absent(list && runs.is_some(), "sampling.runs", message);
+        if list && file.is_none() {
+            problems.add("sampling", "the list has no `file`");
+        }
+        let message = "a mesh has its ends anyway, and a list its points: expected no `faces`";
+        problems.expect_absent(faces.is_some() && (mesh || list), "sampling.faces", message);
+        if let Some(faces) = faces.filter(|_| !mesh && !list) {
+            problems.expect((0.0..=0.5).contains(&faces), "sampling.faces", faces, "a share from 0 to 0.5");
+        }
+        if !mesh && !list && runs.is_none_or(|runs| runs < 2) {
+            problems.add("sampling.runs", "expected at least 2 runs");
+        }
+        problems
+    }
+
+    /// What is wrong beside the other sections.
+    pub(super) fn problems_beside(&self, study: &Study) -> Problems {
+        let Self { method, levels, runs, file, faces, .. } = self;
+        let mut problems = Problems::default();
+        if study.source.is_recorded() {
+            let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
+            if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
+                problems.add("sampling", "recorded runs are where they are: expected `test_runs` only");
+            }
+        } else if method.is_none() && study.source.count() == 1 {
+            problems.add("sampling", "expected a `method`");
+        }
+        let limit = match method {
+            Some(Method::Sobol) => ("sobol", MAX_SOBOL_PARAMETERS),
+            Some(Method::Halton) => ("halton", MAX_HALTON_PARAMETERS),
+            _ => return problems,
+        };
+        let (name, limit) = limit;
+        if study.parameters.len() > limit {
+            problems.add("sampling.method", format!("the method \"{name}\" takes at most {limit} parameters"));
+        }
+        problems
+    }
+}

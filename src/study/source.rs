@@ -1,0 +1,133 @@
+//! `[source]`: what is sampled.
+
+use super::{Study, time::divides};
+use crate::diagnostics::Problems;
+use indexmap::IndexMap;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::{path::PathBuf, time::Duration};
+
+/// `[source]`: what is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SourceOptions {
+    /// Name of a built-in system: `single-pendulum`, `double-pendulum` or `slider-crank`.
+    pub system: Option<String>,
+    /// A mechanism file, relative to the study's folder.
+    #[schemars(extend("format" = "path"))]
+    pub mechanism: Option<PathBuf>,
+    /// An FMU to run, relative to the study's folder.
+    #[schemars(extend("format" = "path"))]
+    pub fmu: Option<PathBuf>,
+    /// A table of recorded runs, CSV or Parquet, relative to the study's folder.
+    #[schemars(extend("format" = "path"))]
+    pub table: Option<PathBuf>,
+    /// An index of recorded runs, one file a run, relative to the study's folder.
+    #[schemars(extend("format" = "path"))]
+    pub index: Option<PathBuf>,
+    /// Names of columns in the tables where they are not the study's.
+    #[serde(default)]
+    #[schemars(extend("examples" = [{"theta": "Angle"}]))]
+    pub columns: IndexMap<String, String>,
+    /// Values of the source's quantities that are not parameters; it has a default for each.
+    #[serde(default)]
+    #[schemars(extend("examples" = [{"m": 0.3}]))]
+    pub constants: IndexMap<String, f64>,
+    /// Communication step size of the FMU, a whole part of `time.step`; `time.step` unless given.
+    #[schemars(extend("x-unit" = "s"))]
+    pub step: Option<f64>,
+    /// Tolerance of the integration, from 1e-13 to 0.1. Of a system or mechanism relative and absolute, 1e-13 unless given. Of an
+    /// FMU for model exchange relative to each state and to its nominal value; unless given that of the FMU's default experiment,
+    /// else 1e-8.
+    pub tolerance: Option<f64>,
+    /// Time after which a run, or the loading of the FMU, is given up; of an FMU 60 s unless given, else none.
+    #[schemars(extend("x-unit" = "s"))]
+    pub time_limit: Option<f64>,
+    /// How often a failed run of the FMU is repeated, in a fresh process; 1 unless given.
+    pub retries: Option<usize>,
+    /// Share of the runs that may fail, 0.1 unless given; they are left out. If more do, the sampling fails.
+    pub max_failed: Option<f64>,
+}
+
+/// Communication steps of a run of an FMU.
+const MAX_STEPS: f64 = 1e8;
+
+/// Who has options of a simulation.
+const SIMULATED: &str = "belongs to `system`, `mechanism` and `fmu`";
+
+impl SourceOptions {
+    /// How long a run may take, if that is limited.
+    pub fn time_limit(&self) -> Option<Duration> {
+        self.time_limit.map(|limit| Duration::from_secs_f64(limit.min(1e9)))
+    }
+
+    /// Whether runs are read from tables instead of being simulated.
+    pub fn is_recorded(&self) -> bool {
+        self.table.is_some() || self.index.is_some()
+    }
+
+    /// The key that names the source, and the file that it names, if it is one.
+    pub(super) fn file(&self) -> Option<(&'static str, &PathBuf)> {
+        let Self { mechanism, fmu, table, index, .. } = self;
+        let files = [("mechanism", mechanism), ("fmu", fmu), ("table", table), ("index", index)];
+        files.into_iter().find_map(|(key, file)| Some((key, file.as_ref()?)))
+    }
+
+    /// How many sources are given; it should be one.
+    pub(super) fn count(&self) -> usize {
+        let Self { system, mechanism, fmu, table, index, .. } = self;
+        [mechanism, fmu, table, index].into_iter().flatten().count() + usize::from(system.is_some())
+    }
+
+    /// Every mistake, by dotted key.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { fmu, columns, constants, step, tolerance, time_limit, retries, max_failed, .. } = self;
+        let mut problems = Problems::default();
+        let is_recorded = self.is_recorded();
+        if self.count() != 1 {
+            problems.add("source", "expected one of `system`, `mechanism`, `fmu`, `table` and `index`");
+        } else {
+            let tables = "belongs to `table` and `index`";
+            problems.expect_absent(!is_recorded && !columns.is_empty(), "source.columns", tables);
+            problems.expect_absent(is_recorded && !constants.is_empty(), "source.constants", SIMULATED);
+        }
+        problems.expect_absent(step.is_some() && fmu.is_none(), "source.step", "belongs to `fmu`");
+        if retries.is_some() && fmu.is_none() {
+            let reason = if is_recorded { "" } else { ": a simulation that failed would fail again" };
+            problems.add("source.retries", format!("belongs to `fmu`{reason}"));
+        }
+        let given = [("tolerance", tolerance), ("time_limit", time_limit), ("max_failed", max_failed)];
+        for (key, value) in given {
+            problems.expect_absent(is_recorded && value.is_some(), format!("source.{key}"), SIMULATED);
+        }
+        if let Some(tolerance) = tolerance {
+            let expected = "a number from 1e-13 to 0.1";
+            problems.expect((1e-13..=0.1).contains(tolerance), "source.tolerance", tolerance, expected);
+        }
+        if let Some(limit) = time_limit {
+            problems.expect_positive("source.time_limit", *limit);
+        }
+        if let Some(share) = max_failed {
+            let expected = "a share of at least 0 and below 1";
+            problems.expect((0.0..1.0).contains(share), "source.max_failed", share, expected);
+        }
+        if let Some(step) = step {
+            problems.expect_positive("source.step", *step);
+        }
+        problems
+    }
+
+    /// What is wrong beside the other sections.
+    pub(super) fn problems_beside(&self, study: &Study) -> Problems {
+        let mut problems = Problems::default();
+        let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
+        let steps = study.time.stop / step;
+        if study.time.step > 0.0 && !divides(step, study.time.step) {
+            let message = format!("{step} s does not divide the time between two rows, {} s", study.time.step);
+            problems.add("source.step", message);
+        } else if steps > MAX_STEPS {
+            problems.add("source.step", format!("{steps} steps a run, expected at most 100 million"));
+        }
+        problems
+    }
+}

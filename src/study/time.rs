@@ -1,0 +1,87 @@
+//! `[time]`: the rows of a run.
+
+use super::{Structure, Study};
+use crate::diagnostics::Problems;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[time]`: the rows of a run, `0, step, ..., stop`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TimeOptions {
+    /// End of every run.
+    #[schemars(extend("x-unit" = "s"))]
+    pub stop: f64,
+    /// Time between two rows; divides `stop`. At most 10 million rows a run.
+    #[schemars(extend("x-unit" = "s"))]
+    pub step: f64,
+    /// How much longer training runs are, as a share of `stop` from 0 to 1, rounded up to whole steps: the network is better at
+    /// the end of a time that it was trained beyond. Tests, bounds and the domain of validity end at `stop`.
+    #[serde(default)]
+    pub margin: f64,
+}
+
+/// Steps of a run.
+const MAX_STEPS: f64 = 1e7;
+
+/// Whether `part` divides `whole` but for rounding.
+pub(super) fn divides(part: f64, whole: f64) -> bool {
+    let count = whole / part;
+    count >= 0.5 && (count.round() - count).abs() <= 1e-9 * count
+}
+
+impl TimeOptions {
+    /// The times of a run's rows, in seconds: `count + 1` values computed as `stop * i / count`, so that none drifts.
+    pub fn grid(&self) -> Vec<f64> {
+        self.times(self.steps())
+    }
+
+    /// The times of a training run's rows, which go on beyond `stop` by the margin.
+    pub fn training_grid(&self) -> Vec<f64> {
+        self.times(self.training_steps())
+    }
+
+    /// Steps of a run.
+    fn steps(&self) -> u64 {
+        (self.stop / self.step).round() as u64
+    }
+
+    /// Steps of a training run.
+    pub fn training_steps(&self) -> u64 {
+        let steps = self.steps();
+        // a margin of 0.05 of 100 steps is 5, not 6
+        steps + (self.margin * steps as f64 - 1e-9).ceil().max(0.0) as u64
+    }
+
+    fn times(&self, steps: u64) -> Vec<f64> {
+        let count = self.steps() as f64;
+        (0..=steps).map(|i| self.stop * i as f64 / count).collect()
+    }
+
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { stop, step, margin } = *self;
+        let mut problems = Problems::default();
+        problems.expect((0.0..=1.0).contains(&margin), "margin", margin, "a share from 0 to 1");
+        problems.expect_positive("stop", stop);
+        problems.expect_positive("step", step);
+        let steps = stop / step;
+        if steps > MAX_STEPS {
+            problems.add("step", format!("{steps} rows a run, expected at most 10 million"));
+        } else if steps > 0.0 && !divides(step, stop) {
+            problems.add("step", format!("{step} s does not divide the stop time of {stop} s"));
+        }
+        problems
+    }
+
+    /// What is wrong beside the other sections.
+    pub(super) fn problems_beside(&self, study: &Study) -> Problems {
+        let mut problems = Problems::default();
+        if self.margin > 0.0 && study.source.is_recorded() {
+            problems.add("margin", "belongs to `system`, `mechanism` and `fmu`: recorded runs end where they end");
+        } else if self.margin > 0.0 && study.network.structure == Structure::Fixed {
+            problems.add("margin", "belongs to the structure \"full\"");
+        }
+        problems
+    }
+}

@@ -1,0 +1,229 @@
+//! `[training]`: how the network is trained.
+
+use crate::diagnostics::Problems;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[training]`: how the network is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainingOptions {
+    /// What is made small.
+    pub loss: Loss,
+    /// Of the loss "huber": error, in standard deviations, from which on it grows linearly.
+    pub huber_delta: f64,
+    /// Weights of the outputs in the loss, in the order of the outputs; empty: all 1.
+    pub output_weights: Vec<f64>,
+    /// Rule that turns gradients into parameter updates.
+    pub optimizer: Optimizer,
+    /// Share of the mean gradient that is kept from step to step: SGD's momentum, β1 of the others. Without it, the
+    /// optimizer's own: 0.9, of SOAP 0.95, of RMSprop none.
+    pub momentum: Option<f64>,
+    /// Share of the mean squared gradient that is kept from step to step: RMSprop's α, β2 of the others. Without it,
+    /// the optimizer's own: 0.99 of RMSprop, 0.999 of Adam and AdamW, 0.95 of SOAP.
+    pub beta2: Option<f64>,
+    /// Of the optimizer "soap": steps between two refreshes of its eigenbases.
+    pub refresh: u64,
+    /// Highest learning rate.
+    pub learning_rate: f64,
+    /// How the learning rate changes over the training.
+    pub schedule: Schedule,
+    /// Share of the training in which the learning rate rises linearly from nearly zero (of the one-cycle schedule:
+    /// along half a cosine). Without it, the schedule's own: 0.03 of the cosine, 0.3 of one-cycle, 0 of the others.
+    pub warm_up: Option<f64>,
+    /// Rows per optimizer step.
+    pub batch: usize,
+    /// Most passes over the training rows, 1 to 1,000,000.
+    pub epochs: usize,
+    /// Share of the training runs that is held out to choose the best epoch, between 0 and 1.
+    pub validation: f64,
+    /// Of the other schedules than "restarts": stop after this many epochs without a better validation loss; 0: never.
+    pub patience: usize,
+    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle, from the
+    /// third on, that is hardly better than the one before: less than a quarter, if it was twice as long.
+    pub enough: Option<f64>,
+    /// Weight of the sum of all parameters' magnitudes in the loss.
+    pub l1: f64,
+    /// Weight of half the sum of all parameters' squares in the loss.
+    pub l2: f64,
+    /// Of the optimizers "adamw" and "soap": what a parameter loses in a step, relative to itself and to the learning rate.
+    pub weight_decay: f64,
+    /// Share of the hidden nodes that is left out in a step, others in each row; at least 0 and below 1.
+    pub dropout: f64,
+    /// Whether hidden layers are normalised over the rows of a block. In the FMU, weights and biases contain it.
+    pub batch_norm: bool,
+    /// Longer gradients are shortened to this length; 0: none is.
+    pub clip_norm: f64,
+}
+
+/// What is made small: the mean over rows and outputs of a function of the error `e` of the standardised output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Loss {
+    /// `e²`
+    Mse,
+    /// `|e|`
+    Mae,
+    /// `e² / 2` up to `|e| = δ`, `δ (|e| - δ / 2)` above.
+    Huber,
+}
+
+/// Rule that turns gradients into parameter updates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Optimizer {
+    /// Gradient descent with momentum: `m = μ m + g`, `p -= rate m`.
+    Sgd,
+    /// Tieleman and Hinton 2012: `v = α v + (1 - α) g²`, `p -= rate g / (√v + ε)`.
+    RmsProp,
+    /// Kingma and Ba, arXiv:1412.6980.
+    Adam,
+    /// Loshchilov and Hutter, arXiv:1711.05101: Adam with a weight decay beside the gradient.
+    AdamW,
+    /// Vyas and others, arXiv:2409.11321: Adam in the eigenbasis of Shampoo's preconditioner.
+    Soap,
+}
+
+/// How the learning rate changes over the training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Schedule {
+    /// Always the same.
+    Constant,
+    /// A tenth after each third of the training.
+    Step,
+    /// Half a cosine down to (nearly) zero.
+    Cosine,
+    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, first over a thirtieth of the
+    /// epochs, then over a fifteenth, then over as many as it takes until the validation loss is `enough`, as far
+    /// as those before tell. The training ends when it is, when a cycle gains nothing any more, or with the epochs.
+    Restarts,
+    /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
+    OneCycle,
+}
+
+impl Default for TrainingOptions {
+    fn default() -> Self {
+        Self {
+            loss: Loss::Mse,
+            huber_delta: 1.0,
+            output_weights: Vec::new(),
+            optimizer: Optimizer::Soap,
+            momentum: None,
+            beta2: None,
+            refresh: 10,
+            learning_rate: 5e-3,
+            schedule: Schedule::Restarts,
+            warm_up: None,
+            batch: 1024,
+            epochs: 150,
+            validation: 0.1,
+            patience: 0,
+            enough: None,
+            l1: 0.0,
+            l2: 0.0,
+            weight_decay: 0.0,
+            dropout: 0.0,
+            batch_norm: false,
+            clip_norm: 0.0,
+        }
+    }
+}
+
+/// Epochs of a training, all of which are in its history.
+pub(super) const MAX_EPOCHS: usize = 1_000_000;
+
+impl TrainingOptions {
+    /// Every mistake, by key within the section.
+    pub fn problems(&self) -> Problems {
+        let mut problems = Problems::default();
+        self.add_limits(&mut problems);
+        self.add_idle(&mut problems);
+        problems
+    }
+
+    /// What is wrong beside the outputs, of which there are so many; by key within the section.
+    pub fn problems_beside(&self, outputs: usize) -> Problems {
+        let mut problems = Problems::default();
+        let weights = self.output_weights.len();
+        let fits = weights == 0 || weights == outputs;
+        problems.expect(fits, "output_weights", format!("{weights} weights"), "one for each output or none");
+        problems
+    }
+
+    /// Values beyond their limits.
+    fn add_limits(&self, problems: &mut Problems) {
+        let not_negative = |value: f64| value >= 0.0 && value.is_finite();
+        let is_share = |value: f64| (0.0..1.0).contains(&value);
+        let share = "a share of at least 0 and below 1";
+        problems.expect_positive("learning_rate", self.learning_rate);
+        problems.expect_positive("huber_delta", self.huber_delta);
+        let Self { l1, l2, weight_decay, clip_norm, .. } = *self;
+        for (key, value) in [("l1", l1), ("l2", l2), ("weight_decay", weight_decay), ("clip_norm", clip_norm)] {
+            problems.expect(not_negative(value), key, value, "0 or a positive number");
+        }
+        problems.expect(is_share(self.dropout), "dropout", self.dropout, share);
+        for (key, value) in [("momentum", self.momentum), ("beta2", self.beta2), ("warm_up", self.warm_up)] {
+            let value = value.unwrap_or(0.0);
+            problems.expect(is_share(value), key, value, share);
+        }
+        let held_out = self.validation > 0.0 && self.validation < 1.0;
+        problems.expect(held_out, "validation", self.validation, "a share between 0 and 1");
+        problems.expect(self.batch > 0, "batch", self.batch, "at least 1 row");
+        let norm = !self.batch_norm || self.batch != 1;
+        problems.expect(
+            norm,
+            "batch",
+            self.batch,
+            "at least 2 rows with `batch_norm`, which is over the rows of a batch",
+        );
+        let epochs = format!("1 to {MAX_EPOCHS}");
+        problems.expect((1..=MAX_EPOCHS).contains(&self.epochs), "epochs", self.epochs, &epochs);
+        problems.expect(self.refresh > 0, "refresh", self.refresh, "at least 1 step");
+        let enough = self.enough.unwrap_or(0.0);
+        problems.expect(not_negative(enough), "enough", enough, "0 or a positive number");
+
+        let weights = &self.output_weights;
+        let good = weights.iter().all(|&weight| not_negative(weight));
+        let some = weights.is_empty() || weights.iter().any(|&weight| weight > 0.0);
+        let found = format!("{weights:?}");
+        problems.expect(good && some, "output_weights", found, "no negative numbers, and not only zeros");
+    }
+
+    /// Options that other choices have no use for.
+    fn add_idle(&self, problems: &mut Problems) {
+        let (optimizer, defaults) = (self.optimizer, Self::default());
+        let restarts = self.schedule == Schedule::Restarts;
+        problems.expect_absent(
+            self.weight_decay > 0.0 && !matches!(optimizer, Optimizer::AdamW | Optimizer::Soap),
+            "weight_decay",
+            "belongs to the optimizers \"adamw\" and \"soap\"; the others have `l2`",
+        );
+        problems.expect_absent(self.enough.is_some() && !restarts, "enough", "belongs to the schedule \"restarts\"");
+        problems.expect_absent(
+            self.patience > 0 && restarts,
+            "patience",
+            "belongs to the other schedules: one with restarts ends when its cycles gain nothing any more",
+        );
+        problems.expect_absent(
+            self.beta2.is_some() && optimizer == Optimizer::Sgd,
+            "beta2",
+            "belongs to the other optimizers: \"sgd\" has `momentum` only",
+        );
+        problems.expect_absent(
+            self.refresh != defaults.refresh && optimizer != Optimizer::Soap,
+            "refresh",
+            "belongs to the optimizer \"soap\"",
+        );
+        problems.expect_absent(
+            self.huber_delta != defaults.huber_delta && self.loss != Loss::Huber,
+            "huber_delta",
+            "belongs to the loss \"huber\"",
+        );
+    }
+
+    /// How many of so many training runs are held out for validation: at least one, and not all.
+    pub fn held_out(&self, runs: usize) -> usize {
+        ((self.validation * runs as f64).round() as usize).clamp(1, runs.saturating_sub(1).max(1))
+    }
+}
