@@ -2,7 +2,7 @@
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use metafmu::{
-    baseline::Kind,
+    baseline::BaselineKind,
     fmi::worker,
     source::{shard::Shard, systems::SYSTEMS},
 };
@@ -233,7 +233,7 @@ pub struct CompareArgs {
     pub study: StudyArgs,
     /// Fit only this model; may be given several times [default: the study's, else all]
     #[arg(long, value_name = "MODEL")]
-    pub model: Vec<Kind>,
+    pub model: Vec<BaselineKind>,
 }
 
 #[derive(Debug, Args)]
@@ -275,7 +275,7 @@ pub struct ExportModelArgs {
     pub export: ExportArgs,
     /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` compares them
     #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
-    pub model: Option<Kind>,
+    pub model: Option<BaselineKind>,
 }
 
 #[derive(Debug, Args)]

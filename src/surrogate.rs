@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    baseline::Kind,
+    baseline::BaselineKind,
     dataset::Dataset,
     files::write_whole,
     layout,
@@ -34,7 +34,7 @@ pub fn assemble_baseline(
     study: &Study,
     dataset: &Dataset,
     train_rows: usize,
-    kind: Kind,
+    kind: BaselineKind,
     regression: Regression,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, train_rows);

@@ -1,7 +1,7 @@
 //! Simpler models than a network, fitted by other libraries to the same rows: whether the network is worth it.
 //!
 //! One file a model, each an `impl` of [`Baseline`] for its options in the study. The names of a model in the study, in
-//! tables and in file names are those of [`Kind`].
+//! tables and in file names are those of [`BaselineKind`].
 
 mod elastic_net;
 mod gaussian_process;
@@ -26,7 +26,7 @@ pub use knn::Knn;
 pub use lasso::Lasso;
 pub use linear::Linear;
 use metafmu_runtime::regression::Regression;
-pub use options::{Baselines, Kind};
+pub use options::{BaselineKind, Baselines};
 pub use polynomial::Polynomial;
 pub use ridge::Ridge;
 pub use rows::Rows;

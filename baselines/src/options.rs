@@ -13,9 +13,9 @@ use std::str::FromStr;
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Baselines {
     /// Those that `metafmu compare` fits.
-    pub models: Vec<Kind>,
+    pub models: Vec<BaselineKind>,
     /// Those of them that `metafmu build` fits.
-    pub build: Vec<Kind>,
+    pub build: Vec<BaselineKind>,
     /// What each may take to fit and to predict the test rows.
     #[serde(rename = "time_budget")]
     #[schemars(extend("x-unit" = "s"))]
@@ -49,8 +49,13 @@ pub struct Baselines {
 impl Default for Baselines {
     fn default() -> Self {
         Self {
-            models: Kind::ALL.into(),
-            build: vec![Kind::Linear, Kind::Ridge, Kind::Polynomial, Kind::DecisionTree],
+            models: BaselineKind::ALL.into(),
+            build: vec![
+                BaselineKind::Linear,
+                BaselineKind::Ridge,
+                BaselineKind::Polynomial,
+                BaselineKind::DecisionTree,
+            ],
             time_budget: 60.0,
             linear: Linear::default(),
             ridge: Ridge::default(),
@@ -72,7 +77,7 @@ impl Default for Baselines {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[allow(missing_docs)]
-pub enum Kind {
+pub enum BaselineKind {
     Linear,
     Ridge,
     Lasso,
@@ -87,7 +92,7 @@ pub enum Kind {
     GaussianProcess,
 }
 
-impl Kind {
+impl BaselineKind {
     /// All, from the simplest on.
     pub const ALL: [Self; 12] = [
         Self::Linear,
@@ -123,7 +128,7 @@ impl Kind {
     }
 }
 
-impl FromStr for Kind {
+impl FromStr for BaselineKind {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
@@ -136,20 +141,20 @@ impl FromStr for Kind {
 
 impl Baselines {
     /// The model of a kind with its options.
-    pub fn get(&self, kind: Kind) -> &dyn Baseline {
+    pub fn get(&self, kind: BaselineKind) -> &dyn Baseline {
         match kind {
-            Kind::Linear => &self.linear,
-            Kind::Ridge => &self.ridge,
-            Kind::Lasso => &self.lasso,
-            Kind::ElasticNet => &self.elastic_net,
-            Kind::Polynomial => &self.polynomial,
-            Kind::Svr => &self.svr,
-            Kind::Knn => &self.knn,
-            Kind::DecisionTree => &self.decision_tree,
-            Kind::RandomForest => &self.random_forest,
-            Kind::ExtraTrees => &self.extra_trees,
-            Kind::GradientBoosting => &self.gradient_boosting,
-            Kind::GaussianProcess => &self.gaussian_process,
+            BaselineKind::Linear => &self.linear,
+            BaselineKind::Ridge => &self.ridge,
+            BaselineKind::Lasso => &self.lasso,
+            BaselineKind::ElasticNet => &self.elastic_net,
+            BaselineKind::Polynomial => &self.polynomial,
+            BaselineKind::Svr => &self.svr,
+            BaselineKind::Knn => &self.knn,
+            BaselineKind::DecisionTree => &self.decision_tree,
+            BaselineKind::RandomForest => &self.random_forest,
+            BaselineKind::ExtraTrees => &self.extra_trees,
+            BaselineKind::GradientBoosting => &self.gradient_boosting,
+            BaselineKind::GaussianProcess => &self.gaussian_process,
         }
     }
 
@@ -168,7 +173,7 @@ impl Baselines {
             let twice = kinds.iter().enumerate().find(|(index, kind)| kinds[..*index].contains(kind));
             problems.extend(twice.map(|(_, kind)| (key.to_owned(), format!("`{}` is duplicated", kind.name()))));
         }
-        for kind in Kind::ALL {
+        for kind in BaselineKind::ALL {
             let of_model = self.get(kind).problems().into_iter();
             problems.extend(of_model.map(|(key, message)| (format!("{}.{key}", kind.name()), message)));
         }
@@ -182,7 +187,7 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_study_and_every_default_is_valid() {
-        for kind in Kind::ALL {
+        for kind in BaselineKind::ALL {
             assert_eq!(serde_json::to_value(kind).unwrap(), kind.name());
         }
         assert_eq!(Baselines::default().problems(), []);

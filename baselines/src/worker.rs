@@ -4,7 +4,7 @@
 //! What goes in: a line of JSON, then the numbers of the rows and of the test inputs. What comes out: a line of JSON, then the
 //! predictions. All numbers are little-endian doubles.
 
-use crate::{Baselines, Fitted, Kind, Rows};
+use crate::{BaselineKind, Baselines, Fitted, Rows};
 use metafmu_runtime::Scaling;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -20,7 +20,7 @@ pub const TOO_SLOW: i32 = 3;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// The model.
-    pub kind: Kind,
+    pub kind: BaselineKind,
     /// The options of all of them.
     pub options: Baselines,
     /// Everything random follows from it.
@@ -55,7 +55,7 @@ pub struct Fit {
 
 #[derive(Serialize, Deserialize)]
 struct Header {
-    kind: Kind,
+    kind: BaselineKind,
     options: Baselines,
     seed: u64,
     columns: [Vec<f64>; 4],
@@ -220,7 +220,7 @@ mod tests {
     use super::*;
     use crate::testing::wavy_rows;
 
-    fn task(kind: Kind) -> Task {
+    fn task(kind: BaselineKind) -> Task {
         let rows = wavy_rows(200);
         let test = rows.scaling.input_mean.repeat(3);
         let mut options = Baselines::default();
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_task_and_its_answer_arrive_as_they_were_sent() {
-        let task = task(Kind::Ridge);
+        let task = task(BaselineKind::Ridge);
         let mut bytes = Vec::new();
         task.write(&mut bytes).unwrap();
         assert_eq!(Task::read(bytes.as_slice()).unwrap(), task);
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn every_baseline_predicts_finite_numbers_and_the_same_ones_again() {
-        for kind in Kind::ALL {
+        for kind in BaselineKind::ALL {
             let (once, again) = (task(kind).perform(), task(kind).perform());
             assert!(once.result.is_ok(), "{kind:?}: {:?}", once.result);
             assert_eq!(once.predictions.len(), 6, "{kind:?}");
@@ -254,10 +254,10 @@ mod tests {
 
     #[test]
     fn a_panic_and_a_mistake_are_answers() {
-        let mut broken = task(Kind::DecisionTree);
+        let mut broken = task(BaselineKind::DecisionTree);
         broken.rows.y.truncate(10);
         assert!(broken.perform().result.is_err());
-        let mut infinite = task(Kind::Linear);
+        let mut infinite = task(BaselineKind::Linear);
         infinite.test[0] = f64::INFINITY;
         assert_eq!(infinite.perform().result, Err("its predictions are not finite".into()));
     }

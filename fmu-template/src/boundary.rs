@@ -1,6 +1,6 @@
 //! From C to Rust and back: pointers become slices or a refusal, panics become a value.
 
-use crate::answer::Refusal;
+use crate::status::Refusal;
 use std::{
     ffi::{CStr, c_char},
     panic::{AssertUnwindSafe, catch_unwind},

@@ -6,13 +6,13 @@
 //! are terminated; states came from this library and were not freed. Null pointers are tested for, not trusted.
 
 use crate::{
-    answer::{Refusal, Status, Warning},
     boundary::{TextError, guard, not_null, slice, slice_mut, text, write},
-    instance::{Instance, Kind, LoadError},
+    instance::{Instance, InstanceKind, LoadError},
     location::LocationError,
     logger::Logger,
     snapshot::Snapshot,
     state::Row,
+    status::{Refusal, Status, Warning},
 };
 use std::{
     ffi::{CStr, c_char, c_void},
@@ -66,7 +66,7 @@ pub(crate) unsafe fn instantiate(
     function: &str,
     name: *const c_char,
     logger: Logger,
-    arguments: impl FnOnce() -> Result<(Kind, String, PathBuf), InstantiationError>,
+    arguments: impl FnOnce() -> Result<(InstanceKind, String, PathBuf), InstantiationError>,
 ) -> *mut c_void {
     let instance = guard(|| {
         // SAFETY: the caller's promise

@@ -4,16 +4,16 @@
 #![allow(non_snake_case)] // the standard's names
 
 use crate::{
-    answer::{Refusal, Status},
     boundary::{count, not_null, slice, slice_mut, text, write},
     component::{
         InstantiationError, call, deserialize, free, free_state, instantiate, serialize, state_size, store, stored,
         switch_logging,
     },
-    instance::{Instance, Kind},
+    instance::{Instance, InstanceKind},
     location,
     logger::{Callback2, Logger},
     state::{Interface, Version},
+    status::{Refusal, Status},
 };
 use std::{
     ffi::{CStr, c_char, c_int, c_uint, c_void},
@@ -81,7 +81,7 @@ unsafe extern "C" fn fmi2Instantiate(
         let (token, resources) = unsafe { (text(fmuGUID), text(fmuResourceLocation)) };
         let resources = location::directory(resources.map_err(InstantiationError::text("fmuResourceLocation"))?)?;
         let token = token.map_err(InstantiationError::text("fmuGUID"))?.to_owned();
-        Ok((Kind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
+        Ok((InstanceKind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
     };
     // SAFETY: the host's promise
     unsafe { instantiate("fmi2Instantiate", instanceName, logger, arguments) }

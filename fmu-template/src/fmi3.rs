@@ -6,15 +6,15 @@
 #![allow(non_snake_case)] // the standard's names
 
 use crate::{
-    answer::{Refusal, Status},
     boundary::{count, not_null, slice, slice_mut, text, write},
     component::{
         InstantiationError, call, deserialize, free, free_state, instantiate, serialize, state_size, store, stored,
         switch_logging,
     },
-    instance::{Instance, Kind},
+    instance::{Instance, InstanceKind},
     logger::{Callback3, Logger},
     state::{Interface, Version},
+    status::{Refusal, Status},
 };
 use std::{
     ffi::{c_char, c_void},
@@ -49,7 +49,7 @@ unsafe extern "C" fn fmi3InstantiateModelExchange(
     logMessage: Option<Callback3>,
 ) -> *mut c_void {
     let logger = Logger::fmi3(logMessage, instanceEnvironment, loggingOn != 0);
-    let kind = Kind { version: Version::Fmi3, interface: Interface::ModelExchange, event_mode: true };
+    let kind = InstanceKind { version: Version::Fmi3, interface: Interface::ModelExchange, event_mode: true };
     // SAFETY: the host's promise
     unsafe {
         instantiate("fmi3InstantiateModelExchange", instanceName, logger, || {
@@ -75,7 +75,8 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
     _intermediateUpdate: *const c_void,
 ) -> *mut c_void {
     let logger = Logger::fmi3(logMessage, instanceEnvironment, loggingOn != 0);
-    let kind = Kind { version: Version::Fmi3, interface: Interface::CoSimulation, event_mode: eventModeUsed != 0 };
+    let kind =
+        InstanceKind { version: Version::Fmi3, interface: Interface::CoSimulation, event_mode: eventModeUsed != 0 };
     // SAFETY: the host's promise
     unsafe {
         instantiate("fmi3InstantiateCoSimulation", instanceName, logger, || {
@@ -109,10 +110,10 @@ unsafe extern "C" fn fmi3InstantiateScheduledExecution(
 /// # Safety
 /// The host's promise.
 unsafe fn arguments(
-    kind: Kind,
+    kind: InstanceKind,
     token: *const c_char,
     resources: *const c_char,
-) -> Result<(Kind, String, PathBuf), InstantiationError> {
+) -> Result<(InstanceKind, String, PathBuf), InstantiationError> {
     // SAFETY: the host's promise
     let (token, resources) = unsafe { (text(token), text(resources)) };
     let resources = resources.map_err(InstantiationError::text("resourcePath"))?;

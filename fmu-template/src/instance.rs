@@ -2,9 +2,9 @@
 //! only where the standards differ; what it says is passed on by the adapters.
 
 use crate::{
-    answer::{Refusal, Status, Warning},
     snapshot::{Snapshot, fingerprint},
     state::{Interface, Row, State, Version},
+    status::{Refusal, Status, Warning},
 };
 use metafmu_runtime::{
     BuiltIn, Domain, DomainPolicy, Evaluator, FormatError, Metadata, Quantity, Role, Scratch, Surrogate, Variability,
@@ -17,7 +17,7 @@ mod variables;
 
 /// What an instance is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Kind {
+pub(crate) struct InstanceKind {
     pub version: Version,
     pub interface: Interface,
     /// FMI 3.0 co-simulation: whether the host enters Event Mode between steps.
@@ -42,7 +42,7 @@ pub(crate) enum LoadError {
 
 /// One simulation. Shares nothing with another one.
 pub(crate) struct Instance {
-    kind: Kind,
+    kind: InstanceKind,
     metadata: Metadata,
     variables: Variables,
     domain: Domain,
@@ -78,7 +78,7 @@ impl Instance {
     ///
     /// # Errors
     /// A [`LoadError`] that names the file.
-    pub(crate) fn load(resources: &Path, token: &str, kind: Kind) -> Result<Self, LoadError> {
+    pub(crate) fn load(resources: &Path, token: &str, kind: InstanceKind) -> Result<Self, LoadError> {
         let path = resources.join("model.safetensors");
         let length = match fs::metadata(&path) {
             Ok(metadata) => metadata.len(),

@@ -21,7 +21,6 @@
     deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, clippy::print_stderr)
 )]
 
-mod answer;
 mod boundary;
 mod component;
 mod fmi2;
@@ -31,5 +30,6 @@ mod location;
 mod logger;
 mod snapshot;
 mod state;
+mod status;
 #[cfg(test)]
 mod testing;

@@ -1,6 +1,6 @@
 //! Messages to the host, by categories.
 
-use crate::answer::Status;
+use crate::status::Status;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 
 /// FMI 2.0: environment, instance name, status, category, `printf` format, arguments.

@@ -20,7 +20,7 @@
 //!
 //! Numbers are little-endian.
 
-use crate::{answer::Refusal, state::State};
+use crate::{state::State, status::Refusal};
 use metafmu_runtime::DomainPolicy;
 
 /// The mutable part of an instance, but for values that can be computed from it.

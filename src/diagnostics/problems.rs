@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-/// Mistakes in a file by dotted key; [`Origin`](super::origin::Origin) gives them their lines.
+/// Mistakes in a file by dotted key; `Origin` gives them their lines.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Problems(Vec<KeyProblem>);
 

@@ -168,7 +168,7 @@ fn domain(page: &mut String) {
     line(
         page,
         &format!(
-            "<h2>Check on arrival</h2>\n<p><code>{OPTIONS_FILE}</code> says what to run and with which values, \
+            "<h2>Reference run</h2>\n<p><code>{OPTIONS_FILE}</code> says what to run and with which values, \
              <code>{RESULT_FILE}</code> holds the outputs that must come out.</p>"
         ),
     );

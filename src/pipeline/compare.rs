@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Error, Result,
     baseline::{
-        Comparison, Kind, ModelRow, Rows, Status, choose_rows,
+        BaselineKind, Comparison, ModelRow, Rows, Status, choose_rows,
         comparison::NETWORK,
         worker::{self, Answer, Fit, Task},
     },
@@ -37,7 +37,7 @@ const TIMED_RUNS: usize = 50;
 ///
 /// # Errors
 /// [`Error::Io`]; a model that fails has a row that says so.
-pub fn compare(project: &Project, kinds: &[Kind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
+pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
         Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
@@ -64,7 +64,7 @@ pub(super) struct Network {
 /// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done.
 pub(super) fn stage(
     project: &Project,
-    kinds: &[Kind],
+    kinds: &[BaselineKind],
     network: Network,
     train: &Dataset,
     test: &Dataset,
@@ -134,7 +134,13 @@ fn row(model: &str, status: Status, note: String) -> ModelRow {
 }
 
 /// Fits a baseline of the study and measures it on some runs.
-pub(super) fn measure(project: &Project, study: &Study, kind: Kind, rows: &Rows, test: &Dataset) -> Result<ModelRow> {
+pub(super) fn measure(
+    project: &Project,
+    study: &Study,
+    kind: BaselineKind,
+    rows: &Rows,
+    test: &Dataset,
+) -> Result<ModelRow> {
     let name = kind.name();
     if project.is_stopped() {
         return Ok(row(name, Status::Stopped, "stopped by Ctrl-C".into()));
@@ -164,7 +170,14 @@ pub(super) fn measure(project: &Project, study: &Study, kind: Kind, rows: &Rows,
     })
 }
 
-fn fitted_row(kind: Kind, fit: &Fit, count: usize, all: usize, test: &Dataset, metrics: &[OutputMetrics]) -> ModelRow {
+fn fitted_row(
+    kind: BaselineKind,
+    fit: &Fit,
+    count: usize,
+    all: usize,
+    test: &Dataset,
+    metrics: &[OutputMetrics],
+) -> ModelRow {
     let some = (count < all).then(|| format!("on {count} of {all} rows"));
     let not_exportable = fit.not_exportable.as_ref().map(|reason| format!("cannot be exported: {reason}"));
     let names = test.outputs.iter().map(|output| output.name.clone());

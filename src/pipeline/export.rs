@@ -3,7 +3,7 @@
 use super::{prepare::baseline_rows, project::Project};
 use crate::{
     Error, Result, acceptance,
-    baseline::{Fitted, Kind, choose_rows},
+    baseline::{BaselineKind, Fitted, choose_rows},
     evaluation::Accuracy,
     evaluation::Verdict,
     export::{Binary, Contents, pack},
@@ -110,7 +110,7 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
 ///
 /// # Errors
 /// [`Error::Baseline`] if it cannot be fitted or exported, [`Error::Stale`] if there are no runs of this study, [`Error::Io`].
-pub fn export_baseline(project: &Project, plan: &Plan, kind: Kind) -> Result<Vec<Written>> {
+pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Result<Vec<Written>> {
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;

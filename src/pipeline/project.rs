@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Error, Result, acceptance,
-    baseline::{Comparison, Kind},
+    baseline::{BaselineKind, Comparison},
     dataset::Dataset,
     evaluation::Accuracy,
     evaluation::Verdict,
@@ -250,7 +250,7 @@ impl<'a> Project<'a> {
         self.folder.join("metrics.json")
     }
 
-    pub(super) fn baseline_model(&self, kind: Kind) -> PathBuf {
+    pub(super) fn baseline_model(&self, kind: BaselineKind) -> PathBuf {
         self.folder.join(format!("{}-{}.safetensors", self.study.name, kind.name()))
     }
 

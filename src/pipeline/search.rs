@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    baseline::{self, Kind},
+    baseline::{self, BaselineKind},
     dataset::Dataset,
     files,
     network::Network,
@@ -395,7 +395,13 @@ fn train_instants(
 }
 
 /// Fits a baseline instead, at once: rungs mean nothing to it.
-fn fit_baseline(project: &Project, study: &Study, kind: Kind, dataset: &Dataset, waiting: &Record) -> Result<Record> {
+fn fit_baseline(
+    project: &Project,
+    study: &Study,
+    kind: BaselineKind,
+    dataset: &Dataset,
+    waiting: &Record,
+) -> Result<Record> {
     let (rows, held_out) = baseline_rows_and_held_out(study, dataset);
     let row = compare::measure(project, study, kind, &rows, &held_out)?;
     let (status, message) = match row.status {

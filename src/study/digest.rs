@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
-use metafmu_baselines::{Baselines, Kind};
+use metafmu_baselines::{BaselineKind, Baselines};
 use metafmu_runtime::Precision;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -77,7 +77,7 @@ struct Trained<'a> {
 /// What decides a baseline that is exported.
 #[derive(Serialize)]
 struct Fitted<'a> {
-    kind: Kind,
+    kind: BaselineKind,
     options: Option<serde_json::Value>,
     name: &'a str,
     arrays: &'a IndexMap<String, Vec<String>>,
@@ -188,7 +188,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
 }
 
 /// [`Study::baseline_digest`].
-pub(super) fn of_baseline(study: &Study, kind: Kind) -> String {
+pub(super) fn of_baseline(study: &Study, kind: BaselineKind) -> String {
     digest(&Fitted {
         kind,
         options: options_of(&study.baselines, kind),
@@ -199,7 +199,7 @@ pub(super) fn of_baseline(study: &Study, kind: Kind) -> String {
     })
 }
 
-fn options_of(baselines: &Baselines, kind: Kind) -> Option<serde_json::Value> {
+fn options_of(baselines: &Baselines, kind: BaselineKind) -> Option<serde_json::Value> {
     serde_json::to_value(baselines).ok()?.get(kind.name()).cloned()
 }
 

@@ -71,7 +71,7 @@ pub use accept::AcceptOptions;
 pub use bounds::BoundsOptions;
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
-use metafmu_baselines::{Baselines, Kind};
+use metafmu_baselines::{BaselineKind, Baselines};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
@@ -374,7 +374,7 @@ impl Study {
     }
 
     /// Like [`Study::digest`], of what decides a baseline that is exported.
-    pub fn baseline_digest(&self, kind: Kind) -> String {
+    pub fn baseline_digest(&self, kind: BaselineKind) -> String {
         digest::of_baseline(self, kind)
     }
 

@@ -2,7 +2,7 @@
 
 use crate::diagnostics::{Problems, schema};
 use indexmap::IndexMap;
-use metafmu_baselines::Kind;
+use metafmu_baselines::BaselineKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
@@ -23,7 +23,7 @@ pub struct SearchOptions {
     #[serde(default = "default_reduction")]
     pub reduction: usize,
     /// The baseline that is fitted instead of the network, if any.
-    pub model: Option<Kind>,
+    pub model: Option<BaselineKind>,
     /// Values by the dotted key of this file that they are for.
     pub space: IndexMap<String, Space>,
 }

@@ -19,7 +19,7 @@
 //! instant, and the input columns are those other than the time, in order.
 //!
 //! A regression has the four columns of scaling and the tensors of one kind of function between them, which are specified at
-//! [`Polynomial`](crate::regression::Polynomial), [`Forest`](crate::regression::Forest) and
+//! [`Polynomial`], [`Forest`] and
 //! [`KernelMachine`](crate::regression::KernelMachine), all with the name of the map in front:
 //!
 //! | tensor | type | shape |

@@ -1,7 +1,7 @@
 //! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
 
 use super::{Instance, finite, variables::Unknown};
-use crate::answer::Refusal;
+use crate::status::Refusal;
 use metafmu_runtime::{BuiltIn, DomainPolicy, MAX_OUTPUT_DERIVATIVE_ORDER, Quantity, Role};
 use std::slice;
 

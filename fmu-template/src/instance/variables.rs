@@ -1,6 +1,6 @@
 //! What value references stand for in one version of the standard.
 
-use crate::{answer::Refusal, state::Version};
+use crate::{state::Version, status::Refusal};
 use metafmu_runtime::{BuiltIn, Quantity, Surrogate, Variable};
 
 /// A scalar that has derivatives: an output, maybe as an element of an array, or the distance from the domain.

@@ -32,7 +32,7 @@ const STIFF_AFTER: u32 = 1000;
 #[derive(Debug)]
 pub struct Exchange<'a> {
     model: Model<'a>,
-    place: Place,
+    position: Position,
 }
 
 /// What is the same all along a run.
@@ -48,7 +48,7 @@ struct Model<'a> {
 
 /// Where a run is. With a state of the FMU it is all that is needed to go on from there.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct Position {
     time: f64,
     states: Vec<f64>,
     nominals: Vec<f64>,
@@ -86,7 +86,7 @@ impl<'a> Exchange<'a> {
             tolerance: tolerance.max(TIGHTEST),
             completes_steps: description.model_exchange.as_ref().is_some_and(|e| e.needs_completed_integrator_step),
         };
-        let place = Place {
+        let position = Position {
             time,
             states: vec![0.0; states],
             nominals: vec![1.0; states],
@@ -95,19 +95,19 @@ impl<'a> Exchange<'a> {
             rows: inputs.rows_until(time),
             step: None,
         };
-        let mut run = Self { model, place };
+        let mut run = Self { model, position };
         let begun = run.settle()?;
         Ok((run, begun))
     }
 
     /// Where the run is.
-    pub fn place(&self) -> &Place {
-        &self.place
+    pub fn position(&self) -> &Position {
+        &self.position
     }
 
-    /// Goes on from another place, to whose state the FMU was put back.
-    pub fn rewind(&mut self, place: Place) {
-        self.place = place;
+    /// Goes on from another position, to whose state the FMU was put back.
+    pub fn rewind(&mut self, position: Position) {
+        self.position = position;
     }
 
     /// Goes on to a time, through the events before it and those at it.
@@ -115,12 +115,14 @@ impl<'a> Exchange<'a> {
     /// # Errors
     /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or events do not end.
     pub fn advance(&mut self, to: f64) -> Result<Step> {
-        let begin = self.place.time;
+        let begin = self.position.time;
         for _ in 0..MAX_EVENTS {
             let stop = loop {
                 let end = self.end_of_stretch(to);
-                let stop = if end > self.place.time { self.stretch(end)? } else { None };
-                if stop.is_some() || self.pass_input_rows()? || self.place.next_event.is_some_and(|event| event <= end)
+                let stop = if end > self.position.time { self.stretch(end)? } else { None };
+                if stop.is_some()
+                    || self.pass_input_rows()?
+                    || self.position.next_event.is_some_and(|event| event <= end)
                 {
                     break stop.unwrap_or(Stop::Event);
                 }
@@ -128,92 +130,92 @@ impl<'a> Exchange<'a> {
                     return Ok(Step::Done);
                 }
             };
-            let time = self.place.time;
+            let time = self.position.time;
             if stop == Stop::Terminated {
                 return Ok(Step::Terminated { time });
             }
             self.model.instance.enter_event_mode()?;
-            self.model.inputs.set(self.model.instance, time, self.place.rows)?;
+            self.model.inputs.set(self.model.instance, time, self.position.rows)?;
             if let Step::Terminated { time } = self.settle()? {
                 return Ok(Step::Terminated { time });
             }
             // an event that stays where it was would be handled for ever
-            self.place.next_event = self.place.next_event.filter(|next| *next > time);
+            self.position.next_event = self.position.next_event.filter(|next| *next > time);
         }
         let message = format!("no end of events: {MAX_EVENTS} since {begin} s");
-        Err(Error::Integration { time: self.place.time, message })
+        Err(Error::Integration { time: self.position.time, message })
     }
 
     /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
     fn settle(&mut self) -> Result<Step> {
-        let (instance, place) = (self.model.instance, &mut self.place);
+        let (instance, position) = (self.model.instance, &mut self.position);
         let found = instance.settle_events()?;
         if found.terminate {
-            return Ok(Step::Terminated { time: place.time });
+            return Ok(Step::Terminated { time: position.time });
         }
-        place.next_event = found.next_event_time;
-        place.step = None;
-        if !place.states.is_empty() {
-            instance.get_continuous_states(&mut place.states)?;
-            instance.get_nominals(&mut place.nominals)?;
+        position.next_event = found.next_event_time;
+        position.step = None;
+        if !position.states.is_empty() {
+            instance.get_continuous_states(&mut position.states)?;
+            instance.get_nominals(&mut position.nominals)?;
             let usable = |nominal: &f64| nominal.is_normal();
-            place.nominals.iter_mut().for_each(|n| *n = if usable(n) { n.abs() } else { 1.0 });
+            position.nominals.iter_mut().for_each(|n| *n = if usable(n) { n.abs() } else { 1.0 });
         }
-        self.model.read_indicators(&mut place.indicators)?;
+        self.model.read_indicators(&mut position.indicators)?;
         Ok(Step::Done)
     }
 
     fn end_of_stretch(&self, to: f64) -> f64 {
-        let Place { time, next_event, rows, .. } = self.place;
+        let Position { time, next_event, rows, .. } = self.position;
         let next_row = self.model.inputs.next_row(rows);
         [next_event, next_row].into_iter().flatten().fold(to, f64::min).max(time)
     }
 
     /// Notes the rows of the inputs that have been reached; true if an input jumps there, which takes an event.
     fn pass_input_rows(&mut self) -> Result<bool> {
-        let (inputs, place) = (self.model.inputs, &mut self.place);
-        let before = std::mem::replace(&mut place.rows, inputs.rows_until(place.time));
-        if place.rows == before {
+        let (inputs, position) = (self.model.inputs, &mut self.position);
+        let before = std::mem::replace(&mut position.rows, inputs.rows_until(position.time));
+        if position.rows == before {
             return Ok(false);
         }
-        if inputs.jump(before, place.rows) {
+        if inputs.jump(before, position.rows) {
             return Ok(true);
         }
-        inputs.set_continuous(self.model.instance, place.time, place.rows)?;
+        inputs.set_continuous(self.model.instance, position.time, position.rows)?;
         Ok(false)
     }
 
     /// Integrates up to a time or the first event before it.
     fn stretch(&mut self, end: f64) -> Result<Option<Stop>> {
-        let place = &mut self.place;
-        let length = end - place.time;
-        let scaled = place.states.iter().zip(&place.nominals).map(|(state, nominal)| state / nominal);
-        let state = DVector::from_iterator(place.states.len() + 1, scaled.chain([0.0]));
-        let first = Point { elapsed: 0.0, state, indicators: place.indicators.clone() };
+        let position = &mut self.position;
+        let length = end - position.time;
+        let scaled = position.states.iter().zip(&position.nominals).map(|(state, nominal)| state / nominal);
+        let state = DVector::from_iterator(position.states.len() + 1, scaled.chain([0.0]));
+        let first = Point { elapsed: 0.0, state, indicators: position.indicators.clone() };
         let stretch = Stretch {
             model: self.model,
-            start: place.time,
+            start: position.time,
             end,
-            rows: place.rows,
-            inputs_vary: self.model.inputs.vary(place.rows),
-            nominals: &place.nominals,
-            unscaled: RefCell::new(vec![0.0; place.states.len()]),
+            rows: position.rows,
+            inputs_vary: self.model.inputs.vary(position.rows),
+            nominals: &position.nominals,
+            unscaled: RefCell::new(vec![0.0; position.states.len()]),
             failure: RefCell::default(),
             discarded: RefCell::default(),
         };
         let steps = RefCell::new(Steps { before: first.clone(), now: first.clone(), longest: 0.0, stop: None });
-        stretch.solve(&first.state, length, place.step.map_or(0.0, |step| step.min(length)), Some(&steps))?;
+        stretch.solve(&first.state, length, position.step.map_or(0.0, |step| step.min(length)), Some(&steps))?;
         let Steps { before, mut now, longest, mut stop } = steps.into_inner();
         if crossed(&before.indicators, &now.indicators) {
             now = stretch.locate(&before, now)?;
             stretch.put(now.elapsed, &now.state)?;
             stop = self.model.complete_step()?.or(Some(Stop::Event));
         }
-        place.time = stretch.time(now.elapsed);
-        place.step = Some(longest);
+        position.time = stretch.time(now.elapsed);
+        position.step = Some(longest);
         let Point { state, indicators, .. } = now;
-        place.states.iter_mut().zip(&place.nominals).zip(&state).for_each(|((to, nominal), z)| *to = z * nominal);
-        place.indicators = indicators;
+        position.states.iter_mut().zip(&position.nominals).zip(&state).for_each(|((to, nominal), z)| *to = z * nominal);
+        position.indicators = indicators;
         Ok(stop)
     }
 }
@@ -256,7 +258,7 @@ struct Stretch<'a> {
     rows: usize,
     inputs_vary: bool,
     nominals: &'a [f64],
-    /// The FMU's states: a place to compute them.
+    /// The FMU's states: a position to compute them.
     unscaled: RefCell<Vec<f64>>,
     /// What ended the integration.
     failure: RefCell<Option<Error>>,
@@ -448,7 +450,7 @@ impl System<f64, DVector<f64>> for Problem<'_> {
         if self.stretch.failure.borrow().is_none() {
             match self.stretch.derive(state, derivative) {
                 Ok(()) => return,
-                // a step into a place without solution is tried again shorter
+                // a step into a position without solution is tried again shorter
                 Err(error @ Error::Fmi { status: "discard", .. }) => *self.stretch.discarded.borrow_mut() = Some(error),
                 Err(error) => *self.stretch.failure.borrow_mut() = Some(error),
             }

@@ -35,7 +35,7 @@ pub use unpacked::Unpacked;
 pub(crate) use {
     grid::Grid,
     inputs::NO_INPUTS,
-    integrator::{Exchange, Place},
+    integrator::{Exchange, Position},
     recorder::Recorder,
 };
 

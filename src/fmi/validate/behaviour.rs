@@ -112,10 +112,10 @@ fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report:
         let instance = fmu.instantiate("state", true)?;
         let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
         run.steps(0..middle)?;
-        let (state, place) = (instance.state()?, run.place());
+        let (state, position) = (instance.state()?, run.position());
         run.steps(rest.clone())?;
         state.restore()?;
-        run.rewind(place);
+        run.rewind(position);
         Ok(differ(&run.steps(rest.clone())?, &reference[middle + 1..]))
     });
     if !capabilities.serialize_state {
@@ -125,10 +125,10 @@ fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report:
         let instance = fmu.instantiate("bytes", true)?;
         let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
         run.steps(0..middle)?;
-        let (bytes, place) = (instance.state()?.to_bytes()?, run.place());
+        let (bytes, position) = (instance.state()?.to_bytes()?, run.position());
         run.steps(rest.clone())?;
         instance.state_from_bytes(&bytes)?.restore()?;
-        run.rewind(place);
+        run.rewind(position);
         Ok(differ(&run.steps(rest.clone())?, &reference[middle + 1..]))
     });
 }

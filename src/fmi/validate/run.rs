@@ -5,7 +5,7 @@ use crate::{
     Result,
     fmi::{
         Fmu, Instance, InterfaceKind,
-        host::{Exchange, Grid, NO_INPUTS, Place, Recorder, SimulationOptions, Step},
+        host::{Exchange, Grid, NO_INPUTS, Position, Recorder, SimulationOptions, Step},
     },
 };
 use std::ops::Range;
@@ -67,14 +67,14 @@ impl<'a> Run<'a> {
     }
 
     /// What a state of the FMU does not hold: where the host is in model exchange.
-    pub fn place(&self) -> Option<Place> {
-        self.exchange.as_ref().map(|run| run.place().clone())
+    pub fn position(&self) -> Option<Position> {
+        self.exchange.as_ref().map(|run| run.position().clone())
     }
 
     /// Back to where the instance was put.
-    pub fn rewind(&mut self, place: Option<Place>) {
-        if let (Some(run), Some(place)) = (&mut self.exchange, place) {
-            run.rewind(place);
+    pub fn rewind(&mut self, position: Option<Position>) {
+        if let (Some(run), Some(position)) = (&mut self.exchange, position) {
+            run.rewind(position);
         }
     }
 }

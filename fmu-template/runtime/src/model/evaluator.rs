@@ -170,26 +170,26 @@ impl Evaluator {
     /// Does a task with the networks of the two instants around the moment, and takes what lies between.
     fn interpolate(&self, instants: &Instants, inputs: &[f64], task: Task, sides: &mut Sides, map: &mut MapScratch) {
         let Sides { point, rates: point_rates, values, first: once, second: twice, gradient: gradients } = sides;
-        let place = instants.place(inputs[instants.time()]);
+        let interpolation = instants.interpolation(inputs[instants.time()]);
         instants.others(inputs, point);
         if let Task::Outputs(outputs) = task {
             let [_, right] = values;
-            self.dispatch(place.left, point, Task::Outputs(outputs), map);
-            if place.weight != 0.0 {
-                self.dispatch(place.left + 1, point, Task::Outputs(right), map);
-                outputs.iter_mut().zip(right).for_each(|(left, right)| *left = place.between(*left, *right));
+            self.dispatch(interpolation.left, point, Task::Outputs(outputs), map);
+            if interpolation.weight != 0.0 {
+                self.dispatch(interpolation.left + 1, point, Task::Outputs(right), map);
+                outputs.iter_mut().zip(right).for_each(|(left, right)| *left = interpolation.between(*left, *right));
             }
             return;
         }
         for (side, values) in values.iter_mut().enumerate() {
-            self.dispatch(place.left + side, point, Task::Outputs(values), map);
+            self.dispatch(interpolation.left + side, point, Task::Outputs(values), map);
         }
         match task {
             Task::Outputs(_) => {}
             Task::Series { rates, first, second } => {
                 // of the weight along the curve
                 let [rate, acceleration] =
-                    rates.map(|rates| rates.get(instants.time()).map_or(0.0, |rate| place.slope * rate));
+                    rates.map(|rates| rates.get(instants.time()).map_or(0.0, |rate| interpolation.slope * rate));
                 for (to, from) in point_rates.iter_mut().zip(rates) {
                     instants.others(from, to);
                 }
@@ -198,27 +198,28 @@ impl Evaluator {
                     let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
                     let second = second.is_some().then_some(twice[side].as_mut_slice());
                     let task = Task::Series { rates, first: &mut once[side], second };
-                    self.dispatch(place.left + side, point, task, map);
+                    self.dispatch(interpolation.left + side, point, task, map);
                 }
                 for (output, first) in first.iter_mut().enumerate() {
                     let [left, right] = [0, 1].map(|side| once[side][output]);
-                    *first = place.between(left, right) + rate * (values[1][output] - values[0][output]);
+                    *first = interpolation.between(left, right) + rate * (values[1][output] - values[0][output]);
                 }
                 for (output, second) in second.into_iter().flatten().enumerate() {
                     let [left, right] = [0, 1].map(|side| twice[side][output]);
-                    *second = place.between(left, right)
+                    *second = interpolation.between(left, right)
                         + 2.0 * rate * (once[1][output] - once[0][output])
                         + acceleration * (values[1][output] - values[0][output]);
                 }
             }
             Task::Adjoint { weights, gradient } => {
                 for (side, gradient) in gradients.iter_mut().enumerate() {
-                    self.dispatch(place.left + side, point, Task::Adjoint { weights, gradient }, map);
+                    self.dispatch(interpolation.left + side, point, Task::Adjoint { weights, gradient }, map);
                 }
                 let changes = values[1].iter().zip(&values[0]).map(|(right, left)| right - left);
-                let by_time = place.slope * weights.iter().zip(changes).map(|(weight, by)| weight * by).sum::<f64>();
+                let by_time =
+                    interpolation.slope * weights.iter().zip(changes).map(|(weight, by)| weight * by).sum::<f64>();
                 let mut others =
-                    gradients[0].iter().zip(&gradients[1]).map(|(left, right)| place.between(*left, *right));
+                    gradients[0].iter().zip(&gradients[1]).map(|(left, right)| interpolation.between(*left, *right));
                 for (column, gradient) in gradient.iter_mut().enumerate() {
                     *gradient = if column == instants.time() { by_time } else { others.next().unwrap_or(0.0) };
                 }

@@ -9,7 +9,7 @@ pub(crate) struct Instants {
 
 /// Between instant `left` and the next one: outputs are `y = (1 - weight) y_left + weight y_right`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct Interpolation {
     pub(crate) left: usize,
     pub(crate) weight: f64,
     /// Derivative of the weight with respect to the time.
@@ -41,14 +41,14 @@ impl Instants {
 
     /// At an instant, the interval that begins there counts; at the last one, the one that ends there.
     #[inline]
-    pub(crate) fn place(&self, time: f64) -> Place {
+    pub(crate) fn interpolation(&self, time: f64) -> Interpolation {
         let intervals = self.instants.len() - 1;
         let left = self.instants.partition_point(|&instant| instant <= time).clamp(1, intervals) - 1;
         let (begin, end) = (self.instants[left], self.instants[left + 1]);
         // NaN stays NaN
         let weight = ((time - begin) / (end - begin)).clamp(0.0, 1.0);
         let outside = time < self.instants[0] || time > self.instants[intervals];
-        Place { left, weight, slope: if outside { 0.0 } else { 1.0 / (end - begin) } }
+        Interpolation { left, weight, slope: if outside { 0.0 } else { 1.0 / (end - begin) } }
     }
 
     /// The columns other than the time.
@@ -59,7 +59,7 @@ impl Instants {
     }
 }
 
-impl Place {
+impl Interpolation {
     /// Between two values; exactly the one or the other at an instant.
     #[inline]
     pub(crate) fn between(&self, left: f64, right: f64) -> f64 {
@@ -99,9 +99,9 @@ mod tests {
             (2.0, 2, 1.0, 0.8),
             (2.5, 2, 1.0, 0.0),
         ] {
-            assert_eq!(instants.place(time), Place { left, weight, slope }, "{time}");
+            assert_eq!(instants.interpolation(time), Interpolation { left, weight, slope }, "{time}");
         }
-        assert!(instants.place(f64::NAN).weight.is_nan());
+        assert!(instants.interpolation(f64::NAN).weight.is_nan());
         let mut others = [0.0; 2];
         instants.others(&[1.0, 9.0, 2.0], &mut others);
         assert_eq!(others, [1.0, 2.0]);
