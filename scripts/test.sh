@@ -1,16 +1,17 @@
 #!/usr/bin/env bash
 # Runs the tests: format, imports, lints, documentation, Rust tests, then the FMU in other people's tools.
-# Usage: scripts/test.sh [--quick | --all] [OPTION OF PYTEST]...
+# Usage: scripts/test.sh [--quick | --ci | --all] [OPTION OF PYTEST]...
 #   --quick   format, imports, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
-#   --all     also builds that are killed at random moments, other platforms, and fuzzing
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and with --all Wine,
-# QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
+#   --ci      also the FMU's library with debug assertions, builds that are killed at random moments, and other platforms
+#   --all     also fuzzing, for which everything is compiled once more
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and with --ci and --all
+# Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 extent=default
 case ${1:-} in
-  --quick | --all) extent=${1#--}; shift ;;
+  --quick | --ci | --all) extent=${1#--}; shift ;;
 esac
 for tool in cargo cc python3; do
   command -v "$tool" >/dev/null || { echo "scripts/test.sh: $tool is missing" >&2; exit 1; }
@@ -48,9 +49,11 @@ step "command";             cargo build --release --locked
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
 trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"
-if [ $extent = all ]; then
+if [ $extent = ci ] || [ $extent = all ]; then
   step "debug assertions";  cargo test --package metafmu-runtime --package fmu-template --locked
   step "kills";             tests -m thorough "$@"
   step "other platforms";   scripts/test-platforms.sh
+fi
+if [ $extent = all ]; then
   step "fuzzing";           scripts/fuzz.sh
 fi
