@@ -18,7 +18,7 @@ mod data;
 
 use crate::fmi::FmiVersion;
 use crate::{Error, Result};
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Activation, ScaledNetwork, Surrogate};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -53,9 +53,12 @@ const FMI3: [(&str, &str); 3] = [
 /// `identifier` is the model identifier of the FMU.
 ///
 /// # Errors
-/// [`Error::NoSources`] if the surrogate is no single network, [`Error::NoEncodedSources`] if an input is nominal or periodic.
+/// [`Error::NoSources`] if the surrogate is not a single network with a linear last layer, [`Error::NoEncodedSources`] if an input is nominal or periodic.
 pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
-    let network = surrogate.network().ok_or(Error::NoSources)?;
+    // the C code has a linear last layer, as all networks trained here
+    let is_linear =
+        |network: &&ScaledNetwork| network.layers.last().is_some_and(|layer| layer.activation == Activation::Identity);
+    let network = surrogate.network().filter(is_linear).ok_or(Error::NoSources)?;
     if let Some(input) = surrogate.inputs().iter().find(|input| !input.encoding.is_plain()) {
         return Err(Error::NoEncodedSources { parameter: input.name.clone() });
     }

@@ -5,7 +5,7 @@ use crate::{
     study::ExportOptions,
     surrogate::seal,
 };
-use metafmu_runtime::{Activation, Evaluator, Quantity, example};
+use metafmu_runtime::{Evaluator, Map, Model, Quantity, example};
 use std::{
     fs,
     io::Write,
@@ -237,6 +237,15 @@ fn error_bounds_are_read_as_in_the_library() {
         assert_eq!(values, [0.25, 0.125]);
         assert!(instance.get_real(&[second + 1], &mut values[..1]).is_err());
     }
+}
+
+#[test]
+fn a_last_layer_that_is_not_linear_has_no_sources() {
+    let surrogate = example::surrogate();
+    let mut network = surrogate.network().unwrap().clone();
+    network.layers[1].activation = Activation::Tanh;
+    let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Response(Map::Network(network))).unwrap();
+    assert!(matches!(files(&surrogate, "example", FmiVersion::V3), Err(Error::NoSources)));
 }
 
 /// A program in C that calls everything: right, wrong, and with null pointers.
