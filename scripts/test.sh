@@ -45,7 +45,7 @@ fi
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
 # also builds the examples that the Python tests run
 step "Rust tests";          cargo test --workspace --release --locked
-step "command";             cargo build --release --locked
+step "command";             cargo build --release --locked   # as the tests had it: nothing is compiled
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
 trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"
