@@ -3,7 +3,7 @@
 use super::{
     Network,
     kernels::{
-        Kernel, Register, Simd, Store,
+        Kernel, Lanes, Simd, Store,
         activation::{Function, Visitor, slope_follows_from_value, visit},
         batch_norm,
         buffer::Buffer,
@@ -116,7 +116,7 @@ impl Kernel for Forward<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { network, rows, workspace, mask } = self;
         let Packed { layout, activation, parameters, dropout, .. } = network;
         let Workspace { values, slopes, normalized, statistics, .. } = workspace;
@@ -127,11 +127,11 @@ impl Kernel for Forward<'_> {
             let mut slopes = if mask.is_some() { slopes.get_mut(index).map(|slopes| &mut **slopes) } else { None };
             let function = if hidden && !shape.normalized { *activation } else { Activation::Identity };
             let slopes_now = if shape.normalized { None } else { slopes.as_deref_mut() };
-            layer::forward::<R, N>(shape, parameters, function, rows, x, y, slopes_now);
+            layer::forward::<L>(shape, parameters, function, rows, x, y, slopes_now);
             if let (true, Some(slopes)) = (shape.normalized, &mut slopes) {
                 let (v, statistics) = (&mut normalized[index], &mut statistics[index]);
                 let normalize = Normalize { shape, parameters, rows, y, v, slopes, statistics };
-                visit::<R, N, _>(*activation, normalize);
+                visit::<L, _>(*activation, normalize);
             }
             if let (Some(mask), Some(slopes), true) = (mask, slopes, hidden && *dropout > 0.0) {
                 leave_out(*dropout, mask, index, shape.outputs, y, slopes);
@@ -155,9 +155,9 @@ impl Visitor for Normalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<R: Register, const N: usize, F: Function>(self) {
+    fn visit<L: Lanes, F: Function>(self) {
         let Self { shape, parameters, rows, y, v, slopes, statistics } = self;
-        batch_norm::forward::<R, N, F>(shape, parameters, rows, y, v, slopes, statistics);
+        batch_norm::forward::<L, F>(shape, parameters, rows, y, v, slopes, statistics);
     }
 }
 
@@ -201,7 +201,7 @@ impl Kernel for Backward<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { network, rows, workspace, store, gradient } = self;
         let Workspace { values, deltas, slopes, normalized, statistics, .. } = workspace;
         let Packed { parameters, transposed, activation, .. } = network;
@@ -210,15 +210,15 @@ impl Kernel for Backward<'_> {
             let d = &mut *from[0];
             if shape.normalized {
                 let (v, statistics) = (&normalized[index], &statistics[index]);
-                batch_norm::backward::<R, N>(shape, parameters, rows, v, statistics, d, store, gradient);
+                batch_norm::backward::<L>(shape, parameters, rows, v, statistics, d, store, gradient);
             }
-            layer::gradient::<R, N>(shape, rows, &values[index], d, store, gradient);
+            layer::gradient::<L>(shape, rows, &values[index], d, store, gradient);
             if let Some(to) = before.last_mut() {
                 let slope = match slopes.get(index - 1) {
                     Some(slopes) => Slope::Stored(slopes),
                     None => Slope::FromValue(*activation, &values[index]),
                 };
-                layer::backward::<R, N>(shape, parameters, transposed, slope, rows, d, to);
+                layer::backward::<L>(shape, parameters, transposed, slope, rows, d, to);
             }
         }
     }

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::network::{
     BLOCK_ROWS, DropoutMask, Packed, Workspace,
-    kernels::{Kernel, Lanes, Register, Simd, Store, WIDTH, buffer::Buffer},
+    kernels::{Kernel, Lanes, Simd, Store, WIDTH, buffer::Buffer},
     layout::{padded, stride},
 };
 use crate::study::TrainingOptions;
@@ -224,12 +224,12 @@ impl Kernel for AddParts<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { total, others, range } = self;
         for part in others {
             let part = part.gradient[range.clone()].as_chunks::<WIDTH>().0;
             for (total, part) in total.as_chunks_mut::<WIDTH>().0.iter_mut().zip(part) {
-                Lanes::<R, N>::load(total).add(Lanes::load(part)).store(total);
+                L::load(total).add(L::load(part)).store(total);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Activation functions in single precision, and their derivatives.
 
-use super::{Lanes, Portable, Register};
+use super::{Lanes, Portable};
 use metafmu_runtime::Activation;
 
 /// An activation function.
@@ -8,10 +8,10 @@ pub(crate) trait Function {
     /// How its derivative is found in the backward pass.
     type Derivative: Derivative;
 
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N>;
+    fn value<L: Lanes>(x: L) -> L;
 
     /// `f(x)` and `f'(x)`.
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>);
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L);
 }
 
 /// The derivative of an activation function times something: `d f'(x)`.
@@ -20,7 +20,7 @@ pub(crate) trait Derivative {
     const FOLLOWS_FROM_VALUE: bool;
 
     /// `from`: what the derivative is computed from.
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, from: Lanes<R, N>) -> Lanes<R, N>;
+    fn times<L: Lanes>(d: L, from: L) -> L;
 }
 
 /// Work with an activation function that is known when the program is compiled. Its fields are its arguments: a closure would
@@ -30,20 +30,20 @@ pub(crate) trait Visitor {
     type Output;
 
     /// Does the work with the function `F`. To be marked `#[inline(always)]`, as [`Kernel::run`](super::Kernel::run).
-    fn visit<R: Register, const N: usize, F: Function>(self) -> Self::Output;
+    fn visit<L: Lanes, F: Function>(self) -> Self::Output;
 }
 
 /// Has a visitor work with the function of an activation.
 #[inline(always)]
-pub(crate) fn visit<R: Register, const N: usize, V: Visitor>(activation: Activation, visitor: V) -> V::Output {
+pub(crate) fn visit<L: Lanes, V: Visitor>(activation: Activation, visitor: V) -> V::Output {
     match activation {
-        Activation::Tanh => visitor.visit::<R, N, Tanh>(),
-        Activation::Sigmoid => visitor.visit::<R, N, Sigmoid>(),
-        Activation::Relu => visitor.visit::<R, N, Relu>(),
-        Activation::Gelu => visitor.visit::<R, N, Gelu>(),
-        Activation::Silu => visitor.visit::<R, N, Silu>(),
-        Activation::Sine => visitor.visit::<R, N, Sine>(),
-        Activation::Identity => visitor.visit::<R, N, Identity>(),
+        Activation::Tanh => visitor.visit::<L, Tanh>(),
+        Activation::Sigmoid => visitor.visit::<L, Sigmoid>(),
+        Activation::Relu => visitor.visit::<L, Relu>(),
+        Activation::Gelu => visitor.visit::<L, Gelu>(),
+        Activation::Silu => visitor.visit::<L, Silu>(),
+        Activation::Sine => visitor.visit::<L, Sine>(),
+        Activation::Identity => visitor.visit::<L, Identity>(),
     }
 }
 
@@ -55,12 +55,12 @@ pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
         type Output = bool;
 
         #[inline(always)]
-        fn visit<R: Register, const N: usize, F: Function>(self) -> bool {
+        fn visit<L: Lanes, F: Function>(self) -> bool {
             F::Derivative::FOLLOWS_FROM_VALUE
         }
     }
 
-    visit::<Portable, 8, _>(activation, Follows)
+    visit::<Portable, _>(activation, Follows)
 }
 
 /// A derivative that was stored in the forward pass.
@@ -70,7 +70,7 @@ impl Derivative for Stored {
     const FOLLOWS_FROM_VALUE: bool = false;
 
     #[inline(always)]
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, slope: Lanes<R, N>) -> Lanes<R, N> {
+    fn times<L: Lanes>(d: L, slope: L) -> L {
         d.mul(slope)
     }
 }
@@ -82,13 +82,13 @@ impl Function for Identity {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         x
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
-        (x, Lanes::splat(1.0))
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+        (x, L::splat(1.0))
     }
 }
 
@@ -96,7 +96,7 @@ impl Derivative for Identity {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, _: Lanes<R, N>) -> Lanes<R, N> {
+    fn times<L: Lanes>(d: L, _: L) -> L {
         d
     }
 }
@@ -110,17 +110,17 @@ impl Function for Tanh {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         // above 9.02, tanh x rounds to 1
-        let magnitude = x.abs().at_most(Lanes::splat(9.1));
+        let magnitude = x.abs().at_most(L::splat(9.1));
         let e = exp_minus_one(magnitude.add(magnitude));
-        e.div(e.add(Lanes::splat(2.0))).copysign(x)
+        e.div(e.add(L::splat(2.0))).copysign(x)
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
         let y = Self::value(x);
-        (y, Self::times(Lanes::splat(1.0), y))
+        (y, Self::times(L::splat(1.0), y))
     }
 }
 
@@ -128,8 +128,8 @@ impl Derivative for Tanh {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
-        Lanes::splat(1.0).sub(y.mul(y)).mul(d)
+    fn times<L: Lanes>(d: L, y: L) -> L {
+        L::splat(1.0).sub(y.mul(y)).mul(d)
     }
 }
 
@@ -140,15 +140,15 @@ impl Function for Sigmoid {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
-        let half = Lanes::splat(0.5);
+    fn value<L: Lanes>(x: L) -> L {
+        let half = L::splat(0.5);
         Tanh::value(x.mul(half)).mul_add(half, half)
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
         let y = Self::value(x);
-        (y, Self::times(Lanes::splat(1.0), y))
+        (y, Self::times(L::splat(1.0), y))
     }
 }
 
@@ -156,7 +156,7 @@ impl Derivative for Sigmoid {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
+    fn times<L: Lanes>(d: L, y: L) -> L {
         y.sub(y.mul(y)).mul(d)
     }
 }
@@ -168,14 +168,14 @@ impl Function for Relu {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         x.at_least_zero()
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
         let y = Self::value(x);
-        (y, Self::times(Lanes::splat(1.0), y))
+        (y, Self::times(L::splat(1.0), y))
     }
 }
 
@@ -183,7 +183,7 @@ impl Derivative for Relu {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<R: Register, const N: usize>(d: Lanes<R, N>, y: Lanes<R, N>) -> Lanes<R, N> {
+    fn times<L: Lanes>(d: L, y: L) -> L {
         d.where_positive(y)
     }
 }
@@ -201,13 +201,13 @@ impl Function for Gelu {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         Self::value_and_slope(x).0
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
-        let splat = Lanes::splat;
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+        let splat = L::splat;
         let (half, square) = (x.mul(splat(0.5)), x.mul(x));
         let t = Tanh::value(square.mul_add(splat(Self::CUBIC), splat(Self::LINEAR)).mul(x));
         let u_slope = square.mul_add(splat(3.0 * Self::CUBIC), splat(Self::LINEAR));
@@ -225,14 +225,14 @@ impl Function for Silu {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         x.mul(Sigmoid::value(x))
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
         let share = Sigmoid::value(x);
-        (x.mul(share), x.mul_add(Sigmoid::times(Lanes::splat(1.0), share), share))
+        (x.mul(share), x.mul_add(Sigmoid::times(L::splat(1.0), share), share))
     }
 }
 
@@ -245,12 +245,12 @@ impl Function for Sine {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+    fn value<L: Lanes>(x: L) -> L {
         Self::value_and_slope(x).0
     }
 
     #[inline(always)]
-    fn value_and_slope<R: Register, const N: usize>(x: Lanes<R, N>) -> (Lanes<R, N>, Lanes<R, N>) {
+    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
         // π in parts: products of the first ones with small integers are exact
         const PI: [f32; 3] = [3.140_625, 9.675_026e-4, 1.509_958e-7];
         // -1/3!, 1/5!, ..., 1/13! and -1/2!, 1/4!, ..., 1/12!: the first omitted terms are below 7e-10 and 7e-9
@@ -258,20 +258,20 @@ impl Function for Sine {
             [-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0, 1.0 / 6_227_020_800.0];
         const COSINE: [f32; 6] =
             [-1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0];
-        let shifted = x.mul_add(Lanes::splat(std::f32::consts::FRAC_1_PI), Lanes::splat(ROUND));
-        let k = shifted.sub(Lanes::splat(ROUND));
+        let shifted = x.mul_add(L::splat(std::f32::consts::FRAC_1_PI), L::splat(ROUND));
+        let k = shifted.sub(L::splat(ROUND));
         let mut r = x;
         for part in PI {
-            r = k.mul_add(Lanes::splat(-part), r);
+            r = k.mul_add(L::splat(-part), r);
         }
         let square = r.mul(r);
-        let (mut sine, mut cosine) = (Lanes::splat(SINE[5]), Lanes::splat(COSINE[5]));
+        let (mut sine, mut cosine) = (L::splat(SINE[5]), L::splat(COSINE[5]));
         for i in (0..5).rev() {
-            sine = sine.mul_add(square, Lanes::splat(SINE[i]));
-            cosine = cosine.mul_add(square, Lanes::splat(COSINE[i]));
+            sine = sine.mul_add(square, L::splat(SINE[i]));
+            cosine = cosine.mul_add(square, L::splat(COSINE[i]));
         }
         let sine = r.mul(square).mul_add(sine, r);
-        let cosine = cosine.mul_add(square, Lanes::splat(1.0));
+        let cosine = cosine.mul_add(square, L::splat(1.0));
         (sine.alternate(shifted), cosine.alternate(shifted))
     }
 }
@@ -281,21 +281,21 @@ const ROUND: f32 = 12_582_912.0;
 
 /// `exp(x) - 1` for `0 <= x <= 18.2`: `x = k ln 2 + r` with `|r| <= ln(2) / 2`, a Taylor polynomial in `r`, scaled by `2^k`.
 #[inline(always)]
-fn exp_minus_one<R: Register, const N: usize>(x: Lanes<R, N>) -> Lanes<R, N> {
+fn exp_minus_one<L: Lanes>(x: L) -> L {
     const LN2_HIGH: f32 = 0.693_359_4; // 9 bits, so that k * LN2_HIGH is exact
     const LN2_LOW: f32 = -2.121_944_4e-4;
     // 1/2!, 1/3!, ..., 1/7!: the first omitted term is below 2e-8 of the sum
     const TAYLOR: [f32; 6] = [1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5_040.0];
-    let shifted = x.mul_add(Lanes::splat(std::f32::consts::LOG2_E), Lanes::splat(ROUND));
-    let k = shifted.sub(Lanes::splat(ROUND));
+    let shifted = x.mul_add(L::splat(std::f32::consts::LOG2_E), L::splat(ROUND));
+    let k = shifted.sub(L::splat(ROUND));
     let two_to_k = shifted.power_of_two();
-    let r = k.mul_add(Lanes::splat(-LN2_LOW), k.mul_add(Lanes::splat(-LN2_HIGH), x));
-    let mut sum = Lanes::splat(TAYLOR[5]);
+    let r = k.mul_add(L::splat(-LN2_LOW), k.mul_add(L::splat(-LN2_HIGH), x));
+    let mut sum = L::splat(TAYLOR[5]);
     for &coefficient in TAYLOR[..5].iter().rev() {
-        sum = sum.mul_add(r, Lanes::splat(coefficient));
+        sum = sum.mul_add(r, L::splat(coefficient));
     }
     let p = r.mul(r).mul_add(sum, r);
-    two_to_k.mul_add(p, two_to_k.sub(Lanes::splat(1.0)))
+    two_to_k.mul_add(p, two_to_k.sub(L::splat(1.0)))
 }
 
 #[cfg(test)]
@@ -325,8 +325,8 @@ pub(crate) mod tests {
         type Output = ();
 
         #[inline(always)]
-        fn run<R: Register, const N: usize>(self) {
-            visit::<R, N, _>(self.activation, self);
+        fn run<L: Lanes>(self) {
+            visit::<L, _>(self.activation, self);
         }
     }
 
@@ -334,11 +334,11 @@ pub(crate) mod tests {
         type Output = ();
 
         #[inline(always)]
-        fn visit<R: Register, const N: usize, F: Function>(self) {
+        fn visit<L: Lanes, F: Function>(self) {
             for (points, slopes) in
                 self.points.as_chunks_mut::<WIDTH>().0.iter_mut().zip(self.slopes.as_chunks_mut::<WIDTH>().0)
             {
-                let x = Lanes::<R, N>::load(points);
+                let x = L::load(points);
                 let (y, slope) = F::value_and_slope(x);
                 F::value(x).store(points);
                 slope.store(slopes);

@@ -6,7 +6,7 @@
 //! backward   dγ = sum of d v,  db = sum of d,  d_z = γ s (d - db / rows - v dγ / rows)
 //! ```
 
-use super::{Lanes, Register, Store, WIDTH, activation::Function, lanes, lanes_mut};
+use super::{Lanes, Store, WIDTH, activation::Function, lanes, lanes_mut};
 use crate::network::layout::{Shape, padded, stride};
 
 /// PyTorch's ε.
@@ -18,7 +18,7 @@ pub(crate) const STATISTICS: usize = 3;
 /// From `z` in `y` to the normalised values `v`, `y` and the slopes `f'(u)`. `statistics`: mean, variance and `s` of each
 /// node, `[3, padded(outputs)]`.
 #[inline(always)]
-pub(crate) fn forward<R: Register, const N: usize, F: Function>(
+pub(crate) fn forward<L: Lanes, F: Function>(
     shape: &Shape,
     parameters: &[f32],
     rows: usize,
@@ -30,27 +30,27 @@ pub(crate) fn forward<R: Register, const N: usize, F: Function>(
     let (distance, width) = (stride(shape.outputs), padded(shape.outputs));
     let (_, bias) = shape.split(parameters);
     let factors = shape.factors(parameters);
-    let share = Lanes::<R, N>::splat((rows as f32).recip());
+    let share = L::splat((rows as f32).recip());
     for column in (0..width).step_by(WIDTH) {
         let at = |row: usize| row * distance + column;
-        let mut mean = Lanes::splat(0.0);
+        let mut mean = L::splat(0.0);
         for row in 0..rows {
-            mean = mean.add(Lanes::load(lanes(y, at(row))));
+            mean = mean.add(L::load(lanes(y, at(row))));
         }
         let mean = mean.mul(share);
-        let mut variance = Lanes::splat(0.0);
+        let mut variance = L::splat(0.0);
         for row in 0..rows {
-            let centred = Lanes::load(lanes(y, at(row))).sub(mean);
+            let centred = L::load(lanes(y, at(row))).sub(mean);
             variance = centred.mul_add(centred, variance);
         }
         let variance = variance.mul(share);
-        let s = Lanes::splat(1.0).div(variance.add(Lanes::splat(EPSILON)).sqrt());
+        let s = L::splat(1.0).div(variance.add(L::splat(EPSILON)).sqrt());
         for (index, values) in [mean, variance, s].into_iter().enumerate() {
             values.store(lanes_mut(statistics, index * width + column));
         }
-        let (gamma, bias) = (Lanes::load(lanes(factors, column)), Lanes::load(lanes(bias, column)));
+        let (gamma, bias) = (L::load(lanes(factors, column)), L::load(lanes(bias, column)));
         for row in 0..rows {
-            let normalized = Lanes::load(lanes(y, at(row))).sub(mean).mul(s);
+            let normalized = L::load(lanes(y, at(row))).sub(mean).mul(s);
             let (value, slope) = F::value_and_slope(normalized.mul_add(gamma, bias));
             normalized.store(lanes_mut(v, at(row)));
             value.store(lanes_mut(y, at(row)));
@@ -62,7 +62,7 @@ pub(crate) fn forward<R: Register, const N: usize, F: Function>(
 /// From `d`, the loss's derivatives by `u`, to those by `z` in its place; `dγ` and `db` into or onto `gradient`.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "each is a matrix of the equations above")]
-pub(crate) fn backward<R: Register, const N: usize>(
+pub(crate) fn backward<L: Lanes>(
     shape: &Shape,
     parameters: &[f32],
     rows: usize,
@@ -74,24 +74,24 @@ pub(crate) fn backward<R: Register, const N: usize>(
 ) {
     let (distance, width) = (stride(shape.outputs), padded(shape.outputs));
     let factors = shape.factors(parameters);
-    let share = Lanes::<R, N>::splat(-(rows as f32).recip());
+    let share = L::splat(-(rows as f32).recip());
     for column in (0..width).step_by(WIDTH) {
         let at = |row: usize| row * distance + column;
-        let (mut sum, mut sum_of_products) = (Lanes::splat(0.0), Lanes::splat(0.0));
+        let (mut sum, mut sum_of_products) = (L::splat(0.0), L::splat(0.0));
         for row in 0..rows {
-            let d = Lanes::load(lanes(d, at(row)));
+            let d = L::load(lanes(d, at(row)));
             sum = sum.add(d);
-            sum_of_products = d.mul_add(Lanes::load(lanes(v, at(row))), sum_of_products);
+            sum_of_products = d.mul_add(L::load(lanes(v, at(row))), sum_of_products);
         }
         store.put(sum, lanes_mut(shape.split_mut(gradient).1, column));
         store.put(sum_of_products, lanes_mut(shape.factors_mut(gradient), column));
-        let s = Lanes::load(lanes(statistics, 2 * width + column));
-        let factor = Lanes::load(lanes(factors, column)).mul(s);
+        let s = L::load(lanes(statistics, 2 * width + column));
+        let factor = L::load(lanes(factors, column)).mul(s);
         let (mean, slope) = (sum.mul(share), sum_of_products.mul(share));
         for row in 0..rows {
-            let v = Lanes::load(lanes(v, at(row)));
+            let v = L::load(lanes(v, at(row)));
             let d = lanes_mut(d, at(row));
-            let centred = v.mul_add(slope, Lanes::load(d).add(mean));
+            let centred = v.mul_add(slope, L::load(d).add(mean));
             centred.mul(factor).store(d);
         }
     }

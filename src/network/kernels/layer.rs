@@ -10,7 +10,7 @@
 //! in the others. The weights are laid out as [`Shape`] says.
 
 use super::{
-    Lanes, Left, Panel, Register, Store, WIDTH,
+    Lanes, Left, Panel, Store, WIDTH,
     activation::{Derivative, Function, Stored, Visitor, visit},
     lanes, lanes_mut, product,
 };
@@ -28,7 +28,7 @@ pub(crate) enum Slope<'a> {
 
 /// `y = f(x W^T + b)`, and `f'` into `slopes` where they are wanted; the slopes of a layer by rows are not written.
 #[inline(always)]
-pub(crate) fn forward<R: Register, const N: usize>(
+pub(crate) fn forward<L: Lanes>(
     shape: &Shape,
     parameters: &[f32],
     activation: Activation,
@@ -39,14 +39,14 @@ pub(crate) fn forward<R: Register, const N: usize>(
 ) {
     if shape.by_rows {
         return match shape.outputs {
-            1 => forward_by_rows::<R, N, 1>(shape, parameters, rows, x, y),
-            2 => forward_by_rows::<R, N, 2>(shape, parameters, rows, x, y),
-            3 => forward_by_rows::<R, N, 3>(shape, parameters, rows, x, y),
-            4 => forward_by_rows::<R, N, 4>(shape, parameters, rows, x, y),
-            5 => forward_by_rows::<R, N, 5>(shape, parameters, rows, x, y),
-            6 => forward_by_rows::<R, N, 6>(shape, parameters, rows, x, y),
-            7 => forward_by_rows::<R, N, 7>(shape, parameters, rows, x, y),
-            _ => forward_by_rows::<R, N, 8>(shape, parameters, rows, x, y),
+            1 => forward_by_rows::<L, 1>(shape, parameters, rows, x, y),
+            2 => forward_by_rows::<L, 2>(shape, parameters, rows, x, y),
+            3 => forward_by_rows::<L, 3>(shape, parameters, rows, x, y),
+            4 => forward_by_rows::<L, 4>(shape, parameters, rows, x, y),
+            5 => forward_by_rows::<L, 5>(shape, parameters, rows, x, y),
+            6 => forward_by_rows::<L, 6>(shape, parameters, rows, x, y),
+            7 => forward_by_rows::<L, 7>(shape, parameters, rows, x, y),
+            _ => forward_by_rows::<L, 8>(shape, parameters, rows, x, y),
         };
     }
     let left = Left { values: x, rows, inner: shape.inputs, row_stride: stride(shape.inputs), inner_stride: 1 };
@@ -55,12 +55,12 @@ pub(crate) fn forward<R: Register, const N: usize>(
     for (index, bias) in bias.as_chunks::<WIDTH>().0.iter().enumerate() {
         let panel = Panel { values: &weight[index * shape.inputs * WIDTH..], stride: WIDTH };
         // the biases of a normalised layer are added after the normalisation
-        let start = if shape.normalized { Lanes::splat(0.0) } else { Lanes::load(bias) };
+        let start = if shape.normalized { L::splat(0.0) } else { L::load(bias) };
         let y = &mut y[index * WIDTH..];
-        product::<R, N>(left, panel, start, Store::Replace, y, distance);
+        product::<L>(left, panel, start, Store::Replace, y, distance);
         let slopes = slopes.as_deref_mut().map(|slopes| &mut slopes[index * WIDTH..]);
         if activation != Activation::Identity || slopes.is_some() {
-            visit::<R, N, _>(activation, Activate { rows, y, slopes, distance });
+            visit::<L, _>(activation, Activate { rows, y, slopes, distance });
         }
     }
 }
@@ -77,19 +77,19 @@ impl Visitor for Activate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<R: Register, const N: usize, F: Function>(self) {
+    fn visit<L: Lanes, F: Function>(self) {
         let Self { rows, y, slopes, distance } = self;
         match slopes {
             None => {
                 for row in 0..rows {
                     let y = lanes_mut(y, row * distance);
-                    F::value(Lanes::<R, N>::load(y)).store(y);
+                    F::value(L::load(y)).store(y);
                 }
             }
             Some(slopes) => {
                 for row in 0..rows {
                     let y = lanes_mut(y, row * distance);
-                    let (value, slope) = F::value_and_slope(Lanes::<R, N>::load(y));
+                    let (value, slope) = F::value_and_slope(L::load(y));
                     value.store(y);
                     slope.store(lanes_mut(slopes, row * distance));
                 }
@@ -100,7 +100,7 @@ impl Visitor for Activate<'_> {
 
 /// With few outputs, the products are along the inputs.
 #[inline(always)]
-fn forward_by_rows<R: Register, const N: usize, const OUTPUTS: usize>(
+fn forward_by_rows<L: Lanes, const OUTPUTS: usize>(
     shape: &Shape,
     parameters: &[f32],
     rows: usize,
@@ -112,11 +112,11 @@ fn forward_by_rows<R: Register, const N: usize, const OUTPUTS: usize>(
     let weight = weight.as_chunks::<WIDTH>().0;
     let x = x.chunks_exact(stride(shape.inputs));
     for (x, y) in x.zip(y.chunks_exact_mut(stride(shape.outputs))).take(rows) {
-        let mut sums = [Lanes::<R, N>::splat(0.0); OUTPUTS];
+        let mut sums = [L::splat(0.0); OUTPUTS];
         for (panel, x) in x.as_chunks::<WIDTH>().0[..panels].iter().enumerate() {
-            let x = Lanes::load(x);
+            let x = L::load(x);
             for (output, sum) in sums.iter_mut().enumerate() {
-                *sum = x.mul_add(Lanes::load(&weight[output * panels + panel]), *sum);
+                *sum = x.mul_add(L::load(&weight[output * panels + panel]), *sum);
             }
         }
         for (output, sum) in sums.into_iter().enumerate() {
@@ -127,7 +127,7 @@ fn forward_by_rows<R: Register, const N: usize, const OUTPUTS: usize>(
 
 /// `d_x = (d W) f'`; `transposed`: the weights as [`Piece::transpose`] leaves them.
 #[inline(always)]
-pub(crate) fn backward<R: Register, const N: usize>(
+pub(crate) fn backward<L: Lanes>(
     shape: &Shape,
     parameters: &[f32],
     transposed: &[f32],
@@ -146,12 +146,12 @@ pub(crate) fn backward<R: Register, const N: usize>(
             Panel { values: &weights[begin * shape.outputs..], stride: WIDTH }
         };
         let d_x = &mut d_x[begin..];
-        product::<R, N>(left, panel, Lanes::splat(0.0), Store::Replace, d_x, distance);
+        product::<L>(left, panel, L::splat(0.0), Store::Replace, d_x, distance);
         match slope {
             Slope::FromValue(activation, y) => {
-                visit::<R, N, _>(activation, Derive { rows, y: &y[begin..], d: d_x, distance });
+                visit::<L, _>(activation, Derive { rows, y: &y[begin..], d: d_x, distance });
             }
-            Slope::Stored(slopes) => derive::<R, N, Stored>(rows, &slopes[begin..], d_x, distance),
+            Slope::Stored(slopes) => derive::<L, Stored>(rows, &slopes[begin..], d_x, distance),
         }
     }
 }
@@ -168,31 +168,24 @@ impl Visitor for Derive<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<R: Register, const N: usize, F: Function>(self) {
-        derive::<R, N, F::Derivative>(self.rows, self.y, self.d, self.distance);
+    fn visit<L: Lanes, F: Function>(self) {
+        derive::<L, F::Derivative>(self.rows, self.y, self.d, self.distance);
     }
 }
 
 /// A panel's values multiplied by the derivative of the activation.
 #[inline(always)]
-fn derive<R: Register, const N: usize, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], distance: usize) {
+fn derive<L: Lanes, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], distance: usize) {
     for row in 0..rows {
-        let from = Lanes::<R, N>::load(lanes(from, row * distance));
+        let from = L::load(lanes(from, row * distance));
         let d = lanes_mut(d, row * distance);
-        D::times(Lanes::load(d), from).store(d);
+        D::times(L::load(d), from).store(d);
     }
 }
 
 /// `dW = d^T x`, `db = sum over rows of d`, into or onto `gradient`, which is laid out as the parameters are.
 #[inline(always)]
-pub(crate) fn gradient<R: Register, const N: usize>(
-    shape: &Shape,
-    rows: usize,
-    x: &[f32],
-    d: &[f32],
-    store: Store,
-    gradient: &mut [f32],
-) {
+pub(crate) fn gradient<L: Lanes>(shape: &Shape, rows: usize, x: &[f32], d: &[f32], store: Store, gradient: &mut [f32]) {
     let (weight, bias) = shape.split_mut(gradient);
     let (x_stride, d_stride) = (stride(shape.inputs), stride(shape.outputs));
     // the factor that the rows of the result belong to, and the one that its columns belong to
@@ -206,7 +199,7 @@ pub(crate) fn gradient<R: Register, const N: usize>(
         let panel = Panel { values: &column_values[index * WIDTH..], stride: column_stride };
         let (begin, distance) =
             if shape.by_rows { (index * WIDTH, columns) } else { (index * row_count * WIDTH, WIDTH) };
-        product::<R, N>(left, panel, Lanes::splat(0.0), store, &mut weight[begin..], distance);
+        product::<L>(left, panel, L::splat(0.0), store, &mut weight[begin..], distance);
     }
     if shape.by_rows {
         // the padding after the last input is not zero after every activation
@@ -219,9 +212,9 @@ pub(crate) fn gradient<R: Register, const N: usize>(
         return;
     }
     for (index, bias) in bias.as_chunks_mut::<WIDTH>().0.iter_mut().enumerate() {
-        let mut sum = Lanes::<R, N>::splat(0.0);
+        let mut sum = L::splat(0.0);
         for row in 0..rows {
-            sum = sum.add(Lanes::load(lanes(d, row * d_stride + index * WIDTH)));
+            sum = sum.add(L::load(lanes(d, row * d_stride + index * WIDTH)));
         }
         store.put(sum, bias);
     }

@@ -1,6 +1,6 @@
 //! Square and other small matrices, row by row at a distance of [`stride`], for optimizers that need products.
 
-use super::{Kernel, Lanes, Left, Panel, Register, Simd, Store, WIDTH, buffer::Buffer, product, transpose};
+use super::{Kernel, Lanes, Left, Panel, Simd, Store, WIDTH, buffer::Buffer, product, transpose};
 use crate::network::layout::{padded, stride};
 
 /// A matrix; the padding after its last column is zero.
@@ -81,11 +81,11 @@ impl Kernel for Multiply<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { left, right, columns, store, to } = self;
         for begin in (0..padded(columns)).step_by(WIDTH) {
             let panel = Panel { values: &right[begin.min(right.len())..], stride: stride(columns) };
-            product::<R, N>(left, panel, Lanes::splat(0.0), store, &mut to[begin..], stride(columns));
+            product::<L>(left, panel, L::splat(0.0), store, &mut to[begin..], stride(columns));
         }
     }
 }

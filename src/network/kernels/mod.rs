@@ -1,14 +1,13 @@
 //! Compute kernels: matrix products in single precision with everything that surrounds them in a network's training.
 //!
-//! All products are of the same kind: rows times a panel of [`WIDTH`] = 32 columns, which one [`Lanes`] holds, summed up in
-//! registers over the inner dimension. What makes this faster than a general product on networks as small as ours: weights
+//! All products are of the same kind: rows times a panel of [`WIDTH`] = 32 columns, summed up in registers over the inner dimension. What makes this faster than a general product on networks as small as ours: weights
 //! are kept in panels, so nothing is packed; products with few inputs or outputs are not padded; a block's panel gets its
 //! activation or derivative while it is in the cache nearest to the core.
 //!
 //! Activations are not applied in the registers of the product, although that would save a load and a store: seven
 //! activations in every tile of every instruction set took the compiler minutes, for one percent of a step.
 //!
-//! - [`register`]: SIMD registers of each instruction set
+//! - [`lanes`](mod@lanes): SIMD registers of each instruction set
 //! - [`simd`]: the choice of the instruction set when the program runs
 //! - [`product`]: the product
 //! - [`activation`]: activation functions and their derivatives
@@ -21,16 +20,16 @@
 pub(crate) mod activation;
 pub(crate) mod batch_norm;
 pub(crate) mod buffer;
+mod lanes;
 pub(crate) mod layer;
 pub(crate) mod matrix;
 mod product;
-mod register;
 mod simd;
 mod transpose;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+pub(crate) use lanes::{Lanes, Pair, Portable, WIDTH};
 pub(crate) use product::{Left, Panel, Store, lanes, lanes_mut, product};
-pub(crate) use register::{Lanes, Portable, Register, WIDTH};
 pub(crate) use simd::{Kernel, Simd};
 pub(crate) use transpose::transpose;

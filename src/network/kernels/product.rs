@@ -1,6 +1,6 @@
 //! The one matrix product everything is made of: a tile of rows times a panel of [`WIDTH`] columns.
 
-use super::{Lanes, Register, WIDTH};
+use super::{Lanes, WIDTH};
 
 /// The left matrix of a product, `[rows, inner]`; element `(i, k)` is `values[i * row_stride + k * inner_stride]`.
 #[derive(Clone, Copy)]
@@ -35,14 +35,7 @@ pub(crate) enum Store {
 /// # Panics
 /// If the slices are too short for their shapes.
 #[inline(always)]
-pub(crate) fn product<R: Register, const N: usize>(
-    left: Left,
-    panel: Panel,
-    start: Lanes<R, N>,
-    store: Store,
-    to: &mut [f32],
-    to_stride: usize,
-) {
+pub(crate) fn product<L: Lanes>(left: Left, panel: Panel, start: L, store: Store, to: &mut [f32], to_stride: usize) {
     let Left { values, rows, inner, row_stride, inner_stride } = left;
     if rows == 0 {
         return;
@@ -58,14 +51,14 @@ pub(crate) fn product<R: Register, const N: usize>(
         // constants as conditions, so that no tile is compiled for an instruction set that has not the registers for it
         // SAFETY: the assertions above hold for all rows, thus for as many as are left from `row` on
         row += unsafe {
-            if const { R::ROWS >= 8 } && count >= 8 {
-                tile::<R, N, 8>(left, row, panel, start, store, to, to_stride)
-            } else if const { R::ROWS >= 4 } && count >= 4 {
-                tile::<R, N, 4>(left, row, panel, start, store, to, to_stride)
-            } else if const { R::ROWS >= 3 } && count >= 3 {
-                tile::<R, N, 3>(left, row, panel, start, store, to, to_stride)
+            if const { L::ROWS >= 8 } && count >= 8 {
+                tile::<L, 8>(left, row, panel, start, store, to, to_stride)
+            } else if const { L::ROWS >= 4 } && count >= 4 {
+                tile::<L, 4>(left, row, panel, start, store, to, to_stride)
+            } else if const { L::ROWS >= 3 } && count >= 3 {
+                tile::<L, 3>(left, row, panel, start, store, to, to_stride)
             } else {
-                tile::<R, N, 1>(left, row, panel, start, store, to, to_stride)
+                tile::<L, 1>(left, row, panel, start, store, to, to_stride)
             }
         };
     }
@@ -76,11 +69,11 @@ pub(crate) fn product<R: Register, const N: usize>(
 /// # Safety
 /// All elements of these rows and of the panel lie within their slices.
 #[inline(always)]
-unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
+unsafe fn tile<L: Lanes, const ROWS: usize>(
     left: Left,
     first: usize,
     panel: Panel,
-    start: Lanes<R, N>,
+    start: L,
     store: Store,
     to: &mut [f32],
     to_stride: usize,
@@ -89,12 +82,12 @@ unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
     for k in 0..left.inner {
         // SAFETY: `k` is below the number of the panel's rows, each of which has `WIDTH` columns
         let columns = unsafe { &*panel.values.as_ptr().add(k * panel.stride).cast::<[f32; WIDTH]>() };
-        let columns = Lanes::load(columns);
+        let columns = L::load(columns);
         for (i, sum) in sums.iter_mut().enumerate() {
             let at = (first + i) * left.row_stride + k * left.inner_stride;
             // SAFETY: element `(first + i, k)` of the left matrix
             let value = unsafe { *left.values.get_unchecked(at) };
-            *sum = Lanes::splat(value).mul_add(columns, *sum);
+            *sum = L::splat(value).mul_add(columns, *sum);
         }
     }
     for (i, sum) in sums.into_iter().enumerate() {
@@ -105,14 +98,14 @@ unsafe fn tile<R: Register, const N: usize, const ROWS: usize>(
 
 impl Store {
     #[inline(always)]
-    pub(crate) fn put<R: Register, const N: usize>(self, new: Lanes<R, N>, to: &mut [f32; WIDTH]) {
+    pub(crate) fn put<L: Lanes>(self, new: L, to: &mut [f32; WIDTH]) {
         match self {
             Self::Replace => new.store(to),
-            Self::Add => Lanes::load(to).add(new).store(to),
-            Self::Subtract => Lanes::load(to).sub(new).store(to),
+            Self::Add => L::load(to).add(new).store(to),
+            Self::Subtract => L::load(to).sub(new).store(to),
             Self::Blend(share) => {
-                let old = Lanes::load(to);
-                new.sub(old).mul_add(Lanes::splat(share), old).store(to);
+                let old = L::load(to);
+                new.sub(old).mul_add(L::splat(share), old).store(to);
             }
         }
     }
@@ -144,8 +137,8 @@ mod tests {
         type Output = ();
 
         #[inline(always)]
-        fn run<R: Register, const N: usize>(self) {
-            product::<R, N>(self.left, self.panel, Lanes::splat(1.0), Store::Replace, self.result, WIDTH);
+        fn run<L: Lanes>(self) {
+            product::<L>(self.left, self.panel, L::splat(1.0), Store::Replace, self.result, WIDTH);
         }
     }
 

@@ -3,16 +3,16 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::x86::{Avx2, Avx512};
-use super::{Portable, Register};
+use super::{Lanes, Pair, Portable};
 
 /// Work on numbers. Its fields are its arguments.
 pub(crate) trait Kernel {
     /// What it computes.
     type Output;
 
-    /// Does the work with [`Lanes<R, N>`](super::Lanes). To be marked `#[inline(always)]`, so that it is compiled with
+    /// Does the work with [`L`](super::Lanes). To be marked `#[inline(always)]`, so that it is compiled with
     /// the caller's instruction set.
-    fn run<R: Register, const N: usize>(self) -> Self::Output;
+    fn run<L: Lanes>(self) -> Self::Output;
 }
 
 /// The instruction sets the kernels are compiled for.
@@ -51,7 +51,7 @@ impl Simd {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
             Self::Avx2 => unsafe { run_avx2(kernel) },
-            Self::Portable => kernel.run::<Portable, 8>(),
+            Self::Portable => kernel.run::<Pair<Pair<Pair<Portable>>>>(),
         }
     }
 
@@ -71,11 +71,11 @@ impl Simd {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
 fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run::<Avx512, 2>()
+    kernel.run::<Pair<Avx512>>()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run::<Avx2, 4>()
+    kernel.run::<Pair<Pair<Avx2>>>()
 }

@@ -1,6 +1,6 @@
 //! AVX-512 and AVX2 registers.
 
-use super::Register;
+use super::Lanes;
 use std::arch::x86_64::*;
 
 /// 16 numbers; AVX-512 F and DQ.
@@ -12,10 +12,10 @@ pub(crate) struct Avx512(__m512);
 pub(crate) struct Avx2(__m256);
 
 // SAFETY (of every block in both implementations): the instructions exist, because `Simd::run` has checked the processor
-// before anything here is reached (see `Register`); loads and stores are of slices whose length is checked.
+// before anything here is reached (see `Lanes`); loads and stores are of slices whose length is checked.
 
-impl Register for Avx512 {
-    const LANES: usize = 16;
+impl Lanes for Avx512 {
+    const COUNT: usize = 16;
     // 16 sums, 2 columns, and the broadcasts come from memory
     const ROWS: usize = 8;
 
@@ -27,14 +27,14 @@ impl Register for Avx512 {
 
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
-        let from = &from[..Self::LANES];
+        let from = &from[..Self::COUNT];
         // SAFETY: as said above
         Self(unsafe { _mm512_loadu_ps(from.as_ptr()) })
     }
 
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        let to = &mut to[..Self::LANES];
+        let to = &mut to[..Self::COUNT];
         // SAFETY: as said above
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
     }
@@ -152,8 +152,8 @@ impl Register for Avx512 {
     }
 }
 
-impl Register for Avx2 {
-    const LANES: usize = 8;
+impl Lanes for Avx2 {
+    const COUNT: usize = 8;
     // 12 sums, 3 broadcasts, and the columns come from memory
     const ROWS: usize = 3;
 
@@ -165,14 +165,14 @@ impl Register for Avx2 {
 
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
-        let from = &from[..Self::LANES];
+        let from = &from[..Self::COUNT];
         // SAFETY: as said above
         Self(unsafe { _mm256_loadu_ps(from.as_ptr()) })
     }
 
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        let to = &mut to[..Self::LANES];
+        let to = &mut to[..Self::COUNT];
         // SAFETY: as said above
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
     }

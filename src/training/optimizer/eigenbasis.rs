@@ -2,7 +2,7 @@
 
 use crate::network::{
     kernels::{
-        Kernel, Lanes, Left, Register, Simd, Store, WIDTH,
+        Kernel, Lanes, Left, Simd, Store, WIDTH,
         matrix::{Matrix, Multiply, multiply},
     },
     layout::padded,
@@ -143,10 +143,10 @@ impl Kernel for Dot<'_> {
     type Output = f32;
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) -> f32 {
-        let mut sum = Lanes::<R, N>::splat(0.0);
+    fn run<L: Lanes>(self) -> f32 {
+        let mut sum = L::splat(0.0);
         for (a, b) in self.a.as_chunks::<WIDTH>().0.iter().zip(self.b.as_chunks::<WIDTH>().0) {
-            sum = Lanes::load(a).mul_add(Lanes::load(b), sum);
+            sum = L::load(a).mul_add(L::load(b), sum);
         }
         sum.sum()
     }
@@ -164,14 +164,14 @@ impl Kernel for Orthogonalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { vector, to, stride } = self;
         for _ in 0..2 {
             for unit in to.chunks_exact(stride) {
-                let along = Dot { a: vector, b: unit }.run::<R, N>();
-                let along = Lanes::<R, N>::splat(-along);
+                let along = Dot { a: vector, b: unit }.run::<L>();
+                let along = L::splat(-along);
                 for (vector, unit) in vector.as_chunks_mut::<WIDTH>().0.iter_mut().zip(unit.as_chunks::<WIDTH>().0) {
-                    along.mul_add(Lanes::load(unit), Lanes::load(vector)).store(vector);
+                    along.mul_add(L::load(unit), L::load(vector)).store(vector);
                 }
             }
         }

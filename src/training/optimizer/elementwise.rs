@@ -2,7 +2,7 @@
 
 use super::Coefficients;
 use crate::{
-    network::kernels::{Kernel, Lanes, Register, Simd, WIDTH},
+    network::kernels::{Kernel, Lanes, Simd, WIDTH},
     study::Optimizer,
 };
 
@@ -66,19 +66,14 @@ impl Elementwise {
 
     /// Adam's step without the learning rate: `(m / c1) / (√(v / c2) + ε)`, after the means have taken up `gradient`.
     #[inline(always)]
-    pub(super) fn direction<R: Register, const N: usize>(
-        &self,
-        gradient: Lanes<R, N>,
-        mean: &mut [f32; WIDTH],
-        square: &mut [f32; WIDTH],
-    ) -> Lanes<R, N> {
-        let (old_mean, old_square) = (Lanes::load(mean), Lanes::load(square));
-        let new_mean = gradient.sub(old_mean).mul_add(Lanes::splat(1.0 - self.momentum), old_mean);
-        let new_square = gradient.mul(gradient).sub(old_square).mul_add(Lanes::splat(self.square_share), old_square);
+    pub(super) fn direction<L: Lanes>(&self, gradient: L, mean: &mut [f32; WIDTH], square: &mut [f32; WIDTH]) -> L {
+        let (old_mean, old_square) = (L::load(mean), L::load(square));
+        let new_mean = gradient.sub(old_mean).mul_add(L::splat(1.0 - self.momentum), old_mean);
+        let new_square = gradient.mul(gradient).sub(old_square).mul_add(L::splat(self.square_share), old_square);
         new_mean.store(mean);
         new_square.store(square);
-        let root = new_square.sqrt().mul_add(Lanes::splat(self.root_correction), Lanes::splat(EPSILON));
-        new_mean.mul(Lanes::splat(self.mean_correction)).div(root)
+        let root = new_square.sqrt().mul_add(L::splat(self.root_correction), L::splat(EPSILON));
+        new_mean.mul(L::splat(self.mean_correction)).div(root)
     }
 
     /// `kept p - rate direction`
@@ -88,9 +83,9 @@ impl Elementwise {
 
     /// As [`applied`](Self::applied).
     #[inline(always)]
-    fn apply<R: Register, const N: usize>(&self, direction: Lanes<R, N>, parameters: &mut [f32; WIDTH]) {
-        let kept = Lanes::load(parameters).mul(Lanes::splat(self.kept));
-        direction.mul_add(Lanes::splat(-self.rate), kept).store(parameters);
+    fn apply<L: Lanes>(&self, direction: L, parameters: &mut [f32; WIDTH]) {
+        let kept = L::load(parameters).mul(L::splat(self.kept));
+        direction.mul_add(L::splat(-self.rate), kept).store(parameters);
     }
 }
 
@@ -98,25 +93,25 @@ impl Kernel for Update<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { with, parameters, gradient, mean, square } = self;
-        let momentum = Lanes::<R, N>::splat(with.momentum);
+        let momentum = L::splat(with.momentum);
         let parameters = parameters.as_chunks_mut::<WIDTH>().0.iter_mut().zip(gradient.as_chunks::<WIDTH>().0);
         let moments = mean.as_chunks_mut::<WIDTH>().0.iter_mut().zip(square.as_chunks_mut::<WIDTH>().0);
         for ((parameters, gradient), (mean, square)) in parameters.zip(moments) {
-            let g = Lanes::<R, N>::load(gradient);
+            let g = L::load(gradient);
             let direction = match with.rule {
                 Optimizer::Adam | Optimizer::AdamW | Optimizer::Soap => with.direction(g, mean, square),
                 Optimizer::Sgd => {
-                    let m = momentum.mul_add(Lanes::load(mean), g);
+                    let m = momentum.mul_add(L::load(mean), g);
                     m.store(mean);
                     m
                 }
                 Optimizer::RmsProp => {
-                    let v = Lanes::load(square);
-                    let v = g.mul(g).sub(v).mul_add(Lanes::splat(with.square_share), v);
+                    let v = L::load(square);
+                    let v = g.mul(g).sub(v).mul_add(L::splat(with.square_share), v);
                     v.store(square);
-                    let m = momentum.mul_add(Lanes::load(mean), g.div(v.sqrt().add(Lanes::splat(EPSILON))));
+                    let m = momentum.mul_add(L::load(mean), g.div(v.sqrt().add(L::splat(EPSILON))));
                     m.store(mean);
                     m
                 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     network::{
         Packed,
-        kernels::{Kernel, Lanes, Register, Simd, WIDTH, buffer::Buffer},
+        kernels::{Kernel, Lanes, Simd, WIDTH, buffer::Buffer},
     },
     study::{Optimizer, TrainingOptions},
 };
@@ -209,14 +209,14 @@ impl Kernel for Penalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { penalty: Penalty { factor, l1, l2 }, parameters, gradient } = self;
-        let (factor, l1, l2, zero) = (Lanes::splat(factor), Lanes::splat(l1), Lanes::splat(l2), Lanes::splat(0.0));
+        let (factor, l1, l2, zero) = (L::splat(factor), L::splat(l1), L::splat(l2), L::splat(0.0));
         for (p, gradient) in parameters.as_chunks::<WIDTH>().0.iter().zip(gradient.as_chunks_mut::<WIDTH>().0) {
-            let p = Lanes::<R, N>::load(p);
+            let p = L::load(p);
             // no sign at 0, where the padding is too
             let sign = l1.where_positive(p).sub(l1.where_positive(zero.sub(p)));
-            Lanes::load(gradient).mul_add(factor, p.mul_add(l2, sign)).store(gradient);
+            L::load(gradient).mul_add(factor, p.mul_add(l2, sign)).store(gradient);
         }
     }
 }

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     network::{
         kernels::{
-            Kernel, Lanes, Left, Register, Simd, Store, WIDTH,
+            Kernel, Lanes, Left, Simd, Store, WIDTH,
             matrix::{Matrix, multiply},
         },
         layout::{Layout, Shape},
@@ -335,11 +335,11 @@ impl Kernel for Direction<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Register, const N: usize>(self) {
+    fn run<L: Lanes>(self) {
         let Self { adam, mean, square, direction } = self;
         let moments = mean.as_chunks_mut::<WIDTH>().0.iter_mut().zip(square.as_chunks_mut::<WIDTH>().0);
         for ((mean, square), direction) in moments.zip(direction.as_chunks_mut::<WIDTH>().0) {
-            let gradient = Lanes::<R, N>::load(direction);
+            let gradient = L::load(direction);
             adam.direction(gradient, mean, square).store(direction);
         }
     }
