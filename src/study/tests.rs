@@ -1,0 +1,287 @@
+use super::*;
+
+const GOOD: &str = include_str!("../../examples/paper/single-pendulum.toml");
+
+fn problems(text: &str) -> Vec<String> {
+    match Study::parse(text, Path::new("study.toml")) {
+        Ok(_) => Vec::new(),
+        Err(error) => error.to_string().lines().map(str::to_owned).collect(),
+    }
+}
+
+/// The one message for the good study with one piece of its text replaced.
+fn message(from: &str, to: &str) -> String {
+    assert!(GOOD.contains(from), "{from} is not in the example");
+    let messages = problems(&GOOD.replacen(from, to, 1));
+    assert_eq!(messages.len(), 1, "{messages:#?}");
+    messages[0].clone()
+}
+
+/// The good study with another plan.
+fn sobol(runs: usize) -> String {
+    GOOD.replacen("\"mesh\"", "\"sobol\"", 1).replacen("levels = 11", &format!("runs = {runs}"), 1)
+}
+
+#[test]
+fn the_example_is_the_papers_case() {
+    let study = Study::parse(GOOD, Path::new("single-pendulum.toml")).unwrap();
+    assert_eq!(study.parameters.keys().collect::<Vec<_>>(), ["L", "c", "thetad0"]);
+    assert_eq!(study.outputs.keys().collect::<Vec<_>>(), ["theta", "thetad", "thetadd"]);
+    assert_eq!(study.train_runs(), 1331);
+    assert_eq!(study.network.hidden, [128, 128]);
+}
+
+#[test]
+fn only_what_decides_the_surrogate_changes_the_digest() {
+    let parse = |text: &str| Study::parse(text, Path::new("s.toml")).unwrap();
+    let study = parse(GOOD);
+    assert_eq!(study.digest(), parse(&format!("# a comment\n{GOOD}")).digest());
+    assert_eq!(study.digest(), parse(&GOOD.replacen("license = ", "author = \"me\"\nlicense = ", 1)).digest());
+    let other = parse(&GOOD.replacen("epochs = ", "epochs = 1", 1));
+    assert_ne!(study.digest(), other.digest());
+    assert_eq!(study.sampling_digest(), other.sampling_digest());
+    assert_eq!(study.digest(), parse(&GOOD.replacen("fmi = \"2\"", "fmi = \"both\"", 1)).digest());
+    assert_ne!(study.digest(), parse(&GOOD.replacen("\"double\"", "\"single\"", 1)).digest());
+}
+
+#[test]
+fn every_mistake_is_located_by_line_and_key() {
+    let line = |needle: &str| GOOD.lines().position(|line| line.starts_with(needle)).unwrap() + 1;
+    for (from, to, needle, key, says) in [
+        (
+            "[network]",
+            "[network]\nnods = 3",
+            "[network]",
+            "network.nods",
+            "unknown key `nods`, expected one of structure, hidden",
+        ),
+        ("stop = 2.0", "stop = \"2\"", "stop", "time.stop", "expected"),
+        ("stop = 2.0", "stop = -2.0", "stop", "time.stop", "expected a positive number"),
+        ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
+        ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
+        ("min = 0.1,", "min = nan,", "L = ", "parameters.L", "not finite"),
+        ("\nc = ", "\n\" c\" = ", "c = ", "parameters. c", "` c` is not a valid name of a variable"),
+        ("\nc = ", "\nin_domain = ", "c = ", "parameters.in_domain", "that every FMU of metafmu has"),
+        ("\nc = ", "\ntime = ", "c = ", "parameters.time", "independent variable"),
+        ("theta = {", "c = {", "theta = ", "outputs.c", "parameter already"),
+        ("theta = {", "L = 3 #", "theta = ", "outputs.L", "expected"),
+        ("levels = 11", "levels = 1", "levels", "parameters.L.levels", "at least 2"),
+        ("method = \"mesh\"", "method = \"grid\"", "method", "sampling.method", "\"grid\", expected one of \"mesh\""),
+        ("levels = 11", "levels = 11\nruns = 5", "levels", "sampling.runs", "a mesh has `levels`"),
+        ("levels = 11", "levels = 11\nfaces = 0.1", "levels", "sampling.faces", "a mesh has its ends anyway"),
+        ("levels = 11", "levels = 11\nfaces = 0.6", "levels", "sampling.faces", "a mesh has its ends anyway"),
+        ("step = 0.01", "step = 0.01\nmargin = 5", "step = ", "time.margin", "5, expected a share from 0 to 1"),
+        ("epochs = ", "epochs = 4\nenough = 1e-6 # ", "epochs", "training.enough", "belongs to the schedule"),
+        ("levels = 11", "levels = 11\nfile = \"p.csv\"", "levels", "sampling.file", "belongs to the method \"list\""),
+        ("method = \"mesh\"", "method = \"halton\"", "levels", "sampling.levels", "belongs to the method \"mesh\""),
+        ("fmi = \"2\"", "fmi = \"4\"", "fmi", "export.fmi", "\"4\", expected one of \"2\", \"3\", \"both\""),
+        ("\"double\"", "\"half\"", "precision", "export.precision", "\"half\", expected"),
+        (
+            "[sampling]",
+            "[arrays]\nq = [\"theta\", \"omega\"]\n[sampling]",
+            "[sampling]",
+            "arrays.q",
+            "`omega` is not an output",
+        ),
+        ("epochs = ", "epochs = -", "epochs", "training.epochs", "expected"),
+        ("[network]", "[bounds]\ncoverage = 95\n[network]", "[network]", "bounds.coverage", "between 0 and 1"),
+        ("[network]", "[bounds]\nruns = 18\n[network]", "[network]", "bounds.runs", "at least 19"),
+        ("theta = {", "in_domain = {", "theta = ", "outputs.in_domain", "that every FMU of metafmu has"),
+        ("[network]", "[accept]\nr2 = 1.5\n[network]", "[network]", "accept.r2", "a number below 1"),
+        ("[network]", "[accept]\nr3 = 0.5\n[network]", "[network]", "accept.r3", "unknown key"),
+    ] {
+        let messages = problems(&GOOD.replacen(from, to, 1));
+        let found = messages.iter().find(|message| message.contains(&format!(": {key}: ")) && message.contains(says));
+        let found = found.unwrap_or_else(|| panic!("{to}: no `{key}` with `{says}` in {messages:#?}"));
+        let expected = line(needle) + usize::from(to.contains('\n') && from != "\nc = ");
+        // a mistake in a value that only the defaults of `levels` explain is placed at the parameter
+        if key != "parameters.L.levels" {
+            assert!(found.starts_with(&format!("study.toml:{expected}:")), "{to}: not line {expected}: {found}");
+        }
+    }
+}
+
+#[test]
+fn nominal_and_periodic_parameters_are_checked_and_count_for_the_digest() {
+    let l = "L = { min = 0.1, max = 0.2,";
+    for (to, says) in [
+        ("L = { values = [],", "parameters.L: no `values`, expected at least 2"),
+        ("L = { values = [0.1],", "parameters.L: 1 value, expected at least 2"),
+        ("L = { values = [0.1, 0.2, 0.1],", "parameters.L: value 0.1 is duplicated"),
+        ("L = { values = [0.1, inf],", "parameters.L: value inf is not finite"),
+        ("L = { values = [0.1, nan],", "parameters.L: value NaN is not finite"),
+        ("L = { values = [0.1, 0.2], min = 0.1,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
+        ("L = { values = [0.1, 0.2], levels = 2,", "parameters.L: `values` exclude `min`, `max`, `levels` and"),
+        ("L = { values = [0.1, 0.2], periodic = true,", "parameters.L: `values` exclude `min`, `max`, `levels`"),
+        ("L = { max = 0.2,", "parameters.L: `min` is missing"),
+        ("L = { min = 0.2,", "parameters.L: `max` is missing"),
+        ("L = { periodic = true,", "parameters.L: expected `min` and `max`, or `values`"),
+        ("L = { min = 0.1, max = 0.2, cyclic = true,", "parameters.L.cyclic: unknown key `cyclic`, expected"),
+        ("L = { values = [\"a\"],", "parameters.L.values[0]: \"a\", expected a number"),
+    ] {
+        let found = message(l, to);
+        assert!(found.contains(says), "{to}: {found}");
+        assert_eq!(found.split(':').nth(1), message(l, "L = { min = 0.3, max = 0.2,").split(':').nth(1), "{found}");
+    }
+    let nominal = |text: &str| text.replacen("min = 0.0, max = 0.15", "values = [0, 1]", 1);
+    let all = nominal(GOOD).replacen("min = 0.0, max = 5.0", "values = [0, 1]", 1);
+    assert_eq!(problems(&all), Vec::<String>::new());
+    let all = problems(&all.replacen("min = 0.1, max = 0.2", "values = [0.1, 0.2]", 1));
+    assert!(all.len() == 1 && all[0].contains("parameters: every parameter has `values`"), "{all:?}");
+    let digest = |text: &str| Study::parse(text, Path::new("s.toml")).unwrap().sampling_digest();
+    let of = [GOOD, &nominal(GOOD), &GOOD.replacen("max = 5.0", "max = 5.0, periodic = true", 1)].map(digest);
+    assert!(of[0] != of[1] && of[1] != of[2] && of[0] != of[2]);
+    assert_eq!(of[0], digest(&GOOD.replacen("max = 5.0", "max = 5.0, periodic = false", 1)));
+}
+
+#[test]
+fn malformed_toml_and_duplicate_keys_are_located() {
+    assert!(message("[time]", "[time").starts_with("study.toml:"));
+    assert!(message("\nc = ", "\nL = ").contains("duplicate key"));
+}
+
+#[test]
+fn options_of_network_and_training_that_make_no_sense_are_found_at_load_all_at_once() {
+    let (head, _) = GOOD.split_once("[network]").unwrap();
+    let wrong = [
+        ("batch = 1", "at least 2 rows with `batch_norm`"),
+        ("batch_norm = true", ""),
+        ("clip_norm = -1.0", "0 or a positive number"),
+        ("dropout = 2", "below 1"),
+        ("epochs = 1000000000", "1 to 1000000"),
+        ("huber_delta = 0.5", "belongs to the loss \"huber\""),
+        ("l1 = inf", "0 or a positive number"),
+        ("momentum = 1.0", "below 1"),
+        ("optimizer = \"sgd\"", ""),
+        ("output_weights = [1.0]", "1 weights, expected one for each output"),
+        ("refresh = 5", "belongs to the optimizer \"soap\""),
+        ("beta2 = 0.9", "\"sgd\" has `momentum` only"),
+        ("validation = 1.0", "between 0 and 1"),
+        ("warm_up = -0.1", "below 1"),
+        ("weight_decay = 0.1", "belongs to the optimizers \"adamw\" and \"soap\""),
+    ];
+    let training: String = wrong.iter().map(|(line, _)| format!("{line}\n")).collect();
+    let found = problems(&format!("{head}[training]\n{training}"));
+    let first = head.lines().count() + 2;
+    for (index, (line, says)) in wrong.iter().enumerate().filter(|(_, (_, says))| !says.is_empty()) {
+        let place = format!("study.toml:{}: training.{}: ", first + index, line.split(' ').next().unwrap());
+        assert!(
+            found.iter().any(|found| found.starts_with(&place) && found.contains(says)),
+            "{place}{says}: {found:#?}"
+        );
+    }
+    assert_eq!(found.len(), wrong.len() - 2, "{found:#?}");
+    let of_layers = problems(&format!("{head}[network]\nhidden = []\n[training]\ndropout = 0.1\nbatch_norm = true\n"));
+    assert_eq!(of_layers.len(), 2, "{of_layers:#?}");
+}
+
+#[test]
+fn counts_that_no_machine_can_hold_are_refused_with_their_limit() {
+    let huge = "1000000000000";
+    for (from, to, says) in [
+        (
+            "test_runs = 200",
+            format!("test_runs = {huge}"),
+            "sampling.test_runs: 1000000000000 runs, expected at most 10000000",
+        ),
+        (
+            "levels = 11",
+            format!("levels = {huge}"),
+            "sampling.levels: more runs than can be counted, expected at most 10000000",
+        ),
+        (
+            "[network]",
+            format!("[bounds]\nruns = {huge}\n[network]"),
+            "bounds.runs: 1000000000000 runs, expected at most",
+        ),
+        (
+            "hidden = [128, 128]",
+            "hidden = [16384, 16384]".into(),
+            "network.hidden: 2.686e8 weights and biases, expected at most",
+        ),
+        (
+            "hidden = [128, 128]",
+            "hidden = [1024, 1024]\nstructure = \"fixed\"".into(),
+            "network.hidden: 2.124e8 weights and biases of 201 networks, expected at most 100 million",
+        ),
+    ] {
+        let found = message(from, &to);
+        assert!(found.contains(says), "{says} is not in {found}");
+    }
+    for (runs, says) in [
+        (1_000_000_000_000, "sampling.runs: 1000000000000 runs, expected at most 10000000"),
+        (9_000_000, "sampling: 1.809e9 rows of all runs, expected at most a billion"),
+    ] {
+        let found = problems(&sobol(runs));
+        assert!(found.len() == 1 && found[0].contains(says), "{found:#?}");
+    }
+    let name = message("name = \"single-pendulum\"", &format!("name = \"{}\"", "n".repeat(300)));
+    assert!(name.contains("name: 300 characters, expected at most 100"), "{name}");
+}
+
+#[test]
+fn a_target_needs_enough_held_out_runs() {
+    let of = |runs: usize| problems(&(sobol(runs) + "[target]\nr2 = 0.9\nruns = 10\nmax_runs = 1000\n"));
+    // the example holds out a twentieth
+    assert_eq!(of(200), Vec::<String>::new());
+    let few = of(60);
+    assert_eq!(few.len(), 1, "{few:#?}");
+    let expected = "target: 3 of 60 runs are held out to judge it, expected at least 10: set `training.validation` of at \
+                    least 0.17, or more `sampling.runs` (200 runs with `training.validation = 0.05`)";
+    assert!(few[0].contains(expected), "{}", few[0]);
+    let many = GOOD.to_owned() + "[target]\nr2 = 0.9\nruns = 1000000\nmax_runs = 2000\n";
+    let many = problems(&many);
+    assert!(many.len() == 1 && many[0].contains("target.runs: 1000000 runs, expected 1 to 100000"), "{many:#?}");
+}
+
+#[test]
+fn thousands_of_mistakes_take_no_longer_than_reading_them() {
+    let outputs: String = (0..20_000).map(|index| format!("\" y{index}\" = {{}}\n")).collect();
+    let text = GOOD.replacen("[outputs]", &format!("[outputs]\n{outputs}"), 1);
+    let begin = std::time::Instant::now();
+    let found = problems(&text);
+    assert_eq!(found.len(), 20_000);
+    let line = text.lines().position(|line| line.starts_with("\" y19999\"")).unwrap() + 1;
+    assert!(found[19_999].starts_with(&format!("study.toml:{line}: outputs. y19999: ")), "{}", found[19_999]);
+    assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
+}
+
+/// A section with a mistake in its structure is not judged further, the others are; nothing is said that follows from a mistake.
+#[test]
+fn mistakes_of_all_kinds_are_told_at_once_and_their_consequences_are_not() {
+    let text = GOOD
+        .replacen("stop = 2.0", "stop = \"2\"", 1)
+        .replacen("levels = 11", "level = 11", 1)
+        .replacen("min = 0.1,", "min = 0.3,", 1)
+        .replacen("hidden = [128, 128]", "hidden = [0]\nnodes = 3", 1)
+        .replacen("activation = \"relu\"", "activation = 1", 1);
+    let found = problems(&text);
+    let keys: Vec<&str> = found.iter().map(|line| line.split(": ").nth(1).unwrap()).collect();
+    assert_eq!(
+        keys,
+        ["time.stop", "parameters.L", "sampling.level", "network.nodes", "network.activation"],
+        "{found:#?}"
+    );
+    let missing = problems(&GOOD.replacen("[time]", "[tyme]", 1));
+    let says = ["`time` is missing", "tyme: unknown key `tyme`, expected one of name, description, seed"];
+    assert!(missing.len() == 2 && missing.iter().zip(says).all(|(line, says)| line.contains(says)), "{missing:#?}");
+}
+
+#[test]
+fn the_default_of_every_section_and_the_placeholder_are_valid() {
+    let schema = json_schema();
+    assert!(DeTable::parse(PLACEHOLDER).is_ok());
+    let root = Origin::new(Path::new("p"), PLACEHOLDER);
+    let document = root.parse().unwrap();
+    let (problems, _) = root.structure(document.get_ref(), schema, |_, _| None);
+    assert!(problems.is_empty(), "{problems:?}");
+    let study: Study = root.deserialize(document).unwrap();
+    assert!(study.network.problems().is_empty() && study.training.problems().is_empty());
+    assert!(study.accept.problems().is_empty() && BoundsOptions::default().problems().is_empty());
+}
+
+#[test]
+fn every_problem_is_listed_not_only_the_first() {
+    let text = GOOD.replacen("stop = 2.0", "stop = 0.0", 1).replacen("min = 0.1,", "min = 0.3,", 1);
+    assert!(problems(&text).len() >= 2);
+}
