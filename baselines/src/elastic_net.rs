@@ -1,6 +1,6 @@
 //! Elastic net: least squares with penalties on the sizes and the squares of the weights.
 
-use crate::{Baseline, Fitted, Rows, expect, for_each_output, linear, not_negative};
+use crate::{Baseline, Fitted, OptionProblem, Rows, expect, for_each_output, linear, not_negative};
 use linfa::traits::Fit;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -36,7 +36,7 @@ impl Baseline for ElasticNet {
         Ok(linear::formula(rows, &fits))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         // without any penalty on sizes linfa's search does not end
         let share = self.l1_ratio > 0.0 && self.l1_ratio <= 1.0;
         let share = expect(share, "l1_ratio", &self.l1_ratio, "a share above 0, at most 1");

@@ -1,6 +1,6 @@
 //! Gaussian process regression (kriging).
 
-use crate::{Baseline, Fitted, Rows, at_least, at_most, expect, for_each_output};
+use crate::{Baseline, Fitted, OptionProblem, Rows, at_least, at_most, expect, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
@@ -39,7 +39,7 @@ impl Baseline for GaussianProcess {
         Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         let counts = [("rows", self.rows, 2), ("kernel_rows", self.kernel_rows, 2), ("steps", self.steps, 1)];
         let counts = counts
             .into_iter()

@@ -1,7 +1,8 @@
 //! Gradient boosting: trees that each correct the sum of those before.
 
 use crate::{
-    Baseline, Fitted, LibraryModel, MOST_TREES, Rows, at_least, at_most, expect, for_each_output, svr::matrix,
+    Baseline, Fitted, LibraryModel, MOST_TREES, OptionProblem, Rows, at_least, at_most, expect, for_each_output,
+    svr::matrix,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -61,7 +62,7 @@ impl Baseline for GradientBoosting {
         }))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         let share = self.learning_rate > 0.0 && self.learning_rate <= 1.0;
         let share = expect(share, "learning_rate", &self.learning_rate, "above 0, at most 1");
         let depth = at_least("depth", self.depth.into(), 1);

@@ -1,6 +1,6 @@
 //! k nearest neighbours.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows, at_least};
+use crate::{Baseline, Fitted, LibraryModel, OptionProblem, Rows, at_least};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
@@ -48,7 +48,7 @@ impl Baseline for Knn {
         }))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         let neighbours = at_least("neighbours", self.neighbours, 1);
         neighbours.into_iter().chain(at_least("rows", self.rows, self.neighbours.max(2))).collect()
     }

@@ -1,6 +1,6 @@
 //! Lasso: least squares with a penalty on the sizes of the weights, which makes some of them zero.
 
-use crate::{Baseline, ElasticNet, Fitted, Rows, not_negative};
+use crate::{Baseline, ElasticNet, Fitted, OptionProblem, Rows, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ impl Baseline for Lasso {
         ElasticNet { alpha: self.alpha, l1_ratio: 1.0 }.fit(rows, seed)
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         not_negative("alpha", self.alpha).into_iter().collect()
     }
 }

@@ -33,6 +33,15 @@ pub use rows::Rows;
 pub use svr::Svr;
 pub use tree::{DecisionTree, ExtraTrees, RandomForest};
 
+/// What is wrong with an option.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OptionProblem {
+    /// Its key within the section: of the model, or `[baselines]` in what [`Baselines`] says.
+    pub key: String,
+    /// What was found and what is expected.
+    pub message: String,
+}
+
 /// A model that can be fitted to rows.
 pub trait Baseline {
     /// At most so many rows, chosen at random; none: all there are.
@@ -46,8 +55,8 @@ pub trait Baseline {
     /// Why it cannot be fitted, in words.
     fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String>;
 
-    /// Every mistake in the options: the key and what is wrong with it.
-    fn problems(&self) -> Vec<(&'static str, String)>;
+    /// Every mistake in the options.
+    fn problems(&self) -> Vec<OptionProblem>;
 }
 
 /// A fitted model.
@@ -81,30 +90,25 @@ fn for_each_output<T: Send>(
 }
 
 /// A mistake if a number is not as it should be.
-fn expect(
-    good: bool,
-    key: &'static str,
-    found: &dyn std::fmt::Display,
-    expected: &str,
-) -> Option<(&'static str, String)> {
-    (!good).then(|| (key, format!("{found}, expected {expected}")))
+fn expect(good: bool, key: &'static str, found: &dyn std::fmt::Display, expected: &str) -> Option<OptionProblem> {
+    (!good).then(|| OptionProblem { key: key.into(), message: format!("{found}, expected {expected}") })
 }
 
-fn not_negative(key: &'static str, value: f64) -> Option<(&'static str, String)> {
+fn not_negative(key: &'static str, value: f64) -> Option<OptionProblem> {
     expect(value >= 0.0 && value.is_finite(), key, &value, "0 or a positive number")
 }
 
-fn positive(key: &'static str, value: f64) -> Option<(&'static str, String)> {
+fn positive(key: &'static str, value: f64) -> Option<OptionProblem> {
     expect(value > 0.0 && value.is_finite(), key, &value, "a positive number")
 }
 
-fn at_most(key: &'static str, value: usize, most: usize) -> Option<(&'static str, String)> {
+fn at_most(key: &'static str, value: usize, most: usize) -> Option<OptionProblem> {
     expect(value <= most, key, &value, &format!("at most {most}"))
 }
 
 /// Trees of a model: all of them are in memory.
 const MOST_TREES: usize = 10_000;
 
-fn at_least(key: &'static str, value: usize, least: usize) -> Option<(&'static str, String)> {
+fn at_least(key: &'static str, value: usize, least: usize) -> Option<OptionProblem> {
     expect(value >= least, key, &value, &format!("at least {least}"))
 }

@@ -1,6 +1,6 @@
 //! Linear least squares: `y = b + w z`.
 
-use crate::{Baseline, Fitted, Rows, for_each_output};
+use crate::{Baseline, Fitted, OptionProblem, Rows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_runtime::regression::{Function, Polynomial, Regression};
@@ -22,7 +22,7 @@ impl Baseline for Linear {
         Ok(formula(rows, &fits))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         Vec::new()
     }
 }

@@ -1,8 +1,8 @@
 //! `[baselines]` of the study.
 
 use crate::{
-    Baseline, DecisionTree, ElasticNet, ExtraTrees, GaussianProcess, GradientBoosting, Knn, Lasso, Linear, Polynomial,
-    RandomForest, Ridge, Svr,
+    Baseline, DecisionTree, ElasticNet, ExtraTrees, GaussianProcess, GradientBoosting, Knn, Lasso, Linear,
+    OptionProblem, Polynomial, RandomForest, Ridge, Svr,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -158,24 +158,24 @@ impl Baselines {
         }
     }
 
-    /// What is wrong beside so many inputs: the key within `[baselines]` and the message.
-    pub fn problems_beside(&self, inputs: usize) -> Vec<(String, String)> {
+    /// What is wrong beside so many inputs.
+    pub fn problems_beside(&self, inputs: usize) -> Vec<OptionProblem> {
         let degree = self.polynomial.degree_problem(inputs);
-        degree.map(|message| ("polynomial.degree".to_owned(), message)).into_iter().collect()
+        degree.map(|message| OptionProblem { key: "polynomial.degree".into(), message }).into_iter().collect()
     }
 
-    /// Every mistake: its key within `[baselines]` and what is wrong.
-    pub fn problems(&self) -> Vec<(String, String)> {
-        let budget = super::positive("time_budget", self.time_budget);
-        let mut problems: Vec<(String, String)> =
-            budget.map(|(key, message)| (key.to_owned(), message)).into_iter().collect();
+    /// Every mistake.
+    pub fn problems(&self) -> Vec<OptionProblem> {
+        let mut problems = Vec::from_iter(super::positive("time_budget", self.time_budget));
         for (key, kinds) in [("models", &self.models), ("build", &self.build)] {
             let twice = kinds.iter().enumerate().find(|(index, kind)| kinds[..*index].contains(kind));
-            problems.extend(twice.map(|(_, kind)| (key.to_owned(), format!("`{}` is duplicated", kind.name()))));
+            let message = |kind: BaselineKind| format!("`{}` is duplicated", kind.name());
+            problems.extend(twice.map(|(_, kind)| OptionProblem { key: key.into(), message: message(*kind) }));
         }
         for kind in BaselineKind::ALL {
+            let within = |problem: &OptionProblem| format!("{}.{}", kind.name(), problem.key);
             let of_model = self.get(kind).problems().into_iter();
-            problems.extend(of_model.map(|(key, message)| (format!("{}.{key}", kind.name()), message)));
+            problems.extend(of_model.map(|problem| OptionProblem { key: within(&problem), ..problem }));
         }
         problems
     }
@@ -212,14 +212,20 @@ mod tests {
             ),
             ("gaussian-process = { rows = 1000000 }", "gaussian-process.rows: 1000000, expected at most 20000"),
         ] {
-            let problems: Vec<String> =
-                parse(text).unwrap().into_iter().map(|(key, message)| format!("{key}: {message}")).collect();
+            let problems: Vec<String> = parse(text)
+                .unwrap()
+                .into_iter()
+                .map(|OptionProblem { key, message }| format!("{key}: {message}"))
+                .collect();
             assert_eq!(problems, [expected], "{text}");
         }
         let beside = |text: &str, inputs| toml::from_str::<Baselines>(text).unwrap().problems_beside(inputs);
         assert_eq!(beside("polynomial = { degree = 20 }", 2), []);
         let message = "more than 5000 terms of degree 20 in 4 inputs: lower `degree`".to_owned();
-        assert_eq!(beside("polynomial = { degree = 20 }", 4), [("polynomial.degree".to_owned(), message)]);
+        assert_eq!(
+            beside("polynomial = { degree = 20 }", 4),
+            [OptionProblem { key: "polynomial.degree".into(), message }]
+        );
         assert!(parse("models = [\"forest\"]").unwrap_err().to_string().contains("unknown variant `forest`"));
         assert!(parse("ridge = { lambda = 1 }").unwrap_err().to_string().contains("unknown field `lambda`"));
     }

@@ -1,6 +1,6 @@
 //! Polynomials of all inputs together.
 
-use crate::{Baseline, Fitted, Rows, expect, not_negative};
+use crate::{Baseline, Fitted, OptionProblem, Rows, expect, not_negative};
 use metafmu_runtime::{
     Scaling,
     regression::{self, Function, Regression},
@@ -77,7 +77,7 @@ impl Baseline for Polynomial {
         }))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         let degree = self.degree.and_then(|degree| expect((1..=20).contains(&degree), "degree", &degree, "1 to 20"));
         let rows = super::at_least("rows", self.rows, 2);
         degree.into_iter().chain(not_negative("alpha", self.alpha)).chain(rows).collect()

@@ -1,6 +1,6 @@
 //! Ridge regression: least squares with a penalty on the squares of the weights.
 
-use crate::{Baseline, Fitted, Rows, for_each_output, linear, not_negative};
+use crate::{Baseline, Fitted, OptionProblem, Rows, for_each_output, linear, not_negative};
 use linfa::{DatasetBase, traits::Fit};
 use linfa_linear::LinearRegression;
 use ndarray::{Array1, Array2, ShapeBuilder};
@@ -51,7 +51,7 @@ impl Baseline for Ridge {
         Ok(linear::formula(rows, &fits))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         not_negative("alpha", self.alpha).into_iter().collect()
     }
 }

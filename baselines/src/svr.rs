@@ -1,6 +1,6 @@
 //! Support vector regression with Gaussian kernels.
 
-use crate::{Baseline, Fitted, Rows, at_least, for_each_output, not_negative, positive};
+use crate::{Baseline, Fitted, OptionProblem, Rows, at_least, for_each_output, not_negative, positive};
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -52,7 +52,7 @@ impl Baseline for Svr {
         Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         let kernel = positive("c", self.c).into_iter().chain(positive("gamma", self.gamma));
         kernel.chain(not_negative("epsilon", self.epsilon)).chain(at_least("rows", self.rows, 2)).collect()
     }

@@ -1,6 +1,6 @@
 //! Decision trees, and forests of them.
 
-use crate::{Baseline, Fitted, MOST_TREES, Rows, at_least, at_most, for_each_output, svr::matrix};
+use crate::{Baseline, Fitted, MOST_TREES, OptionProblem, Rows, at_least, at_most, for_each_output, svr::matrix};
 use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ impl Baseline for DecisionTree {
         })
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         problems(1, self.leaf, self.rows)
     }
 }
@@ -103,7 +103,7 @@ impl Baseline for RandomForest {
         })
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         problems(self.trees, self.leaf, self.rows)
     }
 }
@@ -126,12 +126,12 @@ impl Baseline for ExtraTrees {
         })
     }
 
-    fn problems(&self) -> Vec<(&'static str, String)> {
+    fn problems(&self) -> Vec<OptionProblem> {
         problems(self.trees, self.leaf, self.rows)
     }
 }
 
-fn problems(trees: usize, leaf: usize, rows: usize) -> Vec<(&'static str, String)> {
+fn problems(trees: usize, leaf: usize, rows: usize) -> Vec<OptionProblem> {
     let trees = at_least("trees", trees, 1).or(at_most("trees", trees, MOST_TREES)).into_iter();
     trees.chain(at_least("leaf", leaf, 1)).chain(at_least("rows", rows, 2)).collect()
 }

@@ -71,7 +71,7 @@ pub use accept::AcceptOptions;
 pub use bounds::BoundsOptions;
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
-use metafmu_baselines::{BaselineKind, Baselines};
+use metafmu_baselines::{BaselineKind, Baselines, OptionProblem};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
@@ -264,8 +264,8 @@ impl Draft {
 }
 
 /// The baselines are a crate of their own, which knows nothing of files.
-fn of_baselines(problems: Vec<(String, String)>) -> impl Iterator<Item = KeyProblem> {
-    problems.into_iter().map(|(key, message)| KeyProblem { key, message })
+fn of_baselines(problems: Vec<OptionProblem>) -> impl Iterator<Item = KeyProblem> {
+    problems.into_iter().map(|OptionProblem { key, message }| KeyProblem { key, message })
 }
 
 /// Sections that stand for damaged ones until their mistakes are told.
