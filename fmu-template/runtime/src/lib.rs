@@ -38,7 +38,10 @@ pub use bounds::Bounds;
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::{Encoder, Encoding};
 pub use format::FormatError;
-pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, regression};
-pub use model::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Model, Scratch};
+pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, regression};
+pub use model::{
+    Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Model, Scratch,
+    dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
+};
 pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, Surrogate, Variability};
 pub use variables::{BuiltIn, Quantity, Variable, Variables};

@@ -9,6 +9,8 @@ pub(crate) trait Number:
     /// Without derivatives.
     fn value(self) -> f64;
     fn exp(self) -> Self;
+    fn sin_cos(self) -> (Self, Self);
+    fn recip(self) -> Self;
 }
 
 /// A value with its first and second derivative along a curve.
@@ -27,6 +29,14 @@ impl Number for f64 {
     fn exp(self) -> Self {
         self.exp()
     }
+
+    fn sin_cos(self) -> (Self, Self) {
+        self.sin_cos()
+    }
+
+    fn recip(self) -> Self {
+        self.recip()
+    }
 }
 
 impl Number for Jet {
@@ -38,6 +48,24 @@ impl Number for Jet {
         let value = self.value.exp();
         let Self { first, second, .. } = self;
         Self { value, first: value * first, second: value * (second + first * first) }
+    }
+
+    fn sin_cos(self) -> (Self, Self) {
+        let Self { value, first, second } = self;
+        let (sine, cosine) = value.sin_cos();
+        let of = |value: f64, slope: f64| Self {
+            value,
+            first: slope * first,
+            second: slope * second - value * first * first,
+        };
+        (of(sine, cosine), of(cosine, -sine))
+    }
+
+    fn recip(self) -> Self {
+        let value = self.value.recip();
+        let slope = -value * value;
+        let Self { first, second, .. } = self;
+        Self { value, first: slope * first, second: slope * (second - 2.0 * value * first * first) }
     }
 }
 

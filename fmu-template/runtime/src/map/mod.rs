@@ -1,8 +1,9 @@
 //! Maps: pure functions from columns to outputs, without time and memory. [`Model`](crate::Model)s are made of them.
 
 pub(crate) mod activation;
+pub mod dictionary;
 mod evaluate;
-mod jet;
+pub(crate) mod jet;
 mod layers;
 mod network;
 pub mod regression;

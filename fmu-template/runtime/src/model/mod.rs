@@ -1,5 +1,6 @@
 //! Models: maps together with time.
 
+pub(crate) mod dynamics;
 mod evaluator;
 mod per_instant;
 

@@ -1,0 +1,314 @@
+//! Linear combinations of products of sines, cosines and powers: what the functions of a mechanism's configuration are made of.
+//!
+//! ```text
+//! y_j = sum over terms t of c_tj  product over columns i of f(e_ti, x_i)
+//! angle: f(e, x) = cos(e x) for e >= 0, sin(-e x) for e < 0
+//! power: f(e, x) = ((x - middle) / half)^e
+//! ```
+//!
+//! The entries of a mass matrix of revolute and prismatic joints are such sums exactly, with harmonics of order two at most; those of
+//! a closed loop are analytic and periodic, so that their series converge geometrically.
+
+use super::{expect_finite, expect_shape, jet::Number};
+use crate::FormatError;
+use std::ops::Range;
+
+/// What a column contributes to the products.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Factor {
+    /// Sines and cosines of its multiples; in rad.
+    Angle,
+    /// Powers of `(x - middle) / half`.
+    Power {
+        /// Middle of its range.
+        middle: f64,
+        /// Half of its range.
+        half: f64,
+    },
+}
+
+/// A product and what each output has of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Term {
+    /// `e_ti`, one for each column: a harmonic, negative for a sine, or a power.
+    pub exponents: Vec<i16>,
+    /// `c_tj`, one for each output.
+    pub coefficients: Vec<f64>,
+}
+
+/// A linear combination of products.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dictionary {
+    columns: Vec<Column>,
+    outputs: usize,
+    /// Of all columns one after the other.
+    atoms: usize,
+    products: Vec<Product>,
+    /// Column and atom of each factor other than 1, product by product.
+    factors: Vec<(usize, usize)>,
+    /// Output and coefficient, product by product.
+    coefficients: Vec<(usize, f64)>,
+}
+
+/// A column and the functions of it that are computed.
+#[derive(Clone, Debug, PartialEq)]
+struct Column {
+    factor: Factor,
+    /// Of an angle: cos and sin of 1, cos and sin of 2, ...; of a power: 1, 2, ...
+    atoms: Range<usize>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Product {
+    factors: Range<usize>,
+    coefficients: Range<usize>,
+}
+
+/// A function of a column and its derivative.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Atom<T> {
+    value: T,
+    slope: T,
+}
+
+impl Dictionary {
+    /// Lays the terms out for evaluation. Coefficients of zero cost nothing.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a term has not an exponent for each column and a coefficient for each output, or a number is not finite.
+    pub fn new(factors: &[Factor], outputs: usize, terms: &[Term]) -> Result<Self, FormatError> {
+        let mut columns: Vec<Column> = Vec::with_capacity(factors.len());
+        for (index, factor) in factors.iter().enumerate() {
+            let largest = terms.iter().filter_map(|term| term.exponents.get(index)).map(|e| e.unsigned_abs());
+            let largest = usize::from(largest.max().unwrap_or(0));
+            let first = columns.last().map_or(0, |column| column.atoms.end);
+            let atoms = if *factor == Factor::Angle { 2 * largest } else { largest };
+            columns.push(Column { factor: *factor, atoms: first..first + atoms });
+            if let Factor::Power { middle, half } = factor {
+                expect_finite("middle", [*middle].into_iter())?;
+                super::expect_positive("half", &[*half])?;
+            }
+        }
+        let mut dictionary = Self {
+            atoms: columns.last().map_or(0, |column| column.atoms.end),
+            columns,
+            outputs,
+            products: Vec::new(),
+            factors: Vec::new(),
+            coefficients: Vec::new(),
+        };
+        for term in terms {
+            expect_shape("exponents", &[term.exponents.len()], &[factors.len()])?;
+            expect_shape("coefficients", &[term.coefficients.len()], &[outputs])?;
+            expect_finite("coefficients", term.coefficients.iter().copied())?;
+            dictionary.add(term)?;
+        }
+        Ok(dictionary)
+    }
+
+    fn add(&mut self, term: &Term) -> Result<(), FormatError> {
+        let begin = (self.factors.len(), self.coefficients.len());
+        for (index, (&exponent, column)) in term.exponents.iter().zip(&self.columns).enumerate() {
+            let order = usize::from(exponent.unsigned_abs());
+            let within = match column.factor {
+                _ if exponent == 0 => continue,
+                Factor::Angle => 2 * (order - 1) + usize::from(exponent < 0),
+                Factor::Power { .. } if exponent < 0 => {
+                    return Err(FormatError::NotPositive { name: "exponents".into(), index, value: exponent.into() });
+                }
+                Factor::Power { .. } => order - 1,
+            };
+            self.factors.push((index, column.atoms.start + within));
+        }
+        let present = term.coefficients.iter().copied().enumerate().filter(|(_, coefficient)| *coefficient != 0.0);
+        self.coefficients.extend(present);
+        if self.coefficients.len() == begin.1 {
+            self.factors.truncate(begin.0);
+        } else {
+            let (factors, coefficients) = (begin.0..self.factors.len(), begin.1..self.coefficients.len());
+            self.products.push(Product { factors, coefficients });
+        }
+        Ok(())
+    }
+
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Number of outputs.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Number of products with a coefficient other than zero.
+    pub fn products(&self) -> usize {
+        self.products.len()
+    }
+
+    /// `y` at `x`.
+    ///
+    /// # Panics
+    /// If a slice has the wrong length.
+    pub fn evaluate(&self, x: &[f64], y: &mut [f64]) {
+        self.compute(x, y, &mut [], 0, &mut self.work());
+    }
+
+    /// Working memory of an evaluation.
+    pub(crate) fn work<T: Number>(&self) -> Vec<Atom<T>> {
+        vec![Atom { value: T::from(0.0), slope: T::from(0.0) }; self.atoms]
+    }
+
+    /// `y` at `x`, and in `gradient`, shape `[outputs, first]`, its derivatives with respect to the first columns. Does not
+    /// allocate.
+    ///
+    /// # Panics
+    /// If a slice has the wrong length.
+    pub(crate) fn compute<T: Number>(
+        &self,
+        x: &[T],
+        y: &mut [T],
+        gradient: &mut [T],
+        first: usize,
+        atoms: &mut [Atom<T>],
+    ) {
+        assert_eq!(x.len(), self.columns.len(), "number of columns");
+        assert_eq!(y.len(), self.outputs, "number of outputs");
+        assert_eq!(gradient.len(), first * self.outputs, "shape of the gradient");
+        for (column, &x) in self.columns.iter().zip(x) {
+            column.compute(x, &mut atoms[column.atoms.clone()]);
+        }
+        y.fill(T::from(0.0));
+        gradient.fill(T::from(0.0));
+        for product in &self.products {
+            let factors = &self.factors[product.factors.clone()];
+            let coefficients = &self.coefficients[product.coefficients.clone()];
+            let value = factors.iter().fold(T::from(1.0), |product, (_, atom)| product * atoms[*atom].value);
+            for &(output, coefficient) in coefficients {
+                y[output] = y[output] + T::from(coefficient) * value;
+            }
+            for (index, (column, atom)) in factors.iter().enumerate().filter(|(_, (column, _))| *column < first) {
+                let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
+                let slope = others.fold(atoms[*atom].slope, |product, (_, (_, atom))| product * atoms[*atom].value);
+                for &(output, coefficient) in coefficients {
+                    let to = &mut gradient[output * first + column];
+                    *to = *to + T::from(coefficient) * slope;
+                }
+            }
+        }
+    }
+}
+
+impl Column {
+    fn compute<T: Number>(&self, x: T, atoms: &mut [Atom<T>]) {
+        match self.factor {
+            Factor::Angle => {
+                let (sine, cosine) = x.sin_cos();
+                // of the multiple before
+                let (mut s, mut c) = (T::from(0.0), T::from(1.0));
+                for (order, pair) in (1u32..).zip(atoms.as_chunks_mut::<2>().0) {
+                    (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
+                    let k = T::from(order.into());
+                    *pair = [Atom { value: c, slope: T::from(0.0) - k * s }, Atom { value: s, slope: k * c }];
+                }
+            }
+            Factor::Power { middle, half } => {
+                let scale = T::from(half.recip());
+                let z = (x - T::from(middle)) * scale;
+                let mut power = T::from(1.0);
+                for (order, atom) in (1u32..).zip(atoms) {
+                    let slope = T::from(order.into()) * scale * power;
+                    power = power * z;
+                    *atom = Atom { value: power, slope };
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::jet::Jet;
+
+    fn term(exponents: &[i16], coefficients: &[f64]) -> Term {
+        Term { exponents: exponents.to_vec(), coefficients: coefficients.to_vec() }
+    }
+
+    fn example() -> Dictionary {
+        let factors = [Factor::Angle, Factor::Power { middle: 1.0, half: 2.0 }, Factor::Angle];
+        let terms = [
+            term(&[0, 0, 0], &[0.5, -1.0]),
+            term(&[2, 1, 0], &[1.5, 0.0]),
+            term(&[-3, 2, 1], &[-0.7, 0.2]),
+            term(&[1, 3, -1], &[0.0, 2.0]),
+        ];
+        Dictionary::new(&factors, 2, &terms).unwrap()
+    }
+
+    fn formula([a, b, c]: [f64; 3]) -> [f64; 2] {
+        let z = (b - 1.0) / 2.0;
+        let (third, fourth) = ((3.0 * a).sin() * z * z * c.cos(), a.cos() * z.powi(3) * c.sin());
+        [0.5 + 1.5 * (2.0 * a).cos() * z - 0.7 * third, -1.0 + 0.2 * third + 2.0 * fourth]
+    }
+
+    const POINT: [f64; 3] = [0.8, 2.3, -1.1];
+
+    #[test]
+    fn values_are_those_of_the_formula() {
+        let mut y = [0.0; 2];
+        example().evaluate(&POINT, &mut y);
+        for (found, expected) in y.iter().zip(formula(POINT)) {
+            assert!((found - expected).abs() < 1e-15, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn gradients_and_series_are_those_of_finite_differences() {
+        let dictionary = example();
+        let (mut y, mut gradient) = ([0.0; 2], [0.0; 6]);
+        dictionary.compute(&POINT, &mut y, &mut gradient, 3, &mut dictionary.work());
+        let step = 1e-4;
+        for column in 0..3 {
+            let moved = |by: f64| {
+                let mut point = POINT;
+                point[column] += by;
+                formula(point)
+            };
+            let [far, near] = [2.0, 1.0].map(|k| [moved(k * step), moved(-k * step)]);
+            for output in 0..2 {
+                let expected =
+                    (8.0 * (near[0][output] - near[1][output]) - far[0][output] + far[1][output]) / (12.0 * step);
+                let found = gradient[3 * output + column];
+                assert!((found - expected).abs() < 1e-11, "{output} {column}: {found} {expected}");
+            }
+        }
+        // along a curve the series has the gradient, and the gradient's own series
+        let direction = [0.3, -0.4, 1.2];
+        let along: [Jet; 3] = std::array::from_fn(|i| Jet { value: POINT[i], first: direction[i], second: 0.0 });
+        let (mut series, mut of_gradient) = ([Jet::default(); 2], [Jet::default(); 6]);
+        dictionary.compute(&along, &mut series, &mut of_gradient, 3, &mut dictionary.work());
+        for output in 0..2 {
+            let expected: f64 = (0..3).map(|i| gradient[3 * output + i] * direction[i]).sum();
+            assert!((series[output].first - expected).abs() < 1e-14);
+            let second: f64 = (0..3).map(|i| of_gradient[3 * output + i].first * direction[i]).sum();
+            assert!((series[output].second - second).abs() < 1e-13, "{} {second}", series[output].second);
+        }
+    }
+
+    #[test]
+    fn terms_that_do_not_fit_are_refused_and_those_without_coefficients_dropped() {
+        let factors = [Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+        for (factor, wrong) in [
+            (factors, term(&[1], &[1.0])),
+            (factors, term(&[1, 1], &[1.0, 2.0])),
+            (factors, term(&[1, -1], &[1.0])),
+            (factors, term(&[1, 1], &[f64::NAN])),
+            ([Factor::Angle, Factor::Power { middle: 0.0, half: 0.0 }], term(&[1, 1], &[1.0])),
+        ] {
+            assert!(Dictionary::new(&factor, 1, &[wrong.clone()]).is_err(), "{wrong:?}");
+        }
+        let dictionary = Dictionary::new(&factors, 1, &[term(&[4, 2], &[0.0]), term(&[1, 0], &[2.0])]).unwrap();
+        assert_eq!(dictionary.products(), 1);
+    }
+}

@@ -1,0 +1,391 @@
+//! Models with states: the equations of motion in generalized coordinates `q`, with functions of the configuration that were
+//! learned.
+//!
+//! ```text
+//! qd = v
+//! M(q, p) vd + h = -dV/dq + F(q, p) - D(q, p) v + B(q, p) u
+//! h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
+//! ```
+//!
+//! `h` has the exact derivatives of `M`, so that without `F`, `D` and `u` the energy `v^T M v / 2 + V` is conserved whatever the
+//! functions are. No velocity enters what was learned, so that none is ever extrapolated.
+
+use crate::{
+    FormatError,
+    map::{
+        dictionary::{Atom, Dictionary},
+        expect_shape,
+        jet::{Jet, Number},
+    },
+};
+
+/// The equations of motion with `n` coordinates and `m` inputs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dynamics {
+    coordinates: usize,
+    inputs: usize,
+    /// From `(q, p)` to the lower triangle of `M` row by row, `V`, `F`, `D` row by row and `B` row by row.
+    law: Dictionary,
+}
+
+/// Working memory of one evaluation at a time.
+#[derive(Clone, Debug)]
+pub struct DynamicsScratch {
+    plain: Work<f64>,
+    series: Work<Jet>,
+}
+
+#[derive(Clone, Debug)]
+struct Work<T> {
+    columns: Vec<T>,
+    law: Vec<T>,
+    gradient: Vec<T>,
+    atoms: Vec<Atom<T>>,
+    factors: Vec<T>,
+    accelerations: Vec<T>,
+}
+
+/// A state with parameters and inputs.
+#[derive(Clone, Copy, Debug)]
+pub struct Point<'a> {
+    /// Generalized coordinates.
+    pub q: &'a [f64],
+    /// Their rates.
+    pub v: &'a [f64],
+    /// Inputs.
+    pub u: &'a [f64],
+    /// Parameters.
+    pub p: &'a [f64],
+}
+
+impl Dynamics {
+    /// Number of functions that the law gives for `n` coordinates and `m` inputs.
+    pub fn functions(coordinates: usize, inputs: usize) -> usize {
+        let n = coordinates;
+        n * (n + 1) / 2 + 1 + n + n * n + n * inputs
+    }
+
+    /// The equations from a law of `(q, p)`; see the module for the order of what it gives.
+    ///
+    /// # Errors
+    /// [`FormatError`] if the law has another number of outputs, or fewer columns than coordinates.
+    pub fn new(coordinates: usize, inputs: usize, law: Dictionary) -> Result<Self, FormatError> {
+        expect_shape("law", &[law.outputs()], &[Self::functions(coordinates, inputs)])?;
+        if law.columns() < coordinates || coordinates == 0 {
+            return Err(FormatError::Shape {
+                name: "law".into(),
+                found: vec![law.columns()],
+                expected: vec![coordinates.max(1)],
+            });
+        }
+        Ok(Self { coordinates, inputs, law })
+    }
+
+    /// Number of generalized coordinates: half the number of states.
+    pub fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    /// Number of inputs.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.law.columns() - self.coordinates
+    }
+
+    /// The functions of the configuration.
+    pub fn law(&self) -> &Dictionary {
+        &self.law
+    }
+
+    /// Working memory that fits.
+    pub fn scratch(&self) -> DynamicsScratch {
+        DynamicsScratch { plain: self.work(), series: self.work() }
+    }
+
+    fn work<T: Number>(&self) -> Work<T> {
+        let zeros = |count: usize| vec![T::from(0.0); count];
+        let (n, outputs) = (self.coordinates, self.law.outputs());
+        Work {
+            columns: zeros(self.law.columns()),
+            law: zeros(outputs),
+            gradient: zeros(outputs * n),
+            atoms: self.law.work(),
+            factors: zeros(n * n),
+            accelerations: zeros(n),
+        }
+    }
+
+    /// `vd`, shape `[n]`. NaN where the mass matrix is not positive definite. Does not allocate.
+    ///
+    /// # Panics
+    /// If a slice has the wrong length or the scratch belongs to other equations.
+    pub fn accelerations(&self, point: Point, accelerations: &mut [f64], scratch: &mut DynamicsScratch) {
+        let work = &mut scratch.plain;
+        let Point { q, v, u, p } = point;
+        work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
+        self.check(point, accelerations);
+        self.solve(&|k| v[k], &|k| u[k], work);
+        accelerations.copy_from_slice(&work.accelerations);
+    }
+
+    /// Directional derivative of `vd` along `direction`, exact but for rounding. Does not allocate.
+    ///
+    /// # Panics
+    /// As [`Dynamics::accelerations`].
+    pub fn directional(&self, point: Point, direction: Point, derivative: &mut [f64], scratch: &mut DynamicsScratch) {
+        let work = &mut scratch.series;
+        self.check(point, derivative);
+        self.check(direction, derivative);
+        let jet = |value: f64, first: f64| Jet { value, first, second: 0.0 };
+        let values = point.q.iter().chain(point.p).zip(direction.q.iter().chain(direction.p));
+        work.columns.iter_mut().zip(values).for_each(|(to, (value, rate))| *to = jet(*value, *rate));
+        let (v, u) = (|k: usize| jet(point.v[k], direction.v[k]), |k: usize| jet(point.u[k], direction.u[k]));
+        self.solve(&v, &u, work);
+        derivative.iter_mut().zip(&work.accelerations).for_each(|(to, from)| *to = from.first);
+    }
+
+    /// `v^T M v / 2 + V`, in J. Does not allocate.
+    ///
+    /// # Panics
+    /// As [`Dynamics::accelerations`].
+    pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
+        let Work { columns, law, atoms, .. } = &mut scratch.plain;
+        let Point { q, v, p, .. } = point;
+        columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
+        self.law.compute(columns, law, &mut [], 0, atoms);
+        let n = self.coordinates;
+        let kinetic: f64 =
+            (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| v[i] * law[entry(i, j)] * v[j]).sum();
+        0.5 * kinetic + law[n * (n + 1) / 2]
+    }
+
+    /// One step of the classical Runge-Kutta method of order 4 over `h` seconds with constant inputs: `q` and `v` are replaced.
+    /// `stages` is working memory of `8 n` numbers. Does not allocate.
+    ///
+    /// # Panics
+    /// As [`Dynamics::accelerations`], or if `stages` is too short.
+    pub fn runge_kutta_step(
+        &self,
+        (q, v): (&mut [f64], &mut [f64]),
+        (u, p): (&[f64], &[f64]),
+        h: f64,
+        stages: &mut [f64],
+        scratch: &mut DynamicsScratch,
+    ) {
+        let n = self.coordinates;
+        // at the stage, its acceleration, and the weighted sums of rates and accelerations
+        let (at_q, rest) = stages.split_at_mut(n);
+        let (at_v, rest) = rest.split_at_mut(n);
+        let (acceleration, rest) = rest.split_at_mut(n);
+        let (sum_v, rest) = rest.split_at_mut(n);
+        let sum_a = &mut rest[..n];
+        (sum_v.fill(0.0), sum_a.fill(0.0));
+        at_q.copy_from_slice(q);
+        at_v.copy_from_slice(v);
+        for (weight, next) in [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)] {
+            self.accelerations(Point { q: at_q, v: at_v, u, p }, acceleration, scratch);
+            for k in 0..n {
+                sum_v[k] += weight * at_v[k];
+                sum_a[k] += weight * acceleration[k];
+                at_q[k] = q[k] + next * h * at_v[k];
+                at_v[k] = v[k] + next * h * acceleration[k];
+            }
+        }
+        for k in 0..n {
+            q[k] += h * sum_v[k];
+            v[k] += h * sum_a[k];
+        }
+    }
+
+    fn check(&self, Point { q, v, u, p }: Point, accelerations: &[f64]) {
+        assert_eq!([q.len(), v.len(), accelerations.len()], [self.coordinates; 3], "number of coordinates");
+        assert_eq!([u.len(), p.len()], [self.inputs, self.parameters()], "number of inputs and parameters");
+    }
+
+    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`.
+    fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
+        let Work { columns, law, gradient, atoms, factors, accelerations } = work;
+        let (n, m) = (self.coordinates, self.inputs);
+        self.law.compute(columns, law, gradient, n, atoms);
+        let of = |function: usize, k: usize| gradient[function * n + k];
+        let potential = n * (n + 1) / 2;
+        let (force, damping) = (potential + 1, potential + 1 + n);
+        let input_map = damping + n * n;
+        let half = T::from(0.5);
+        for i in 0..n {
+            let mut side = law[force + i] - of(potential, i);
+            for j in 0..n {
+                side = side - law[damping + i * n + j] * v(j);
+                for k in 0..n {
+                    let christoffel = of(entry(i, j), k) - half * of(entry(j, k), i);
+                    side = side - christoffel * v(j) * v(k);
+                }
+            }
+            for j in 0..m {
+                side = side + law[input_map + i * m + j] * u(j);
+            }
+            accelerations[i] = side;
+        }
+        factorise(n, law, factors);
+        substitute(n, factors, accelerations);
+    }
+}
+
+/// Position of `M_ij` in the lower triangle.
+fn entry(i: usize, j: usize) -> usize {
+    let (row, column) = (i.max(j), i.min(j));
+    row * (row + 1) / 2 + column
+}
+
+/// `M = L D L^T`: `L` below the diagonal of `factors`, `1 / D` on it; NaN where a pivot is not positive.
+fn factorise<T: Number>(n: usize, mass: &[T], factors: &mut [T]) {
+    for i in 0..n {
+        for j in 0..=i {
+            let mut value = mass[entry(i, j)];
+            for k in 0..j {
+                // above the diagonal are the elements of L D
+                value = value - factors[i * n + k] * factors[k * n + j];
+            }
+            if j < i {
+                factors[j * n + i] = value;
+                factors[i * n + j] = value * factors[j * n + j];
+            } else {
+                let pivot = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
+                factors[i * n + i] = pivot.recip();
+            }
+        }
+    }
+}
+
+/// `x` in place of `b` with `L D L^T x = b`.
+fn substitute<T: Number>(n: usize, factors: &[T], x: &mut [T]) {
+    for i in 0..n {
+        for j in 0..i {
+            x[i] = x[i] - factors[i * n + j] * x[j];
+        }
+    }
+    for i in (0..n).rev() {
+        x[i] = x[i] * factors[i * n + i];
+        for j in i + 1..n {
+            x[i] = x[i] - factors[j * n + i] * x[j];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::dictionary::{Factor, Term};
+
+    /// A cart of 2 kg with damping 0.3, pushed by the input, and a load of 1 kg on a rope whose length is the parameter `l`: columns
+    /// x, theta, l; the law is `M = [3; l cos, l²]`, `V = -g l cos`.
+    fn crane() -> Dynamics {
+        let factors =
+            [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+        let functions = Dynamics::functions(2, 1);
+        let term = |exponents: [i16; 3], values: &[(usize, f64)]| {
+            let mut coefficients = vec![0.0; functions];
+            values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+            Term { exponents: exponents.to_vec(), coefficients }
+        };
+        let terms = [
+            // M_xx, D_xx, B_x
+            term([0, 0, 0], &[(0, 3.0), (6, 0.3), (10, 1.0)]),
+            // M_x theta, V
+            term([0, 1, 1], &[(1, 1.0), (3, -9.81)]),
+            term([0, 0, 2], &[(2, 1.0)]),
+        ];
+        Dynamics::new(2, 1, Dictionary::new(&factors, functions, &terms).unwrap()).unwrap()
+    }
+
+    fn exact([_, theta]: [f64; 2], [xd, thetad]: [f64; 2], u: f64, l: f64) -> [f64; 2] {
+        let (sine, cosine) = theta.sin_cos();
+        let side = u - 0.3 * xd + l * thetad * thetad * sine + 9.81 * sine * cosine;
+        let xdd = side / (3.0 - cosine * cosine);
+        [xdd, -(xdd * cosine + 9.81 * sine) / l]
+    }
+
+    #[test]
+    fn accelerations_and_their_derivatives_are_those_of_the_crane() {
+        let crane = crane();
+        let mut scratch = crane.scratch();
+        let (q, v, u, l) = ([0.4, 0.9], [-1.2, 2.0], 3.0, 1.4);
+        let mut found = [0.0; 2];
+        crane.accelerations(Point { q: &q, v: &v, u: &[u], p: &[l] }, &mut found, &mut scratch);
+        let expected = exact(q, v, u, l);
+        assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-13), "{found:?} {expected:?}");
+
+        let direction = ([0.7, -0.2], [0.4, 1.3], [0.9], [-0.5]);
+        let to = Point { q: &direction.0, v: &direction.1, u: &direction.2, p: &direction.3 };
+        let mut derivative = [0.0; 2];
+        crane.directional(Point { q: &q, v: &v, u: &[u], p: &[l] }, to, &mut derivative, &mut scratch);
+        let along = |h: f64| {
+            let moved = |at: [f64; 2], by: [f64; 2]| [at[0] + h * by[0], at[1] + h * by[1]];
+            exact(moved(q, direction.0), moved(v, direction.1), u + h * direction.2[0], l + h * direction.3[0])
+        };
+        let (after, before) = (along(1e-5), along(-1e-5));
+        for k in 0..2 {
+            let expected = (after[k] - before[k]) / 2e-5;
+            assert!((derivative[k] - expected).abs() < 1e-8, "{k}: {} {expected}", derivative[k]);
+        }
+    }
+
+    #[test]
+    fn energy_changes_by_what_damping_and_input_do() {
+        let crane = crane();
+        let (mut scratch, mut stages) = (crane.scratch(), [0.0; 16]);
+        let (mut q, mut v, u, p) = ([0.0, 1.2], [0.5, 0.0], [0.0], [1.4]);
+        let energy =
+            |q: &[f64], v: &[f64], scratch: &mut DynamicsScratch| crane.energy(Point { q, v, u: &u, p: &p }, scratch);
+        let start = energy(&q, &v, &mut scratch);
+        let (mut work, h) = (0.0, 2e-4);
+        for _ in 0..25_000 {
+            let before = v[0];
+            crane.runge_kutta_step((&mut q, &mut v), (&u, &p), h, &mut stages, &mut scratch);
+            // the velocity taken as linear in the step: good to h²
+            work -= 0.3 * h * (before * before + before * v[0] + v[0] * v[0]) / 3.0;
+        }
+        let change = energy(&q, &v, &mut scratch) - start;
+        assert!(work < -0.1 && (change - work).abs() < 1e-6, "{change} {work}");
+    }
+
+    #[test]
+    fn halving_the_step_divides_the_error_by_sixteen() {
+        let crane = crane();
+        let (mut scratch, mut stages) = (crane.scratch(), [0.0; 16]);
+        let mut after = |steps: u32| {
+            let (mut q, mut v) = ([0.0, 1.2], [0.5, 0.0]);
+            let h = 1.0 / f64::from(steps);
+            (0..steps)
+                .for_each(|_| crane.runge_kutta_step((&mut q, &mut v), (&[2.0], &[1.4]), h, &mut stages, &mut scratch));
+            q[1]
+        };
+        let exact = after(10_000);
+        let ratio = (after(200) - exact) / (after(400) - exact);
+        assert!((14.0..18.0).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn a_mass_that_is_not_positive_gives_no_number() {
+        let factors = [Factor::Angle];
+        let mut coefficients = vec![0.0; Dynamics::functions(1, 0)];
+        coefficients[0] = 1.0;
+        let law = Dictionary::new(&factors, coefficients.len(), &[Term { exponents: vec![1], coefficients }]).unwrap();
+        let dynamics = Dynamics::new(1, 0, law).unwrap();
+        let (mut scratch, mut found) = (dynamics.scratch(), [0.0]);
+        for (q, is_finite) in [(0.3, true), (2.0, false)] {
+            dynamics.accelerations(Point { q: &[q], v: &[0.1], u: &[], p: &[] }, &mut found, &mut scratch);
+            assert_eq!(found[0].is_finite(), is_finite, "{q}");
+        }
+    }
+
+    #[test]
+    fn a_law_of_another_shape_is_refused() {
+        let law = Dictionary::new(&[Factor::Angle], 3, &[]).unwrap();
+        assert!(Dynamics::new(1, 0, law.clone()).is_err() && Dynamics::new(0, 0, law).is_err());
+    }
+}
