@@ -13,7 +13,7 @@ from pathlib import Path
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
 diagnostics fail_points
-files integrate variable
+files integrate signal variable
 table multibody
 dataset
 layout

@@ -75,6 +75,7 @@ pub mod report;
 pub mod sampling;
 pub mod scaling;
 pub mod search;
+pub mod signal;
 pub mod source;
 pub mod study;
 pub mod surrogate;

@@ -7,11 +7,12 @@ use super::{
     expression::{Expression, Jet},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{Actuator, Force, Model, Spring},
+    model::{Actuator, Force, Input, Model, Spring},
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
     integrate::TOLERANCE,
+    signal::Signal,
 };
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
@@ -21,8 +22,7 @@ use std::ops::Range;
 /// # Errors
 /// Every problem found, with its key.
 pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Measure>), Problems> {
-    let mut builder = Builder { description, values, joints: Vec::new(), problems: Problems::default() };
-    builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
+    let mut builder = Builder::new(description, values);
     let model = builder.model();
     let measures: Vec<Measure> = description
         .outputs
@@ -33,6 +33,29 @@ pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Me
         })
         .collect();
     if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
+}
+
+/// The coordinates that measures of positions name.
+///
+/// # Errors
+/// Every name that is not that of a position, with the name as its key.
+pub fn position_coordinates(
+    description: &Description,
+    values: &[f64],
+    names: &[&str],
+) -> Result<Vec<Coordinate>, Problems> {
+    let mut builder = Builder::new(description, values);
+    let coordinates = names.iter().filter_map(|name| {
+        let coordinate = builder.coordinate(name);
+        builder.noted(name, coordinate)
+    });
+    let coordinates = coordinates.collect();
+    if builder.problems.is_empty() { Ok(coordinates) } else { Err(builder.problems) }
+}
+
+/// The coordinates that the joints leave free, in the order of the description.
+pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordinate> {
+    Builder::new(description, values).joints.iter().filter_map(Joint::free).collect()
 }
 
 /// Measures of points.
@@ -49,7 +72,13 @@ struct Builder<'a> {
     problems: Problems,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(description: &'a Description, values: &'a [f64]) -> Self {
+        let mut builder = Self { description, values, joints: Vec::new(), problems: Problems::default() };
+        builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
+        builder
+    }
+
     fn model(&mut self) -> Model {
         let description = self.description;
         let mut mass = Vec::new();
@@ -74,6 +103,7 @@ impl Builder<'_> {
             springs: self.springs(),
             forces: self.forces(),
             actuators: self.actuators(),
+            inputs: self.inputs(),
             position_guess: DVector::from_vec(positions),
             velocity_guess: DVector::from_vec(velocities),
             initial_positions,
@@ -199,6 +229,11 @@ impl Builder<'_> {
             }
         }
         actuators
+    }
+
+    fn inputs(&self) -> Vec<Input> {
+        let inputs = self.description.inputs.iter();
+        inputs.map(|(name, input)| Input { name: name.clone(), signal: Signal::Constant(input.start) }).collect()
     }
 
     /// The conditions on positions and on velocities at the start.
@@ -383,13 +418,16 @@ impl Builder<'_> {
         expression.evaluate(value).value
     }
 
-    /// A formula of the parameters and `time`, and of positions and velocities where they are allowed.
+    /// A formula of the parameters and `time`, and of inputs, positions and velocities where they are allowed.
     fn formula(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<Formula> {
         let mut slots = Vec::new();
         for name in expression.names() {
             let slot = match self.description.parameters.get_index_of(name) {
                 Some(index) => Ok(Slot::Value(self.values[index])),
                 None if name == "time" => Ok(Slot::Time),
+                None if of_state && self.description.inputs.contains_key(name) => {
+                    Ok(Slot::Input(self.description.inputs.get_index_of(name).unwrap_or(0)))
+                }
                 None if of_state && name.contains('.') => self.measure(name).and_then(|measure| match measure {
                     Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
                     Measure::Velocity(coordinate) => Ok(Slot::Velocity(coordinate)),
@@ -397,7 +435,8 @@ impl Builder<'_> {
                 }),
                 None => {
                     let parameters = self.description.parameters.keys().map(String::as_str);
-                    let known: Vec<&str> = parameters.chain(["time"]).collect();
+                    let inputs = self.description.inputs.keys().map(String::as_str).filter(|_| of_state);
+                    let known: Vec<&str> = parameters.chain(inputs).chain(["time"]).collect();
                     Err(format!("no `{name}`, {}", expected_one_of(name, &known)))
                 }
             };

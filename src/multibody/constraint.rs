@@ -27,6 +27,8 @@ pub enum Slot {
     Value(f64),
     /// The time.
     Time,
+    /// An input, by its position in the mechanism.
+    Input(usize),
     /// A coordinate's value.
     Position(Coordinate),
     /// A coordinate's rate.
@@ -39,15 +41,16 @@ impl Formula {
         self.expression.evaluate(|position| match self.slots[position] {
             Slot::Value(value) => Jet::constant(value),
             Slot::Time => Jet::time(t),
-            Slot::Position(_) | Slot::Velocity(_) => Jet::constant(f64::NAN),
+            Slot::Input(_) | Slot::Position(_) | Slot::Velocity(_) => Jet::constant(f64::NAN),
         })
     }
 
-    /// Value in a state.
-    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+    /// Value in a state, with inputs `u`.
+    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
         let slot = |position: usize| match &self.slots[position] {
             Slot::Value(value) => *value,
             Slot::Time => t,
+            Slot::Input(input) => u[*input],
             Slot::Position(coordinate) => coordinate.value(q),
             Slot::Velocity(coordinate) => coordinate.rate(q, v),
         };

@@ -67,6 +67,9 @@ pub struct Description {
     /// What a study may vary.
     #[serde(default)]
     pub parameters: IndexMap<String, ParameterOptions>,
+    /// What acts on the mechanism from outside while it runs; forces and efforts may name it.
+    #[serde(default)]
+    pub inputs: IndexMap<String, InputOptions>,
     /// What does not move.
     #[serde(default)]
     pub ground: GroundOptions,
@@ -116,6 +119,26 @@ pub struct ParameterOptions {
     pub min: Option<f64>,
     /// Upper end of the range that `metafmu new` proposes.
     pub max: Option<f64>,
+    /// Unit.
+    #[serde(default)]
+    pub unit: String,
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+}
+
+/// An entry of `[inputs]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"min": -10, "max": 10, "unit": "N"}]))]
+pub struct InputOptions {
+    /// Value that it keeps where no signal is given, in runs of a study for instance; within the range.
+    #[serde(default)]
+    pub start: f64,
+    /// Lower end of its range.
+    pub min: f64,
+    /// Upper end of its range.
+    pub max: f64,
     /// Unit.
     #[serde(default)]
     pub unit: String,

@@ -130,7 +130,7 @@ impl Formulation {
 /// Names the constraint that is singular there.
 pub fn augmented(model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
     let transposed = model.constraints.jacobian_transposed(q);
-    let (forces, side) = (model.applied_forces(t, q, v), model.constraints.acceleration_side(t, q, v));
+    let (forces, side) = (model.forces_in_run(t, q, v), model.constraints.acceleration_side(t, q, v));
     let solution = eliminated(&model.mass, &transposed, &forces, &side);
     let solution = solution.or_else(|| whole(&model.mass, &transposed, &forces, &side));
     solution.ok_or_else(|| without_solution(model, t, &transposed))
@@ -273,7 +273,7 @@ impl Partition {
         let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
         let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&model.constraints.acceleration_side(t, q, v)));
         let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
-        let forces = model.applied_forces(t, q, v);
+        let forces = model.forces_in_run(t, q, v);
         let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
         // (T^T M T) qdd_i = T^T F_a - T^T M r

@@ -157,7 +157,7 @@ impl<'a> Way<'a> {
     /// With the multipliers of `M qdd + C_q^T lambda = F_a`.
     fn sample(&self, position: &Position) -> Result<Sample, String> {
         let Position { t, q, v, qdd } = position;
-        let forces = self.model.applied_forces(*t, q, v) - self.model.mass.component_mul(qdd);
+        let forces = self.model.forces_in_run(*t, q, v) - self.model.mass.component_mul(qdd);
         let multipliers = self.model.constraints.jacobian_transposed(q).lu().solve(&forces);
         let multipliers = multipliers.ok_or_else(|| self.obstacle(*t, *t, q))?;
         self.model.constraints.check(*t, q, v)?;

@@ -1,11 +1,12 @@
 //! The mechanism file: read, checked, simulated.
 
 use super::{
-    build::build,
-    description::{Description, ParameterOptions},
+    build::{build, free_coordinates, position_coordinates},
+    description::{Description, InputOptions, ParameterOptions},
     expression::Expression,
     measure::Measure,
     model::Model,
+    reduced::{self, Reduced},
     review::{idle_parts, oddities},
     simulate::simulate,
 };
@@ -17,6 +18,7 @@ use crate::{
         schema,
     },
     integrate::Budget,
+    signal::Signal,
     variable::Variable,
 };
 use indexmap::IndexMap;
@@ -139,13 +141,18 @@ impl Mechanism {
         &self.description.parameters
     }
 
+    /// What acts on it from outside while it runs.
+    pub fn inputs(&self) -> &IndexMap<String, InputOptions> {
+        &self.description.inputs
+    }
+
     /// What a study may have as outputs.
     pub fn outputs(&self) -> &[Variable] {
         &self.outputs
     }
 
-    /// Simulates one run: a value for each parameter, evenly spaced times, the integration's tolerance and what the run may
-    /// cost in; rows of all outputs out, one after the other.
+    /// Simulates one run with all inputs at their start values: a value for each parameter, evenly spaced times, the integration's
+    /// tolerance and what the run may cost in; rows of all outputs out, one after the other.
     ///
     /// # Errors
     /// A sentence that says what failed, when, and at which joint.
@@ -156,14 +163,29 @@ impl Mechanism {
         tolerance: f64,
         budget: &Budget,
     ) -> std::result::Result<Vec<f64>, String> {
-        let sentence = |problems: Problems| {
-            problems
-                .into_iter()
-                .map(|KeyProblem { key, message }| format!("{key}: {message}"))
-                .collect::<Vec<_>>()
-                .join("; ")
-        };
+        let start = self.description.inputs.values().map(|input| Signal::Constant(input.start));
+        self.simulate_driven(values, &start.collect::<Vec<_>>(), times, tolerance, budget)
+    }
+
+    /// Simulates one run with a signal for each input. Where a signal jumps, the integrator finds the instant by itself, at the
+    /// cost of steps that it has to repeat.
+    ///
+    /// # Errors
+    /// A sentence that says what failed, when, and at which joint.
+    ///
+    /// # Panics
+    /// If there are more or fewer signals than inputs.
+    pub fn simulate_driven(
+        &self,
+        values: &[f64],
+        signals: &[Signal],
+        times: &[f64],
+        tolerance: f64,
+        budget: &Budget,
+    ) -> std::result::Result<Vec<f64>, String> {
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
+        assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
+        model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
         model.tolerance = tolerance;
         let mut rows = Vec::with_capacity(times.len() * measures.len());
         for sample in simulate(&model, times, budget)? {
@@ -177,6 +199,31 @@ impl Mechanism {
         }
         Ok(rows)
     }
+
+    /// The equations of motion in independent coordinates, with a value for each parameter. `coordinates` names as many measures of
+    /// positions (`JOINT.angle`, `BODY.x`) as there are degrees of freedom; if it is empty, the first independent ones are
+    /// taken of those that the joints leave free, in the order of the file, then of the bodies.
+    ///
+    /// # Errors
+    /// A sentence: a name is not that of a position, or as [`Reduced::new`].
+    pub fn reduced(&self, values: &[f64], coordinates: &[&str]) -> std::result::Result<Reduced, String> {
+        let (model, _) = build(&self.description, values).map_err(sentence)?;
+        let named = position_coordinates(&self.description, values, coordinates).map_err(sentence)?;
+        let candidates = if named.is_empty() {
+            reduced::candidates(&model, free_coordinates(&self.description, values))
+        } else if named.len() == model.degrees_of_freedom() {
+            named
+        } else {
+            let (found, expected) = (named.len(), model.degrees_of_freedom());
+            return Err(format!("{found} coordinates, expected {expected}: one for each degree of freedom"));
+        };
+        Reduced::new(model, &candidates)
+    }
+}
+
+fn sentence(problems: Problems) -> String {
+    let sentences = problems.into_iter().map(|KeyProblem { key, message }| format!("{key}: {message}"));
+    sentences.collect::<Vec<_>>().join("; ")
 }
 
 fn counted(count: usize, one: &str, many: &str) -> String {
@@ -203,6 +250,14 @@ fn range_problems(description: &Description) -> Problems {
                 add("default", format!("{default} is outside the range from {min} to {max}"));
             }
             _ => {}
+        }
+    }
+    for (name, &InputOptions { start, min, max, .. }) in &description.inputs {
+        let mut add = |field: &str, message: String| problems.add(format!("inputs.{name}.{field}"), message);
+        if min >= max {
+            add("min", format!("range is empty: min {min} is not below max {max}"));
+        } else if !(min..=max).contains(&start) {
+            add("start", format!("{start} is outside the range from {min} to {max}"));
         }
     }
     problems
@@ -240,10 +295,13 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
 /// Names that are ambiguous or cannot be used in an expression.
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
-    let Description { parameters, bodies, joints, drivers, springs, forces, actuators, .. } = description;
+    let Description { parameters, inputs, bodies, joints, drivers, springs, forces, actuators, .. } = description;
+    // in expressions, parameters and inputs are names without a dot, parts of the mechanism are followed by one
+    let mut values: Vec<(&str, &str)> = vec![("the time", "time"), ("a number", "pi")];
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
-    let sections: [(&str, Vec<&String>); 7] = [
+    let sections: [(&str, Vec<&String>); 8] = [
         ("parameters", parameters.keys().collect()),
+        ("inputs", inputs.keys().collect()),
         ("bodies", bodies.keys().collect()),
         ("joints", joints.keys().collect()),
         ("drivers", drivers.keys().collect()),
@@ -252,9 +310,7 @@ fn name_problems(description: &Description) -> Problems {
         ("actuators", actuators.keys().collect()),
     ];
     for (section, names) in &sections {
-        // in expressions, parameters are names without a dot, parts of the mechanism are followed by one
-        let mut taken = vec![("the time", "time"), ("a number", "pi")];
-        let seen = if *section == "parameters" { &mut taken } else { &mut parts };
+        let seen = if ["parameters", "inputs"].contains(section) { &mut values } else { &mut parts };
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {
@@ -286,6 +342,8 @@ fn name_problems(description: &Description) -> Problems {
             problems.add(key, "`time` is the name of the time already");
         } else if parameters.get(name).is_some_and(|parameter| parameter.min.is_some()) {
             problems.add(key, format!("`{name}` is a parameter already: names of variables must be unique"));
+        } else if inputs.contains_key(name) {
+            problems.add(key, format!("`{name}` is an input already: names of variables must be unique"));
         }
     }
     problems

@@ -15,6 +15,7 @@ pub mod kinematics;
 pub mod measure;
 mod mechanism;
 pub mod model;
+pub mod reduced;
 pub mod review;
 pub mod simulate;
 

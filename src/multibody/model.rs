@@ -5,6 +5,7 @@ use super::{
     coordinate::{Coordinate, Point},
     description::FormulationKind,
 };
+use crate::signal::Signal;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// A spring and damper along a coordinate: effort `-stiffness (s - rest) - damping sd`.
@@ -47,6 +48,15 @@ pub struct Actuator {
     pub effort: Formula,
 }
 
+/// Something that acts on the mechanism while it runs.
+#[derive(Clone, Debug)]
+pub struct Input {
+    /// Its name in the description.
+    pub name: String,
+    /// Its value in the course of a run.
+    pub signal: Signal,
+}
+
 /// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -66,6 +76,8 @@ pub struct Model {
     pub forces: Vec<Force>,
     /// Forces and torques along coordinates.
     pub actuators: Vec<Actuator>,
+    /// What acts on it from outside.
+    pub inputs: Vec<Input>,
     /// Guess of the coordinates at the start.
     pub position_guess: DVector<f64>,
     /// Guess of the velocities at the start.
@@ -77,9 +89,19 @@ pub struct Model {
 }
 
 impl Model {
-    /// `F_a(t, q, qd)`: gravity, springs, forces and actuators. With the centres of mass as coordinates there are no
+    /// Values of the inputs at a time.
+    pub fn inputs_at(&self, t: f64) -> Vec<f64> {
+        self.inputs.iter().map(|input| input.signal.value(t)).collect()
+    }
+
+    /// [`applied_forces`](Self::applied_forces) at a time of the run, whose signals are the inputs.
+    pub fn forces_in_run(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+        self.applied_forces(t, q, v, &self.inputs_at(t))
+    }
+
+    /// `F_a(t, q, qd, u)`: gravity, springs, forces and actuators. With the centres of mass as coordinates there are no
     /// velocity terms of inertia.
-    pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+    pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let mut sum = DVector::zeros(q.len());
         for (force, mass) in sum.as_mut_slice().chunks_mut(3).zip(self.mass.as_slice().chunks(3)) {
             force[0] += mass[0] * self.gravity.x;
@@ -89,21 +111,22 @@ impl Model {
             spring.coordinate.add_gradient(q, spring.effort(q, v), sum.as_mut_slice());
         }
         for force in &self.forces {
-            let [x, y] = force.components.each_ref().map(|component| component.value(t, q, v));
+            let [x, y] = force.components.each_ref().map(|component| component.value(t, q, v, u));
             force.point.add_gradient(q, Vector2::new(x, y), sum.as_mut_slice());
         }
         for actuator in &self.actuators {
-            actuator.coordinate.add_gradient(q, actuator.effort.value(t, q, v), sum.as_mut_slice());
+            actuator.coordinate.add_gradient(q, actuator.effort.value(t, q, v, u), sum.as_mut_slice());
         }
         sum
     }
 
     /// A message about the first force or effort that is not a number in a state: the square root of a negative number, for instance.
     pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
+        let u = self.inputs_at(t);
         let components = self.forces.iter().flat_map(|force| &force.components);
         let mut formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));
         formulas.find_map(|formula| {
-            let value = formula.value(t, q, v);
+            let value = formula.value(t, q, v, &u);
             let text = &formula.expression;
             (!value.is_finite()).then(|| format!("`{text}` is {value} at t = {t} s, expected a finite number"))
         })

@@ -24,11 +24,14 @@ pub fn idle_parts(description: &Description) -> Problems {
 /// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
-    let Description { parameters, ground, bodies, springs, forces, actuators, .. } = description;
+    let Description { parameters, inputs, ground, bodies, springs, forces, actuators, .. } = description;
     let mut oddities = Problems::default();
     let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
         note(format!("parameters.{name}"), "nothing depends on it");
+    }
+    for name in inputs.keys().filter(|name| !names.values.contains(name.as_str())) {
+        note(format!("inputs.{name}"), "no force and no effort depends on it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
         note(format!("ground.points.{point}"), "nothing uses this point");
@@ -62,7 +65,7 @@ fn is_zero(expression: &Expression) -> bool {
 
 /// What a description names.
 struct Names<'a> {
-    /// In expressions: parameters, `time`, coordinates.
+    /// In expressions: parameters, inputs, `time`, coordinates.
     values: BTreeSet<&'a str>,
     /// Points, coordinates and measures, wherever they are named.
     parts: Vec<String>,

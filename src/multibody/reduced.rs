@@ -1,0 +1,344 @@
+//! The equations of motion in independent coordinates: what a component with states integrates, and what a surrogate of it learns.
+//!
+//! A mechanism without prescribed motion and without time in its forces has `n` degrees of freedom. With `n` coordinates `s(q)`
+//! that are independent of the constraints, `J = [C_q; s_q]` is square, and all velocities follow from those of `s`:
+//!
+//! ```text
+//! qd = T sd,   J T = [0; 1]
+//! M(s) sdd + h(s, sd) = Q(s, sd, u)
+//! M = T^T M_q T,   h_i = sum over j, k of (dM_ij/ds_k - dM_jk/ds_i / 2) sd_j sd_k,   Q = T^T F_a
+//! dT/ds_k = -J^-1 (dJ/ds_k) T
+//! ```
+//!
+//! Everything but the velocities in `Q` is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
+//! for the partition of coordinates; Shabana: *Computational Dynamics*, chapter 5, for the quadratic velocity terms).
+
+use super::{
+    constraint::{Slot, Target, independence},
+    coordinate::{Coordinate, Point},
+    model::Model,
+};
+use nalgebra::{DMatrix, DVector, Dyn, LU};
+use std::cell::RefCell;
+
+/// Largest change of a coordinate, in rad or parts of the mechanism's size, in one step from a known configuration to another.
+const STEP: f64 = 0.1;
+
+/// Part of a coordinate's gradient outside the span of the constraints and the coordinates before it that makes it a good choice.
+const INDEPENDENT: f64 = 0.05;
+
+/// Part of the determinant of `J` at the start below which a configuration is not used: beyond the singularity lies another
+/// assembly.
+const UNUSABLE: f64 = 1e-3;
+
+/// A mechanism with numbers in it and its independent coordinates.
+#[derive(Clone, Debug)]
+pub struct Reduced {
+    model: Model,
+    coordinates: Vec<Coordinate>,
+    start: Configuration,
+    start_rates: DVector<f64>,
+    /// Determinant of `J` at the start.
+    determinant: f64,
+    /// The configuration found last, from where the next one is looked for if it is closer than the start.
+    last: RefCell<Configuration>,
+}
+
+/// Independent coordinates and all coordinates that belong to them.
+#[derive(Clone, Debug)]
+struct Configuration {
+    s: DVector<f64>,
+    q: DVector<f64>,
+}
+
+/// The functions of the configuration in the equations of motion.
+#[derive(Clone, Debug)]
+pub struct Terms {
+    /// All coordinates of the bodies.
+    pub q: DVector<f64>,
+    /// `T`, shape `[3 bodies, n]`.
+    pub velocities: DMatrix<f64>,
+    /// `M`, shape `[n, n]`, in kg, kg.m or kg.m².
+    pub mass: DMatrix<f64>,
+    /// `dM/ds_k` for each `k`.
+    pub mass_gradient: Vec<DMatrix<f64>>,
+    /// `Q` at rest, all inputs zero: shape `[n]`, in N or N.m.
+    pub force: DVector<f64>,
+    /// What each input adds to `Q` at rest for each unit of it, shape `[n, inputs]`. Forces are refused unless they are linear in
+    /// the inputs.
+    pub input_map: DMatrix<f64>,
+    /// Potential energy of gravity and springs, in J.
+    pub potential: f64,
+}
+
+impl Terms {
+    /// `h`, the forces of inertia that are quadratic in the velocities.
+    pub fn quadratic_forces(&self, rates: &DVector<f64>) -> DVector<f64> {
+        let along = self
+            .mass_gradient
+            .iter()
+            .zip(rates)
+            .fold(DMatrix::zeros(rates.len(), rates.len()), |sum: DMatrix<f64>, (gradient, rate)| {
+                sum + gradient * *rate
+            });
+        let mut forces = along * rates;
+        for (force, gradient) in forces.iter_mut().zip(&self.mass_gradient) {
+            *force -= 0.5 * rates.dot(&(gradient * rates));
+        }
+        forces
+    }
+}
+
+impl Reduced {
+    /// The equations in these independent coordinates, or in the first `n` of them that are independent at the start if there are
+    /// more.
+    ///
+    /// # Errors
+    /// A sentence: a motion is prescribed or a force depends on time, the mechanism cannot be assembled, or there are fewer
+    /// independent coordinates than degrees of freedom.
+    pub fn new(model: Model, candidates: &[Coordinate]) -> Result<Self, String> {
+        refuse_time(&model)?;
+        let (q, v) = model.initial_state(0.0)?;
+        let coordinates = choose(&model, &q, candidates)?;
+        let s = DVector::from_iterator(coordinates.len(), coordinates.iter().map(|coordinate| coordinate.value(&q)));
+        let rates = coordinates.iter().map(|coordinate| coordinate.rate(&q, &v));
+        let start_rates = DVector::from_iterator(coordinates.len(), rates);
+        let determinant = jacobian(&model, &coordinates, &q).determinant();
+        let start = Configuration { s, q };
+        Ok(Self { model, coordinates, last: RefCell::new(start.clone()), start, start_rates, determinant })
+    }
+
+    /// The mechanism.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The independent coordinates.
+    pub fn coordinates(&self) -> &[Coordinate] {
+        &self.coordinates
+    }
+
+    /// The independent coordinates and their rates at the start.
+    pub fn start(&self) -> (&DVector<f64>, &DVector<f64>) {
+        (&self.start.s, &self.start_rates)
+    }
+
+    /// All coordinates of the bodies for independent coordinates `s`, on the assembly of the start: they are followed along the
+    /// straight line in `s` from the configuration that is closest to them, the start or the one asked for last.
+    ///
+    /// # Errors
+    /// A sentence that names the constraint that is singular on the way.
+    pub fn configuration(&self, s: &DVector<f64>) -> Result<DVector<f64>, String> {
+        let last = self.last.borrow();
+        let from = if (&last.s - s).amax() < (&self.start.s - s).amax() { &*last } else { &self.start };
+        let distance = s - &from.s;
+        let steps = (distance.amax() / STEP).ceil().max(1.0);
+        let mut q = from.q.clone();
+        for step in 1..=steps as u32 {
+            let target = &from.s + &distance * (f64::from(step) / steps);
+            let factors = self.factorise(&q)?;
+            let mut side = DVector::zeros(q.len());
+            side.rows_mut(q.len() - s.len(), s.len()).copy_from(&(&distance / steps));
+            q += factors.solve(&side).ok_or_else(|| self.singular(&q))?;
+            q = self.correct(q, &target)?;
+        }
+        drop(last);
+        self.last.replace(Configuration { s: s.clone(), q: q.clone() });
+        Ok(q)
+    }
+
+    /// The functions of the configuration.
+    ///
+    /// # Errors
+    /// As [`Reduced::configuration`]; a force that is not finite, or not linear in the inputs.
+    pub fn terms(&self, s: &DVector<f64>) -> Result<Terms, String> {
+        let q = self.configuration(s)?;
+        let (count, n) = (q.len(), s.len());
+        let factors = self.factorise(&q)?;
+        let mut unit = DMatrix::zeros(count, n);
+        unit.view_mut((count - n, 0), (n, n)).fill_with_identity();
+        let velocities = factors.solve(&unit).ok_or_else(|| self.singular(&q))?;
+        let weighted = self.weighted(&velocities);
+        let mass = velocities.tr_mul(&weighted);
+        let mut mass_gradient = Vec::with_capacity(n);
+        for k in 0..n {
+            let side = -self.second_derivatives(&q, &velocities, k);
+            let of_velocities = factors.solve(&side).ok_or_else(|| self.singular(&q))?;
+            let half = of_velocities.tr_mul(&weighted);
+            mass_gradient.push(&half + half.transpose());
+        }
+        let (force, input_map) = self.forces(&q, &velocities)?;
+        let potential = self.model.potential_energy(&q);
+        Ok(Terms { q, velocities, mass, mass_gradient, force, input_map, potential })
+    }
+
+    /// Generalized forces `Q` of the independent coordinates in a state with inputs `u`.
+    pub fn force(&self, terms: &Terms, rates: &DVector<f64>, u: &[f64]) -> DVector<f64> {
+        terms.velocities.tr_mul(&self.model.applied_forces(0.0, &terms.q, &(&terms.velocities * rates), u))
+    }
+
+    /// `sdd` in a state with inputs `u`.
+    ///
+    /// # Errors
+    /// As [`Reduced::terms`]; the mass matrix is singular there.
+    pub fn accelerations(&self, s: &DVector<f64>, rates: &DVector<f64>, u: &[f64]) -> Result<DVector<f64>, String> {
+        let terms = self.terms(s)?;
+        let side = self.force(&terms, rates, u) - terms.quadratic_forces(rates);
+        let solved = terms.mass.cholesky().map(|factors| factors.solve(&side));
+        let solved = solved.filter(|accelerations| accelerations.iter().all(|value| value.is_finite()));
+        solved.ok_or_else(|| "the mass matrix of the independent coordinates is not positive definite".into())
+    }
+
+    /// `Q` at rest without inputs, and what each input adds.
+    fn forces(&self, q: &DVector<f64>, velocities: &DMatrix<f64>) -> Result<(DVector<f64>, DMatrix<f64>), String> {
+        let rest = DVector::zeros(q.len());
+        let names = &self.model.inputs;
+        let at = |u: &[f64]| velocities.tr_mul(&self.model.applied_forces(0.0, q, &rest, u));
+        let force = at(&vec![0.0; names.len()]);
+        let mut input_map = DMatrix::zeros(velocities.ncols(), names.len());
+        for (index, input) in names.iter().enumerate() {
+            let mut u = vec![0.0; names.len()];
+            // two points that no even or odd function treats alike
+            let [one, other] = [1.0, -3.0].map(|value| {
+                u[index] = value;
+                (at(&u) - &force) / value
+            });
+            let scale = one.amax().max(other.amax());
+            if (&one - &other).amax() > 1e-9 * scale {
+                return Err(format!("the forces are not linear in the input `{}`", input.name));
+            }
+            input_map.set_column(index, &one);
+        }
+        if force.iter().chain(input_map.iter()).any(|value| !value.is_finite()) {
+            let message = self.model.undefined_force(0.0, q, &rest);
+            return Err(message.unwrap_or_else(|| "a force is not finite".into()));
+        }
+        Ok((force, input_map))
+    }
+
+    /// `M_q` times a matrix.
+    fn weighted(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut weighted = matrix.clone();
+        weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&self.model.mass));
+        weighted
+    }
+
+    /// `(dJ/ds_k) T`: of each row's coordinate the second derivatives along `T_k` and every column of `T`, from the curvature,
+    /// which is a quadratic form, by polarization.
+    fn second_derivatives(&self, q: &DVector<f64>, velocities: &DMatrix<f64>, k: usize) -> DMatrix<f64> {
+        let constraints = self.model.constraints.0.iter().map(|constraint| &constraint.coordinate);
+        let rows: Vec<&Coordinate> = constraints.chain(&self.coordinates).collect();
+        let direction = velocities.column(k);
+        DMatrix::from_fn(q.len(), velocities.ncols(), |row, column| {
+            let other = velocities.column(column);
+            let (sum, difference) = (direction + other, direction - other);
+            0.25 * (rows[row].curvature(q, &sum) - rows[row].curvature(q, &difference))
+        })
+    }
+
+    fn factorise(&self, q: &DVector<f64>) -> Result<LU<f64, Dyn, Dyn>, String> {
+        let factors = jacobian(&self.model, &self.coordinates, q).lu();
+        if factors.determinant() / self.determinant > UNUSABLE { Ok(factors) } else { Err(self.singular(q)) }
+    }
+
+    /// Newton's method on the constraints and the independent coordinates.
+    fn correct(&self, mut q: DVector<f64>, target: &DVector<f64>) -> Result<DVector<f64>, String> {
+        for _ in 0..30 {
+            let mut residual = self.model.constraints.residual(0.0, &q).as_slice().to_vec();
+            residual.extend(self.coordinates.iter().zip(target).map(|(one, target)| one.value(&q) - target));
+            let step = self.factorise(&q)?.solve(&DVector::from_vec(residual)).ok_or_else(|| self.singular(&q))?;
+            q -= &step;
+            // the error left is about the square of the step: below rounding
+            if step.amax() <= 1e-8 * (1.0 + q.amax()) {
+                return Ok(q);
+            }
+        }
+        Err(self.singular(&q))
+    }
+
+    fn singular(&self, q: &DVector<f64>) -> String {
+        let s: Vec<String> = self.coordinates.iter().map(|coordinate| format!("{:.4}", coordinate.value(q))).collect();
+        let transposed = self.model.constraints.jacobian_transposed(q);
+        match self.model.constraints.first_dependent(&transposed) {
+            Some(constraint) => {
+                format!("`{}` is singular at independent coordinates ({})", constraint.owner, s.join(", "))
+            }
+            None => format!("the independent coordinates do not decide the others at ({})", s.join(", ")),
+        }
+    }
+}
+
+/// `J = [C_q; s_q]`.
+fn jacobian(model: &Model, coordinates: &[Coordinate], q: &DVector<f64>) -> DMatrix<f64> {
+    let constraints = model.constraints.len();
+    let mut transposed = DMatrix::zeros(q.len(), constraints + coordinates.len());
+    transposed.columns_mut(0, constraints).copy_from(&model.constraints.jacobian_transposed(q));
+    for (index, coordinate) in coordinates.iter().enumerate() {
+        coordinate.add_gradient(q, 1.0, transposed.column_mut(constraints + index).as_mut_slice());
+    }
+    transposed.transpose()
+}
+
+/// The first candidates that are independent of the constraints and of each other at the start, as many as there are degrees of
+/// freedom. Lengths are taken as parts of the mechanism's size, so that the choice does not depend on the unit.
+fn choose(model: &Model, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, String> {
+    let count = model.degrees_of_freedom();
+    if count == 0 {
+        return Err("the mechanism has no degree of freedom".into());
+    }
+    let mut gradients = model.constraints.jacobian_transposed(q);
+    let lever_arm = model.constraints.lever_arm(&gradients);
+    let mut scale_angles = |mut column: nalgebra::DVectorViewMut<f64>| {
+        column.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= lever_arm);
+    };
+    gradients.column_iter_mut().for_each(&mut scale_angles);
+    let mut chosen = Vec::new();
+    for candidate in candidates {
+        let mut gradient = DVector::zeros(q.len());
+        candidate.add_gradient(q, 1.0, gradient.as_mut_slice());
+        scale_angles(gradient.column_mut(0));
+        let with = DMatrix::from_columns(&[gradients.column_iter().collect(), vec![gradient.column(0)]].concat());
+        if chosen.len() < count && independence(&with).last().is_some_and(|part| *part > INDEPENDENT) {
+            gradients = with;
+            chosen.push(*candidate);
+        }
+    }
+    if chosen.len() < count {
+        let found = chosen.len();
+        return Err(format!(
+            "{found} independent coordinates, expected {count}: as many as there are degrees of freedom"
+        ));
+    }
+    Ok(chosen)
+}
+
+/// Independent coordinates that are tried if none are named: those that the joints leave free, then those of the bodies.
+pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> Vec<Coordinate> {
+    let of_body = |body: usize| {
+        let centre = Point { frame: Some(body), ..Point::ORIGIN };
+        [
+            Coordinate::component(centre, 0),
+            Coordinate::component(centre, 1),
+            Coordinate::Angle { from: None, to: Some(body) },
+        ]
+    };
+    free.into_iter().chain((0..model.mass.len() / 3).flat_map(of_body)).collect()
+}
+
+/// Refuses what depends on time: it would be another state.
+fn refuse_time(model: &Model) -> Result<(), String> {
+    for constraint in &model.constraints.0 {
+        if let Target::Motion(formula) = &constraint.target {
+            return Err(format!("`{}` prescribes the motion `{}`", constraint.owner, formula.expression));
+        }
+    }
+    let components = model.forces.iter().flat_map(|force| &force.components);
+    let mut formulas = components.chain(model.actuators.iter().map(|actuator| &actuator.effort));
+    match formulas.find(|formula| formula.slots.iter().any(|slot| matches!(slot, Slot::Time))) {
+        Some(formula) => Err(format!("the force `{}` depends on time", formula.expression)),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

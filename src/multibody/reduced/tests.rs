@@ -1,0 +1,223 @@
+use super::*;
+use crate::{
+    integrate::{Budget, TOLERANCE, integrate},
+    multibody::{Mechanism, formulation::augmented},
+    signal::{Signal, Sine},
+};
+use nalgebra::Vector2;
+use std::{f64::consts::TAU, path::Path};
+
+/// A cart of 2 kg that a motor pushes, and a load of 1 kg on a massless rope of length `l`.
+const CRANE: &str = r#"
+    gravity = [0, -9.81]
+    parameters.l = { default = 1.5 }
+    inputs.force = { min = -20, max = 20, unit = "N" }
+    ground.points.rail = [0, 0]
+    bodies.cart = { mass = 2, inertia = 1 }
+    bodies.load = { mass = 1, position = [0, "-l"], points = { top = [0, "l"] } }
+    joints.rail = { type = "prismatic", between = ["ground.rail", "cart"], axis = [1, 0] }
+    joints.rope = { type = "revolute", between = ["cart", "load.top"] }
+    actuators.motor = { coordinate = "rail.position", effort = "force" }
+    actuators.friction = { coordinate = "rail.position", effort = "-0.3 * rail.velocity" }
+    outputs.x = { measure = "rail.position" }
+    outputs.angle = { measure = "rope.angle" }
+"#;
+
+fn parse(text: &str) -> Mechanism {
+    Mechanism::parse(text, Path::new("m.toml")).unwrap()
+}
+
+fn reduced(text: &str, coordinates: &[&str]) -> Result<Reduced, String> {
+    let mechanism = parse(text);
+    let defaults: Vec<f64> = mechanism.parameters().values().map(|parameter| parameter.default).collect();
+    mechanism.reduced(&defaults, coordinates)
+}
+
+fn vector(values: &[f64]) -> DVector<f64> {
+    DVector::from_column_slice(values)
+}
+
+/// Mechanisms without prescribed motion, with closed loops and without, and states of them.
+fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
+    let double = include_str!("../../../examples/mechanisms/double-pendulum.toml");
+    let four_bar = include_str!("../../../examples/mechanisms/four-bar.toml");
+    let car = include_str!("../../../examples/mechanisms/quarter-car.toml");
+    let andrews = include_str!("../../../tests/data/andrews.toml");
+    let mut states = vec![(reduced(CRANE, &[]).unwrap(), [vec![0.7, -0.4], vec![1.1, -2.3], vec![5.0]])];
+    for (text, s, rates) in [
+        (double, vec![0.9, -0.3], vec![1.3, 2.1]),
+        (four_bar, vec![2.5], vec![3.0]),
+        (andrews, vec![1.0], vec![300.0]),
+        (car, vec![0.02, -0.01], vec![0.3, 1.2]),
+    ] {
+        if let Ok(reduced) = reduced(text, &[]) {
+            states.push((reduced, [s, rates, Vec::new()]));
+        }
+    }
+    assert!(states.len() >= 4, "{}", states.len());
+    states
+}
+
+#[test]
+fn accelerations_are_those_of_the_augmented_formulation() {
+    for (mut reduced, [s, rates, u]) in states() {
+        let (s, rates) = (vector(&s), vector(&rates));
+        let found = reduced.accelerations(&s, &rates, &u).unwrap();
+        reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
+        let terms = reduced.terms(&s).unwrap();
+        let v = &terms.velocities * &rates;
+        let qdd = augmented(&reduced.model, 0.0, &terms.q, &v).unwrap().qdd;
+        for (coordinate, found) in reduced.coordinates.iter().zip(&found) {
+            let expected = coordinate.rate(&terms.q, &qdd) + coordinate.curvature(&terms.q, &v);
+            assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{coordinate:?}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn derivatives_of_the_mass_matrix_are_those_of_finite_differences() {
+    for (reduced, [s, ..]) in states() {
+        let s = vector(&s);
+        let terms = reduced.terms(&s).unwrap();
+        for k in 0..s.len() {
+            let step = 1e-5;
+            let moved = |sign: f64| {
+                let mut s = s.clone();
+                s[k] += sign * step;
+                reduced.terms(&s).unwrap()
+            };
+            let (after, before) = (moved(1.0), moved(-1.0));
+            let expected = (&after.mass - &before.mass) / (2.0 * step);
+            let error = (&terms.mass_gradient[k] - &expected).amax();
+            assert!(error < 1e-8 * (terms.mass.amax() + expected.amax()), "{k}: {error:e}");
+            // forces that do not depend on velocities and inputs are those of the potential
+            let slope = (after.potential - before.potential) / (2.0 * step);
+            let scale = terms.force.amax().max(1.0);
+            if reduced.model.actuators.is_empty() && reduced.model.forces.is_empty() {
+                assert!((terms.force[k] + slope).abs() < 1e-6 * scale, "{k}: {} {slope}", terms.force[k]);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_crane_has_the_textbook_equations() {
+    let reduced = reduced(CRANE, &[]).unwrap();
+    let ([x, theta], [xd, thetad], force, l) = ([0.7, -0.4], [1.1, -2.3], 5.0, 1.5);
+    let terms = reduced.terms(&vector(&[x, theta])).unwrap();
+    let (sine, cosine) = f64::sin_cos(theta);
+    assert!((terms.mass[(0, 0)] - 3.0).abs() < 1e-14 && (terms.mass[(1, 1)] - l * l).abs() < 1e-14);
+    assert!((terms.mass[(0, 1)] - l * cosine).abs() < 1e-14);
+    assert!((terms.input_map[(0, 0)] - 1.0).abs() < 1e-14 && terms.input_map[(1, 0)].abs() < 1e-14);
+    let found = reduced.accelerations(&vector(&[x, theta]), &vector(&[xd, thetad]), &[force]).unwrap();
+    // (M + m) xdd + m l thetadd cos - m l thetad² sin = u - b xd;  l thetadd + xdd cos + g sin = 0
+    let side = force - 0.3 * xd + l * thetad * thetad * sine + 9.81 * sine * cosine;
+    let xdd = side / (3.0 - cosine * cosine);
+    let thetadd = -(xdd * cosine + 9.81 * sine) / l;
+    assert!((found[0] - xdd).abs() < 1e-12 && (found[1] - thetadd).abs() < 1e-12, "{found} {xdd} {thetadd}");
+}
+
+#[test]
+fn a_driven_run_is_the_solution_of_the_reduced_equations() {
+    let mechanism = parse(CRANE);
+    let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
+    let signal = Signal::Multisine { offset: 1.0, sines: vec![sine(8.0, 0.4, 0.3), sine(4.0, 1.1, 2.0)] };
+    let times: Vec<f64> = (0..=50).map(|i| 0.1 * f64::from(i)).collect();
+    let rows = mechanism.simulate_driven(&[1.5], &[signal.clone()], &times, TOLERANCE, &Budget::default()).unwrap();
+    let reduced = mechanism.reduced(&[1.5], &["rail.position", "rope.angle"]).unwrap();
+    let derivative = |y: &nalgebra::SVector<f64, 5>| {
+        let (s, rates) = (vector(&[y[0], y[1]]), vector(&[y[2], y[3]]));
+        let a = reduced.accelerations(&s, &rates, &[signal.value(y[4])]).unwrap();
+        nalgebra::SVector::from([y[2], y[3], a[0], a[1], 1.0])
+    };
+    let states =
+        integrate(derivative, nalgebra::SVector::from([0.0; 5]), &times, TOLERANCE, &Budget::default()).unwrap();
+    let largest = rows.iter().copied().fold(0.0, f64::max);
+    assert!(largest > 5.0, "the crane is pushed: {largest}");
+    for (row, state) in rows.chunks(2).zip(&states) {
+        assert!((row[0] - state[0]).abs() < 1e-9 && (row[1] - state[1]).abs() < 1e-9, "{row:?} {state}");
+    }
+}
+
+#[test]
+fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
+    let mechanism = parse(include_str!("../../../tests/data/andrews.toml"));
+    let reduced = mechanism.reduced(&[0.033], &[]).unwrap();
+    let derivative = |y: &Vector2<f64>| {
+        let acceleration = reduced.accelerations(&vector(&[y[0]]), &vector(&[y[1]]), &[]).unwrap();
+        Vector2::new(y[1], acceleration[0])
+    };
+    let (s, rates) = reduced.start();
+    let initial = Vector2::new(s[0], rates[0]);
+    assert!((derivative(&initial)[1] - 14222.4439199541).abs() < 1e-7);
+    // 2.5 turns; the reference is as in the test of whole runs
+    let states = integrate(derivative, initial, &[0.0, 0.03], TOLERANCE, &Budget::default()).unwrap();
+    assert!((states[1][0] - 15.810771195153).abs() < 1e-9, "{}", states[1][0]);
+    assert!((states[1][1] - 1139.92030225).abs() < 1e-6, "{}", states[1][1]);
+}
+
+#[test]
+fn a_crank_is_followed_around_on_the_same_assembly() {
+    let mechanism = parse(include_str!("../../../tests/data/andrews.toml"));
+    let reduced = mechanism.reduced(&[0.033], &[]).unwrap();
+    let start = reduced.start().0[0];
+    let first = reduced.configuration(&vector(&[start + 1.0])).unwrap();
+    for turns in [1.0, 3.0, -2.0] {
+        let again = reduced.configuration(&vector(&[start + 1.0 + turns * TAU])).unwrap();
+        for (index, (one, other)) in first.iter().zip(&again).enumerate() {
+            // the crank's own angle has gone around
+            let around = ((other - one) / TAU).round() * TAU;
+            assert!((other - one - around).abs() < 1e-11, "coordinate {index} after {turns} turns: {one} {other}");
+        }
+    }
+}
+
+#[test]
+fn what_has_no_such_equations_is_refused() {
+    let refused = |text: &str, coordinates: &[&str]| reduced(text, coordinates).unwrap_err();
+    let driven = CRANE.replacen(
+        "[\"cart\", \"load.top\"] }",
+        "[\"cart\", \"load.top\"] }\n    drivers.swing = { coordinate = \"rope.angle\", motion = \"sin(time)\" }",
+        1,
+    );
+    assert_eq!(refused(&driven, &[]), "`drivers.swing` prescribes the motion `sin(time)`");
+    let timed = CRANE.replace("\"-0.3 * rail.velocity\"", "\"sin(2 * time)\"");
+    assert_eq!(refused(&timed, &[]), "the force `sin(2 * time)` depends on time");
+    assert_eq!(refused(CRANE, &["rail.position"]), "1 coordinates, expected 2: one for each degree of freedom");
+    let same = refused(CRANE, &["rail.position", "cart.x"]);
+    assert_eq!(same, "1 independent coordinates, expected 2: as many as there are degrees of freedom");
+    let unknown = refused(CRANE, &["rail.position", "rope.force"]);
+    assert!(unknown.starts_with("rope.force: `rope` has no `force`"), "{unknown}");
+    let squared = reduced(&CRANE.replace("effort = \"force\"", "effort = \"force^2\""), &[]).unwrap();
+    let message = squared.terms(&vector(&[0.0, 0.1])).unwrap_err();
+    assert_eq!(message, "the forces are not linear in the input `force`");
+}
+
+#[test]
+fn inputs_are_checked_when_the_file_is_read() {
+    let problems = |from: &str, to: &str| {
+        Mechanism::parse(&CRANE.replacen(from, to, 1), Path::new("m.toml")).unwrap_err().to_string()
+    };
+    for (from, to, expected) in [
+        ("min = -20", "min = 30", "inputs.force.min: range is empty: min 30 is not below max 20"),
+        ("min = -20", "start = 21, min = -20", "inputs.force.start: 21 is outside the range from -20 to 20"),
+        ("inputs.force", "inputs.l", "inputs.l: `l` is the name of parameters already"),
+        ("inputs.force", "inputs.time", "inputs.time: `time` is the name of the time already"),
+        ("outputs.x", "outputs.force", "outputs.force: `force` is an input already: names of variables must be unique"),
+        (
+            "effort = \"force\"",
+            "effort = \"forse\"",
+            "no `forse`, expected one of l, force, time; did you mean `force`?",
+        ),
+        ("mass = 2", "mass = \"force\"", "no parameter `force`"),
+    ] {
+        let found = problems(from, to);
+        assert!(found.contains(expected), "{to}: {found}");
+    }
+    let idle = parse(&CRANE.replacen("effort = \"force\"", "effort = \"3\"", 1));
+    let warnings: Vec<String> = idle.warnings().iter().map(ToString::to_string).collect();
+    assert!(
+        warnings.iter().any(|one| one.ends_with("inputs.force: no force and no effort depends on it")),
+        "{warnings:?}"
+    );
+}
