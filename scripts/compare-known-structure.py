@@ -9,7 +9,9 @@ seeds of runs and weights. Needs target/release/metafmu.
 """
 
 import argparse
+import hashlib
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -64,13 +66,22 @@ def initial_value(options, system, seed, known):
         table = table.copy()
         for output, value in known["initial"].items():
             table[output] = rate(table, output, value(table))
-        table.to_csv(folder / f"{name}.csv", index=False)
+        replace(folder, name, table)
     _, inputs, predict = trained(folder, study)
     table = original["test"]
     found = predict(inputs)
     for output, value in known["initial"].items():
         found[output] = value(table) + table["time"] * found[output]
     return one_minus_r2(table, found)
+
+
+def replace(folder, name, table):
+    """Puts another table in the place of a sampled one, and its digest in the record, without which the change is refused."""
+    path, record = folder / f"{name}.csv", folder / "samples.json"
+    table.to_csv(path, index=False)
+    samples = json.loads(record.read_text())
+    samples["tables"][name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    record.write_text(json.dumps(samples))
 
 
 def rate(table, output, initial):

@@ -4,6 +4,7 @@ use super::{Outcome, conclude, print, print_json, project};
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
+    baseline::Status,
     pipeline::{
         Built, Project, build, evaluate,
         export::{Plan, Written},
@@ -24,9 +25,11 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         print(&files(&project, &built))?;
     }
     let outcome = conclude(&built.verdict, json)?;
+    let mut compared = built.comparison.iter().flat_map(|comparison| &comparison.models);
+    let was_interrupted = built.metrics.training.was_interrupted() || compared.any(|row| row.status == Status::Stopped);
     let has_problems = built.fmus.iter().any(|(_, report)| !report.problems.is_empty());
     Ok(match outcome {
-        _ if built.metrics.training.was_interrupted() => Outcome::Interrupted,
+        _ if was_interrupted => Outcome::Interrupted,
         _ if has_problems => Outcome::ProblemsFound,
         outcome => outcome,
     })

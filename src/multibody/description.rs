@@ -249,7 +249,7 @@ pub struct DriverOptions {
 pub struct SpringOptions {
     /// Ends of a spring that acts along their distance.
     pub between: Option<[String; 2]>,
-    /// Coordinate that a spring of another kind acts along.
+    /// Coordinate along which a spring without ends acts, an angle for instance.
     pub coordinate: Option<String>,
     /// Force or torque per length or angle; zero or more, as the `rest` of a spring `between` two points.
     #[schemars(extend("x-unit" = "N/m or N.m/rad"))]

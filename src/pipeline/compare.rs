@@ -143,7 +143,7 @@ pub(super) fn measure(
 ) -> Result<ModelRow> {
     let name = kind.name();
     if project.is_stopped() {
-        return Ok(row(name, Status::Stopped, "stopped by Ctrl-C".into()));
+        return Ok(row(name, Status::Stopped, "by Ctrl-C".into()));
     }
     let all = rows.len();
     let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
@@ -165,7 +165,7 @@ pub(super) fn measure(
             let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
             row(name, Status::TooSlow, note)
         }
-        Ended::Stopped => row(name, Status::Stopped, "stopped by Ctrl-C".into()),
+        Ended::Stopped => row(name, Status::Stopped, "by Ctrl-C".into()),
         Ended::Died(status) => row(name, Status::Failed, format!("its process ended with {status}")),
     })
 }

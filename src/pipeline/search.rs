@@ -527,7 +527,15 @@ fn plain(value: &toml::Value) -> String {
 fn sentence(record: &Record) -> String {
     let Record { trial, status, epochs, score, message, .. } = record;
     match score {
-        Some(score) => format!("trial {trial}: 1 - R² {score:.2e} on held-out runs after {epochs} epochs"),
+        Some(score) => {
+            // a baseline has none
+            let after = match epochs {
+                0 => String::new(),
+                1 => " after 1 epoch".to_owned(),
+                _ => format!(" after {epochs} epochs"),
+            };
+            format!("trial {trial}: 1 - R² {score:.2e} on held-out runs{after}")
+        }
         None => format!("trial {trial} {}: {message}", name(*status)),
     }
 }

@@ -33,7 +33,7 @@ pub struct SourceOptions {
     #[serde(default)]
     #[schemars(extend("examples" = [{"m": 0.3}]))]
     pub constants: IndexMap<String, f64>,
-    /// Communication step size of the FMU, a whole part of `time.step`; `time.step` unless given.
+    /// Communication step size of the FMU: `time.step`, which it is unless given, divided by a whole number.
     #[schemars(extend("x-unit" = "s"))]
     pub step: Option<f64>,
     /// Tolerance of the integration, from 1e-13 to 0.1. Of a system or mechanism relative and absolute, 1e-13 unless given. Of an

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingOptions {
-    /// What is made small.
+    /// What the training minimises.
     pub loss: Loss,
     /// Of the loss "huber": error, in standard deviations, from which on it grows linearly.
     pub huber_delta: f64,
@@ -33,7 +33,7 @@ pub struct TrainingOptions {
     pub warm_up: Option<f64>,
     /// Rows per optimizer step.
     pub batch: usize,
-    /// Most passes over the training rows, 1 to 1,000,000.
+    /// Largest number of passes over the training rows, 1 to 1,000,000.
     pub epochs: usize,
     /// Share of the training runs that is held out to choose the best epoch, between 0 and 1.
     pub validation: f64,
@@ -56,7 +56,7 @@ pub struct TrainingOptions {
     pub clip_norm: f64,
 }
 
-/// What is made small: the mean over rows and outputs of a function of the error `e` of the standardised output.
+/// What the training minimises: the mean over rows and outputs of a function of the error `e` of the standardised output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Loss {
@@ -95,10 +95,10 @@ pub enum Schedule {
     /// Half a cosine down to (nearly) zero.
     Cosine,
     /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, first over a thirtieth of the
-    /// epochs, then over a fifteenth, then over as many as it takes until the validation loss is `enough`, as far
-    /// as those before tell. The training ends when it is, when a cycle gains nothing any more, or with the epochs.
+    /// epochs, then over a fifteenth, then over as many as
+    /// the first two say it takes until the validation loss is `enough`. The training ends when it is, when a cycle gains nothing any more, or with the epochs.
     Restarts,
-    /// Smith and Topin, arXiv:1708.07120: from a 25th up half a cosine, then down half a cosine to (nearly) zero.
+    /// Smith and Topin, arXiv:1708.07120: half a cosine up from a 25th of the learning rate, then half a cosine down to (nearly) zero.
     OneCycle,
 }
 

@@ -3,10 +3,12 @@
 import csv
 import json
 import shutil
+import signal
+import subprocess
 
 import numpy as np
 import pytest
-from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, fmu_of, metafmu
+from conftest import CASES, METAFMU, OUTPUTS, PARAMETERS, ROOT, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors.numpy import load_file
@@ -127,3 +129,28 @@ def test_what_cannot_be_exported_says_why(folder):
         result = metafmu("export", STUDY, "--out", folder, "--model", model, check=False)
         assert result.returncode == 2
         assert why in result.stderr
+
+
+def test_an_interrupt_while_baselines_are_fitted_is_told_by_the_exit_code(tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        'name = "study"\n[source]\nsystem = "single-pendulum"\n[time]\nstop = 2\nstep = 0.01\n'
+        '[parameters]\nL = { min = 0.1, max = 0.2, unit = "m" }\n[outputs]\ntheta = {}\n'
+        '[sampling]\nmethod = "sobol"\nruns = 60\ntest_runs = 5\n[network]\nhidden = [16]\n'
+        '[training]\nschedule = "cosine"\nepochs = 20\n'
+        '[baselines]\nbuild = ["linear", "gaussian-process"]\ngaussian-process = { rows = 10000 }\ntime_budget = 600\n'
+    )
+    command = [METAFMU, "build", study, "--out", tmp_path / "out"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not (line := process.stderr.readline()).startswith("linear:"):
+        assert line, "the build ended before the baselines"
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    rows = json.loads((tmp_path / "out" / "comparison.json").read_text())["models"]
+    assert [(row["model"], row["status"], row["note"]) for row in rows][1:] == [
+        ("linear", "fine", ""),
+        ("gaussian-process", "stopped", "by Ctrl-C"),
+    ]
+    # what was made before is complete
+    assert validate_fmu(str(tmp_path / "out" / "study.fmu")) == []

@@ -579,6 +579,7 @@ def test_variables_that_cannot_be_used_are_refused_with_the_reason(folder):
         ('"der(z)" =', '"count" =', "outputs.count: is of type Integer: only real numbers are predicted"),
         ("time_limit = 1", "time_limit = 0", "source.time_limit: 0, expected a positive number"),
         ("time_limit = 1", 'constants = { "der(z)" = 1 }', "source.constants.der(z): is calculated by the FMU"),
+        ("time_limit = 1", "tolerance = 1e-6", "source.tolerance: belongs to model exchange; this FMU is for co-simulation"),
         ("time_limit = 1", "step = 0.02", "source.step: 0.02 s does not divide the time between two rows, 0.05 s"),
     ]:
         assert old in STUDY

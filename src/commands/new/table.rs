@@ -247,7 +247,7 @@ table = {}    # {} runs; relative to this file
 {columns}
 [time]                      # runs begin at 0 and are cut off at `stop`, where the shortest ends
 stop = {:?}                  # s
-step = {step:?}                 # s; what the FMU suggests: the rows are where the table has them
+step = {step:?}                 # s; the step size that the FMU suggests to hosts; rows are where the table has them
 
 [parameters]                # inputs of the surrogate, beside the time: columns with one value in each run
 ",

@@ -10,7 +10,9 @@ pub mod variables;
 use super::{Journal, journal::WORTH_KEEPING};
 use crate::{
     Error, Result,
+    diagnostics::Problems,
     fmi::{
+        InterfaceKind,
         host::{Unpacked, describe},
         worker::{
             Job, ReplyStatus, Worker, Workers,
@@ -66,6 +68,10 @@ impl FmuModel {
         let (rows, stop) = (times.len() - 1, times[times.len() - 1]);
         task.path = path.to_owned();
         task.interface = interface;
+        if interface == InterfaceKind::CoSimulation && options.tolerance.is_some() {
+            let message = "belongs to model exchange; this FMU is for co-simulation and integrates by itself";
+            study.refuse(Problems::one("source.tolerance", message))?;
+        }
         task.stop = stop;
         task.tolerance = options.tolerance;
         // of whole steps, so that the last one ends at the stop time
