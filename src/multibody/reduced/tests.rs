@@ -123,7 +123,9 @@ fn a_driven_run_is_the_solution_of_the_reduced_equations() {
     let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
     let signal = Signal::Multisine { offset: 1.0, sines: vec![sine(8.0, 0.4, 0.3), sine(4.0, 1.1, 2.0)] };
     let times: Vec<f64> = (0..=50).map(|i| 0.1 * f64::from(i)).collect();
-    let rows = mechanism.simulate_driven(&[1.5], &[signal.clone()], &times, TOLERANCE, &Budget::default()).unwrap();
+    let rows = mechanism
+        .simulate_driven(&[1.5], std::slice::from_ref(&signal), &times, TOLERANCE, &Budget::default())
+        .unwrap();
     let reduced = mechanism.reduced(&[1.5], &["rail.position", "rope.angle"]).unwrap();
     let derivative = |y: &nalgebra::SVector<f64, 5>| {
         let (s, rates) = (vector(&[y[0], y[1]]), vector(&[y[2], y[3]]));

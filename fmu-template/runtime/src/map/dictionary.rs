@@ -306,7 +306,7 @@ mod tests {
             (factors, term(&[1, 1], &[f64::NAN])),
             ([Factor::Angle, Factor::Power { middle: 0.0, half: 0.0 }], term(&[1, 1], &[1.0])),
         ] {
-            assert!(Dictionary::new(&factor, 1, &[wrong.clone()]).is_err(), "{wrong:?}");
+            assert!(Dictionary::new(&factor, 1, std::slice::from_ref(&wrong)).is_err(), "{wrong:?}");
         }
         let dictionary = Dictionary::new(&factors, 1, &[term(&[4, 2], &[0.0]), term(&[1, 0], &[2.0])]).unwrap();
         assert_eq!(dictionary.products(), 1);

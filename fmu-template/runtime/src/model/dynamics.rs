@@ -183,7 +183,8 @@ impl Dynamics {
         let (acceleration, rest) = rest.split_at_mut(n);
         let (sum_v, rest) = rest.split_at_mut(n);
         let sum_a = &mut rest[..n];
-        (sum_v.fill(0.0), sum_a.fill(0.0));
+        sum_v.fill(0.0);
+        sum_a.fill(0.0);
         at_q.copy_from_slice(q);
         at_v.copy_from_slice(v);
         for (weight, next) in [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)] {
