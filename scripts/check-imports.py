@@ -15,7 +15,7 @@ ORDER = """
 diagnostics fail_points
 files integrate signal variable
 table multibody
-dataset
+dataset dynamics
 layout
 scaling
 study

@@ -68,7 +68,7 @@ const MAX_STEPS: u32 = 2_000_000;
 ///
 /// # Errors
 /// A sentence if the method fails: the end of the budget, a step size that vanishes, stiffness, a state that is not finite.
-pub(crate) fn integrate<const N: usize>(
+pub fn integrate<const N: usize>(
     derivative: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     initial: SVector<f64, N>,
     times: &[f64],

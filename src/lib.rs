@@ -59,6 +59,7 @@ pub mod baseline;
 pub mod calibration;
 pub mod dataset;
 pub mod diagnostics;
+pub mod dynamics;
 pub mod evaluation;
 pub mod export;
 mod fail_points;

@@ -102,11 +102,7 @@ impl Model {
     /// `F_a(t, q, qd, u)`: gravity, springs, forces and actuators. With the centres of mass as coordinates there are no
     /// velocity terms of inertia.
     pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
-        let mut sum = DVector::zeros(q.len());
-        for (force, mass) in sum.as_mut_slice().chunks_mut(3).zip(self.mass.as_slice().chunks(3)) {
-            force[0] += mass[0] * self.gravity.x;
-            force[1] += mass[1] * self.gravity.y;
-        }
+        let mut sum = self.weights();
         for spring in &self.springs {
             spring.coordinate.add_gradient(q, spring.effort(q, v), sum.as_mut_slice());
         }
@@ -116,6 +112,24 @@ impl Model {
         }
         for actuator in &self.actuators {
             actuator.coordinate.add_gradient(q, actuator.effort.value(t, q, v, u), sum.as_mut_slice());
+        }
+        sum
+    }
+
+    /// The forces of gravity and springs at rest, which are those of the potential energy.
+    pub fn potential_forces(&self, q: &DVector<f64>) -> DVector<f64> {
+        let (mut sum, rest) = (self.weights(), DVector::zeros(q.len()));
+        for spring in &self.springs {
+            spring.coordinate.add_gradient(q, spring.effort(q, &rest), sum.as_mut_slice());
+        }
+        sum
+    }
+
+    fn weights(&self) -> DVector<f64> {
+        let mut sum = DVector::zeros(self.mass.len());
+        for (force, mass) in sum.as_mut_slice().chunks_mut(3).zip(self.mass.as_slice().chunks(3)) {
+            force[0] = mass[0] * self.gravity.x;
+            force[1] = mass[1] * self.gravity.y;
         }
         sum
     }

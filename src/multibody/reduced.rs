@@ -64,6 +64,8 @@ pub struct Terms {
     pub mass_gradient: Vec<DMatrix<f64>>,
     /// `Q` at rest, all inputs zero: shape `[n]`, in N or N.m.
     pub force: DVector<f64>,
+    /// The part of it that gravity and springs have, `-dV/ds`.
+    pub potential_force: DVector<f64>,
     /// What each input adds to `Q` at rest for each unit of it, shape `[n, inputs]`. Forces are refused unless they are linear in
     /// the inputs.
     pub input_map: DMatrix<f64>,
@@ -169,7 +171,8 @@ impl Reduced {
         }
         let (force, input_map) = self.forces(&q, &velocities)?;
         let potential = self.model.potential_energy(&q);
-        Ok(Terms { q, velocities, mass, mass_gradient, force, input_map, potential })
+        let potential_force = velocities.tr_mul(&self.model.potential_forces(&q));
+        Ok(Terms { q, velocities, mass, mass_gradient, force, potential_force, input_map, potential })
     }
 
     /// Generalized forces `Q` of the independent coordinates in a state with inputs `u`.

@@ -1,0 +1,131 @@
+//! What a mechanism's equations of motion are in a configuration.
+
+use super::{Range, Region};
+use crate::multibody::{Mechanism, reduced::Reduced};
+use metafmu_runtime::{Dynamics, dictionary::Factor};
+use nalgebra::DVector;
+
+/// Coordinates, then parameters.
+pub(super) type Point = Vec<f64>;
+
+/// A mechanism whose equations are asked for in a region.
+pub(super) struct Labels<'a> {
+    mechanism: &'a Mechanism,
+    region: &'a Region,
+    /// Values of all parameters of the mechanism, and where those that vary are among them.
+    defaults: Vec<f64>,
+    varied: Vec<usize>,
+    is_angle: Vec<bool>,
+}
+
+impl<'a> Labels<'a> {
+    pub(super) fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+        for Range { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
+            // also where one of them is not a number
+            if !(min < max && min.is_finite() && max.is_finite()) {
+                return Err(format!("`{name}`: range from {min} to {max}, expected an end above the beginning"));
+            }
+        }
+        let known = mechanism.parameters();
+        let position = |range: &Range| {
+            let unknown = || format!("the mechanism has no parameter `{}`", range.name);
+            known.get_index_of(&range.name).ok_or_else(unknown)
+        };
+        let varied = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
+        let defaults = known.values().map(|parameter| parameter.default).collect();
+        let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new() };
+        let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
+        let reduced = labels.reduced(&middle)?;
+        labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
+        Ok(labels)
+    }
+
+    /// Of the columns of a point.
+    pub(super) fn ranges(&self) -> impl Iterator<Item = &Range> {
+        self.region.coordinates.iter().chain(&self.region.parameters)
+    }
+
+    pub(super) fn coordinates(&self) -> usize {
+        self.region.coordinates.len()
+    }
+
+    pub(super) fn inputs(&self) -> usize {
+        self.mechanism.inputs().len()
+    }
+
+    pub(super) fn functions(&self) -> usize {
+        Dynamics::functions(self.coordinates(), self.inputs())
+    }
+
+    /// Angles are periodic; everything else is a power in its range.
+    pub(super) fn factors(&self) -> Vec<Factor> {
+        let is_angle = |column: usize| self.is_angle.get(column).copied().unwrap_or(false);
+        let power = |range: &Range| Factor::Power {
+            middle: 0.5 * (range.min + range.max),
+            half: 0.5 * (range.max - range.min),
+        };
+        let ranges = self.ranges().enumerate();
+        ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
+    }
+
+    fn reduced(&self, point: &Point) -> Result<Reduced, String> {
+        let mut values = self.defaults.clone();
+        let of_parameters = &point[self.coordinates()..];
+        self.varied.iter().zip(of_parameters).for_each(|(position, value)| values[*position] = *value);
+        let names: Vec<&str> = self.region.coordinates.iter().map(|range| range.name.as_str()).collect();
+        self.mechanism.reduced(&values, &names)
+    }
+
+    /// Largest magnitude of each function over some labels; functions of one kind share the largest of theirs.
+    pub(super) fn scales<'l>(&self, labels: impl Iterator<Item = &'l Vec<f64>>) -> Vec<f64> {
+        let mut largest = vec![0.0f64; self.functions()];
+        for label in labels {
+            largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
+        }
+        let (n, mut begin) = (self.coordinates(), 0);
+        // mass matrix, potential, other forces, damping, map of the inputs
+        for count in [n * (n + 1) / 2, 1, n, n * n, n * self.inputs()] {
+            let group = &mut largest[begin..begin + count];
+            let scale = group.iter().copied().fold(0.0, f64::max);
+            group.fill(if scale > 0.0 { scale } else { 1.0 });
+            begin += count;
+        }
+        largest
+    }
+
+    /// The functions at a point, in the order of [`Dynamics`].
+    pub(super) fn at(&self, point: &Point) -> Result<Vec<f64>, String> {
+        let explain = |message: String| {
+            let values: Vec<String> =
+                self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
+            format!("at {}: {message}", values.join(", "))
+        };
+        let reduced = self.reduced(point).map_err(explain)?;
+        let n = self.coordinates();
+        let terms = reduced.terms(&DVector::from_column_slice(&point[..n])).map_err(explain)?;
+        let mut functions = Vec::with_capacity(self.functions());
+        for row in 0..n {
+            functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
+        }
+        functions.push(terms.potential);
+        functions.extend((&terms.force - &terms.potential_force).iter());
+        let rest = vec![0.0; self.inputs()];
+        let damping = |rates: &DVector<f64>| &terms.force - reduced.force(&terms, rates, &rest);
+        let columns: Vec<DVector<f64>> =
+            (0..n).map(|k| damping(&DVector::from_fn(n, |row, _| f64::from(u8::from(row == k))))).collect();
+        // rates of both signs and other sizes, all at once
+        let rates = DVector::from_fn(n, |row, _| if row % 2 == 0 { -2.5 } else { 1.75 } + 0.1 * row as f64);
+        let linear = columns.iter().zip(&rates).fold(DVector::zeros(n), |sum, (column, rate)| sum + column * *rate);
+        let found = damping(&rates);
+        if (&found - &linear).amax() > 1e-9 * (found.amax() + linear.amax() + terms.force.amax()) {
+            return Err(explain("the forces are not linear in the velocities".into()));
+        }
+        for row in 0..n {
+            functions.extend(columns.iter().map(|column| column[row]));
+        }
+        for row in 0..n {
+            functions.extend(terms.input_map.row(row).iter());
+        }
+        Ok(functions)
+    }
+}

@@ -1,0 +1,206 @@
+//! Surrogates with states, learned by structure: the functions of the configuration in a mechanism's equations of motion, as sums of
+//! sines, cosines and powers.
+//!
+//! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
+//! mass matrix, the potential, the other forces at rest, the damping and the map of the inputs. One linear least-squares problem for
+//! all of them finds the coefficients. Velocities and inputs enter the equations exactly
+//! ([`Dynamics`]), so neither is sampled and neither is extrapolated.
+//!
+//! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
+//! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
+
+mod labels;
+mod terms;
+
+#[cfg(test)]
+mod tests;
+
+use crate::multibody::Mechanism;
+use labels::{Labels, Point};
+use metafmu_runtime::{
+    Dynamics,
+    dictionary::{Dictionary, Factor, Term},
+};
+use nalgebra::DMatrix;
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use rayon::prelude::*;
+
+/// Where the equations are learned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Region {
+    /// Independent coordinates by the measure that names each (`JOINT.angle`, `BODY.x`), one for each degree of freedom.
+    pub coordinates: Vec<Range>,
+    /// Parameters that vary; the others keep their defaults.
+    pub parameters: Vec<Range>,
+}
+
+/// A quantity and its range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Range {
+    /// As in the mechanism file.
+    pub name: String,
+    /// Lower end.
+    pub min: f64,
+    /// Upper end; an angle of a crank that goes around spans 2 pi.
+    pub max: f64,
+}
+
+impl Range {
+    /// A range of a quantity.
+    pub fn new(name: &str, min: f64, max: f64) -> Self {
+        Self { name: name.into(), min, max }
+    }
+}
+
+/// Equations that were learned, and how well.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// The equations: coordinates and parameters are in the order of the region, inputs in that of the mechanism file.
+    pub dynamics: Dynamics,
+    /// Highest harmonic of the angles, and highest power of the others.
+    pub order: [usize; 2],
+    /// Terms that were tried; those without any coefficient are not in the equations.
+    pub terms: usize,
+    /// Largest error of any function at unseen configurations, relative to the function's largest value; functions of the same kind
+    /// (the mass matrix, the forces) are taken together.
+    pub error: f64,
+}
+
+/// An error at which a higher order is not worth its cost: rounding begins to dominate.
+const EXACT: f64 = 1e-12;
+
+/// Number of terms that are tried at most: the equations' cost in an FMU, and the cube of it in the least-squares problem.
+const MOST_TERMS: usize = 700;
+
+/// Configurations at which the error is measured.
+const UNSEEN: usize = 200;
+
+/// Highest harmonic and highest power to begin with.
+const FIRST_ORDER: [usize; 2] = [2, 1];
+
+/// Part of the error that a higher order must leave at most to be worth its terms.
+const WORTH_IT: f64 = 0.7;
+
+/// Learns the equations of motion of a mechanism.
+///
+/// # Errors
+/// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, forces are not linear in the velocities, or a
+/// configuration of the region cannot be reached.
+pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, String> {
+    let labels = Labels::new(mechanism, region)?;
+    let factors = labels.factors();
+    let mut unseen = Samples::default();
+    unseen.extend(&labels, UNSEEN, seed ^ 1)?;
+    let mut samples = Samples::default();
+    let mut try_order = |order: [usize; 2]| {
+        let exponents = terms::exponents(&factors, order);
+        if exponents.len() > MOST_TERMS {
+            return Ok(None);
+        }
+        samples.extend(&labels, rows(&exponents), seed)?;
+        solve(&labels, &factors, order, &exponents, &samples, &unseen).map(Some)
+    };
+    let too_many =
+        format!("more than {MOST_TERMS} terms even at the lowest order: fewer coordinates or parameters are needed");
+    let mut best = try_order(FIRST_ORDER)?.ok_or(too_many)?;
+    while best.error > EXACT {
+        let [harmonics, powers] = best.order;
+        // what limits the error is not known; neither alone may lower it
+        let higher = [[2 * harmonics, powers], [harmonics, powers + 1], [2 * harmonics, powers + 1]];
+        let mut next: Option<Fitted> = None;
+        for order in higher {
+            let fitted = try_order(order)?;
+            let is_better = |fitted: &Fitted| next.as_ref().is_none_or(|next| fitted.error < WORTH_IT * next.error);
+            if let Some(fitted) = fitted.filter(is_better) {
+                next = Some(fitted);
+            }
+        }
+        match next {
+            Some(next) if next.error < WORTH_IT * best.error => best = next,
+            _ => break,
+        }
+    }
+    Ok(best)
+}
+
+/// Configurations from which so many terms are found.
+fn rows(exponents: &[Vec<i16>]) -> usize {
+    3 * exponents.len() + 50
+}
+
+/// Points and the labels there.
+#[derive(Default)]
+struct Samples {
+    points: Vec<Point>,
+    labels: Vec<Vec<f64>>,
+}
+
+impl Samples {
+    /// Adds points until there are `count`, the same ones for the same seed.
+    fn extend(&mut self, labels: &Labels, count: usize, seed: u64) -> Result<(), String> {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let columns = labels.ranges().count();
+        let points = (0..count).map(|_| {
+            let shares = (0..columns).map(|_| generator.random::<f64>()).collect::<Vec<_>>();
+            labels.ranges().zip(shares).map(|(range, share)| range.min + share * (range.max - range.min)).collect()
+        });
+        let points: Vec<Point> = points.skip(self.points.len()).collect();
+        let found: Vec<Vec<f64>> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
+        self.labels.extend(found);
+        self.points.extend(points);
+        Ok(())
+    }
+}
+
+/// The coefficients of least squares, and their error at unseen points.
+fn solve(
+    labels: &Labels,
+    factors: &[Factor],
+    order: [usize; 2],
+    exponents: &[Vec<i16>],
+    samples: &Samples,
+    unseen: &Samples,
+) -> Result<Fitted, String> {
+    let functions = labels.functions();
+    let rows = rows(exponents);
+    let matrix = terms::values(factors, exponents, &samples.points[..rows]);
+    let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
+    let scales = labels.scales(samples.labels.iter().chain(&unseen.labels));
+    let decomposition = matrix.qr();
+    decomposition.q_tr_mul(&mut sides);
+    let sides = sides.rows(0, exponents.len()).into_owned();
+    let mut coefficients = decomposition
+        .r()
+        .solve_upper_triangular(&sides)
+        .filter(|solution| solution.iter().all(|value| value.is_finite()))
+        .ok_or("the terms depend on each other in these configurations")?;
+    let law = |coefficients: &DMatrix<f64>| {
+        let rows = exponents.iter().zip(coefficients.row_iter());
+        let terms: Vec<Term> = rows
+            .map(|(exponents, row)| Term { exponents: exponents.clone(), coefficients: row.iter().copied().collect() })
+            .collect();
+        Dictionary::new(factors, functions, &terms).map_err(|error| error.to_string())
+    };
+    // coefficients that together are far below the error cost time and are worth nothing
+    let negligible = (0.1 * error_of(&law(&coefficients)?, unseen, &scales) / exponents.len() as f64).max(1e-14);
+    for (mut column, scale) in coefficients.column_iter_mut().zip(&scales) {
+        column.iter_mut().filter(|value| value.abs() < negligible * scale).for_each(|value| *value = 0.0);
+    }
+    let law = law(&coefficients)?;
+    let error = error_of(&law, unseen, &scales);
+    let dynamics = Dynamics::new(labels.coordinates(), labels.inputs(), law).map_err(|error| error.to_string())?;
+    Ok(Fitted { dynamics, order, terms: exponents.len(), error })
+}
+
+/// Largest error of any function at unseen points, relative to its scale.
+fn error_of(law: &Dictionary, unseen: &Samples, scales: &[f64]) -> f64 {
+    let mut found = vec![0.0; scales.len()];
+    let mut error = 0.0f64;
+    for (point, expected) in unseen.points.iter().zip(&unseen.labels) {
+        law.evaluate(point, &mut found);
+        for ((found, expected), scale) in found.iter().zip(expected).zip(scales) {
+            error = error.max((found - expected).abs() / scale);
+        }
+    }
+    error
+}
