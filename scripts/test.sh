@@ -17,8 +17,8 @@ for tool in cargo cc python3; do
   command -v "$tool" >/dev/null || { echo "scripts/test.sh: $tool is missing" >&2; exit 1; }
 done
 step() { printf '\n== %s, after %d s\n' "$*" $SECONDS >&2; }
-# one worker for each core, and each file's tests in one worker, because they share what the first of them builds
-tests() { .venv/bin/python -m pytest -p no:cacheprovider --durations 12 -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" tests/python; }
+# one worker more than CI has cores, as some tests wait, and each file's tests in one worker, because they share what the first of them builds
+tests() { .venv/bin/python -m pytest -p no:cacheprovider --durations 12 -n 3 --dist loadfile --no-loadscope-reorder "$@" tests/python; }
 
 if [ $extent = quick ]; then
   step "Python packages";   scripts/venv.sh
