@@ -108,6 +108,11 @@ impl ModelRow {
 }
 
 impl Comparison {
+    /// Whether the user stopped it before every model was measured.
+    pub fn was_interrupted(&self) -> bool {
+        self.models.iter().any(|row| row.status == Status::Stopped)
+    }
+
     /// The rows as a table for people.
     pub fn table(&self) -> String {
         let Self { name, test_runs, test_rows, models, .. } = self;

@@ -4,7 +4,7 @@ use super::{Outcome, conclude, print, print_json, project};
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
-    baseline::Status,
+    baseline::Comparison,
     pipeline::{
         Built, Project, build, evaluate,
         export::{Plan, Written},
@@ -25,8 +25,8 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
         print(&files(&project, &built))?;
     }
     let outcome = conclude(&built.verdict, json)?;
-    let mut compared = built.comparison.iter().flat_map(|comparison| &comparison.models);
-    let was_interrupted = built.metrics.training.was_interrupted() || compared.any(|row| row.status == Status::Stopped);
+    let comparison_was = built.comparison.as_ref().is_some_and(Comparison::was_interrupted);
+    let was_interrupted = built.metrics.training.was_interrupted() || comparison_was;
     let has_problems = built.fmus.iter().any(|(_, report)| !report.problems.is_empty());
     Ok(match outcome {
         _ if was_interrupted => Outcome::Interrupted,

@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, print_json, project};
 use crate::cli::CompareArgs;
-use metafmu::{Error, Result, baseline::Status, pipeline::compare};
+use metafmu::{Error, Result, pipeline::compare};
 
 pub fn run(args: &CompareArgs) -> Result<Outcome> {
     let project = project(&args.study)?;
@@ -16,6 +16,5 @@ pub fn run(args: &CompareArgs) -> Result<Outcome> {
         let (json, csv) = (project.comparison(), project.comparison_table());
         print(&format!("{}\n{}\n{}\n", comparison.table(), json.display(), csv.display()))?;
     }
-    let stopped = comparison.models.iter().any(|row| row.status == Status::Stopped);
-    if stopped { Err(Error::Interrupted) } else { Ok(Outcome::Fine) }
+    if comparison.was_interrupted() { Err(Error::Interrupted) } else { Ok(Outcome::Fine) }
 }

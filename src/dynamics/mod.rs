@@ -61,7 +61,7 @@ pub struct Fitted {
     pub order: [usize; 2],
     /// Terms that were tried; those without any coefficient are not in the equations.
     pub terms: usize,
-    /// Largest error of any function at unseen configurations, relative to the function's largest value; functions of the same kind
+    /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
 }
@@ -163,7 +163,7 @@ fn solve(
 ) -> Result<Fitted, String> {
     let functions = labels.functions();
     let rows = rows(exponents);
-    let matrix = terms::values(factors, exponents, &samples.points[..rows]);
+    let matrix = terms::values(factors, exponents, &samples.points[..rows]).map_err(|error| error.to_string())?;
     let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
     let scales = labels.scales(samples.labels.iter().chain(&unseen.labels));
     let decomposition = matrix.qr();

@@ -1,6 +1,9 @@
 //! Which products a dictionary has.
 
-use metafmu_runtime::dictionary::Factor;
+use metafmu_runtime::{
+    FormatError,
+    dictionary::{Dictionary, Factor, Term},
+};
 use nalgebra::DMatrix;
 
 /// The exponents of all products whose harmonics have at most the first order in sum, and whose powers at most the second.
@@ -30,16 +33,24 @@ pub(super) fn exponents(factors: &[Factor], [harmonics, powers]: [usize; 2]) -> 
     all.into_iter().map(|(exponents, ..)| exponents).collect()
 }
 
-/// The products at some points, shape `[points, products]`.
-pub(super) fn values(factors: &[Factor], exponents: &[Vec<i16>], points: &[Vec<f64>]) -> DMatrix<f64> {
-    let value = |factor: &Factor, exponent: i16, x: f64| match (factor, exponent) {
-        (_, 0) => 1.0,
-        (Factor::Angle, 1..) => (f64::from(exponent) * x).cos(),
-        (Factor::Angle, _) => (f64::from(-exponent) * x).sin(),
-        (Factor::Power { middle, half }, _) => ((x - middle) / half).powi(exponent.into()),
-    };
-    DMatrix::from_fn(points.len(), exponents.len(), |point, product| {
-        let columns = factors.iter().zip(&exponents[product]).zip(&points[point]);
-        columns.map(|((factor, exponent), x)| value(factor, *exponent, *x)).product()
-    })
+/// The products at some points, shape `[points, products]`: the outputs of a dictionary that has each product once.
+///
+/// # Errors
+/// What [`Dictionary::new`] says.
+pub(super) fn values(
+    factors: &[Factor],
+    exponents: &[Vec<i16>],
+    points: &[Vec<f64>],
+) -> Result<DMatrix<f64>, FormatError> {
+    let count = exponents.len();
+    let unit = |term: usize| (0..count).map(|output| f64::from(u8::from(output == term))).collect();
+    let terms = exponents.iter().enumerate();
+    let terms: Vec<Term> =
+        terms.map(|(term, exponents)| Term { exponents: exponents.clone(), coefficients: unit(term) }).collect();
+    let dictionary = Dictionary::new(factors, count, &terms)?;
+    let mut transposed = DMatrix::zeros(count, points.len());
+    for (point, mut column) in points.iter().zip(transposed.column_iter_mut()) {
+        dictionary.evaluate(point, column.as_mut_slice());
+    }
+    Ok(transposed.transpose())
 }

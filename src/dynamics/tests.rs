@@ -91,6 +91,13 @@ fn what_cannot_be_learned_is_refused() {
     };
     let quadratic = CRANE.replace("-b * rail.velocity", "-b * rail.velocity * abs(rail.velocity)");
     assert!(message(&quadratic, &region).ends_with("the forces are not linear in the velocities"));
+    // a force that is not a number for some velocities or inputs is not linear either
+    let rooted = CRANE.replace("-b * rail.velocity", "-sqrt(rail.velocity)");
+    assert!(message(&rooted, &region).ends_with("the forces are not linear in the velocities"));
+    let rooted = CRANE.replace("effort = \"force\"", "effort = \"sqrt(force)\"");
+    assert!(message(&rooted, &region).ends_with("the forces are not linear in the input `force`"));
+    let far = with(&|region| region.coordinates[0].max = 1e9);
+    assert!(message(CRANE, &far).ends_with("more than 10000 rad or m from the start"));
     let unknown = with(&|region| region.parameters[0].name = "length".into());
     assert_eq!(message(CRANE, &unknown), "the mechanism has no parameter `length`");
     let empty = with(&|region| region.coordinates[0].max = -5.0);

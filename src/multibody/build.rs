@@ -422,12 +422,11 @@ impl<'a> Builder<'a> {
     fn formula(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<Formula> {
         let mut slots = Vec::new();
         for name in expression.names() {
-            let slot = match self.description.parameters.get_index_of(name) {
-                Some(index) => Ok(Slot::Value(self.values[index])),
+            let input = self.description.inputs.get_index_of(name).filter(|_| of_state);
+            let value = self.description.parameters.get_index_of(name).map(|index| Slot::Value(self.values[index]));
+            let slot = match value.or(input.map(Slot::Input)) {
+                Some(slot) => Ok(slot),
                 None if name == "time" => Ok(Slot::Time),
-                None if of_state && self.description.inputs.contains_key(name) => {
-                    Ok(Slot::Input(self.description.inputs.get_index_of(name).unwrap_or(0)))
-                }
                 None if of_state && name.contains('.') => self.measure(name).and_then(|measure| match measure {
                     Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
                     Measure::Velocity(coordinate) => Ok(Slot::Velocity(coordinate)),

@@ -21,8 +21,11 @@ use super::{
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::RefCell;
 
-/// Largest change of a coordinate, in rad or parts of the mechanism's size, in one step from a known configuration to another.
+/// Largest change of a coordinate, in rad or m, in one step from a known configuration to another.
 const STEP: f64 = 0.1;
+
+/// Steps to a configuration at most.
+const MOST_STEPS: f64 = 1e5;
 
 /// Part of a coordinate's gradient outside the span of the constraints and the coordinates before it that makes it a good choice.
 const INDEPENDENT: f64 = 0.05;
@@ -135,6 +138,12 @@ impl Reduced {
         let from = if (&last.s - s).amax() < (&self.start.s - s).amax() { &*last } else { &self.start };
         let distance = s - &from.s;
         let steps = (distance.amax() / STEP).ceil().max(1.0);
+        if steps > MOST_STEPS {
+            return Err(format!(
+                "the independent coordinates are more than {} rad or m from the start",
+                MOST_STEPS * STEP
+            ));
+        }
         let mut q = from.q.clone();
         for step in 1..=steps as u32 {
             let target = &from.s + &distance * (f64::from(step) / steps);
@@ -206,8 +215,9 @@ impl Reduced {
                 u[index] = value;
                 (at(&u) - &force) / value
             });
-            let scale = one.amax().max(other.amax());
-            if (&one - &other).amax() > 1e-9 * scale {
+            // a maximum leaves out what is not a number, so that is looked for first
+            let is_finite = one.iter().chain(&other).all(|value| value.is_finite());
+            if !is_finite || (&one - &other).amax() > 1e-9 * one.amax().max(other.amax()) {
                 return Err(format!("the forces are not linear in the input `{}`", input.name));
             }
             input_map.set_column(index, &one);
