@@ -13,16 +13,13 @@ pub struct Binary {
     pub bytes: Cow<'static, [u8]>,
 }
 
-/// Tuples and libraries, written by build.rs.
-const EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/libraries.rs"));
-
 impl Binary {
     /// The libraries that are embedded in this program.
     pub fn embedded() -> Vec<Self> {
         let binary = |&(tuple, bytes): &(&str, &'static [u8])| {
             Some(Self { platform: Platform::from_tuple(tuple)?, bytes: bytes.into() })
         };
-        EMBEDDED.iter().filter_map(binary).collect()
+        metafmu_libraries::LIBRARIES.iter().filter_map(binary).collect()
     }
 
     /// The embedded library for a platform.

@@ -40,8 +40,8 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn a_library_that_is_cut_anywhere_is_noticed() {
-        let library = std::fs::read(env!("METAFMU_FMU_LIBRARY")).unwrap();
-        assert_eq!(cut_short(&library), None);
+        let (_, library) = metafmu_libraries::LIBRARIES.iter().find(|(tuple, _)| tuple.ends_with("-linux")).unwrap();
+        assert_eq!(cut_short(library), None);
         for length in [16, 60, 200, 1000, library.len() / 2] {
             assert!(cut_short(&library[..length]).is_some(), "{length}");
         }
