@@ -1,6 +1,6 @@
 //! The domain of validity: the box of training ranges, and the values of nominal inputs.
 
-use crate::{Encoding, Input, encoding::nearest};
+use crate::{Encoding, Input, Role, State, encoding::nearest};
 
 /// How far outside the domain a point may be and still count as inside: hosts add up step sizes and convert units.
 pub const TOLERANCE: f64 = 1e-9;
@@ -71,14 +71,20 @@ impl Range {
 }
 
 impl Domain {
-    /// The ranges of these columns.
-    pub fn new(inputs: &[Input]) -> Self {
+    /// The ranges of these inputs and, after them, of these states. The value of a state at the start has none, as the state has one.
+    pub fn new(inputs: &[Input], states: &[State]) -> Self {
+        let everywhere = || Valid::Range(Range::relative_to(1.0, f64::NEG_INFINITY, f64::INFINITY));
+        let of_state = |state: &State| match state.range {
+            Some([min, max]) => Valid::Range(Range::new(min, max)),
+            None => everywhere(),
+        };
         let valid = |input: &Input| match &input.encoding {
+            _ if input.role == Role::Start => everywhere(),
             Encoding::Plain => Valid::Range(Range::new(input.min, input.max)),
             Encoding::Nominal(values) => Valid::Values { values: values.clone(), scale: input.max - input.min },
-            Encoding::Periodic => Valid::Range(Range::relative_to(1.0, f64::NEG_INFINITY, f64::INFINITY)),
+            Encoding::Periodic => everywhere(),
         };
-        Self { inputs: inputs.iter().map(valid).collect() }
+        Self { inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect() }
     }
 
     /// The range that counts for a value: of a nominal input the one that holds the nearest value only.
@@ -138,7 +144,7 @@ mod tests {
     use crate::example;
 
     fn domain() -> Domain {
-        Domain::new(example::surrogate().inputs()) // 0.1 to 0.2, 0 to 5, 0 to 2
+        Domain::new(example::surrogate().inputs(), &[]) // 0.1 to 0.2, 0 to 5, 0 to 2
     }
 
     #[test]
@@ -178,7 +184,7 @@ mod tests {
     #[test]
     fn a_nominal_input_is_inside_at_its_values_only_and_a_periodic_one_everywhere() {
         // length is one of 0.14, 0.1 and 0.2, speed is periodic
-        let domain = Domain::new(example::encoded(&example::surrogate()).inputs());
+        let domain = Domain::new(example::encoded(&example::surrogate()).inputs(), &[]);
         for (length, distance, nearest, slope) in [
             (0.14, 0.0, 0.14, None),
             (0.2 + 5e-11, 5e-10, 0.2, Some(10.0)),
@@ -211,7 +217,7 @@ mod tests {
             (input.min, input.max, input.start) = (value, value, value);
             input
         };
-        let domain = Domain::new(&[input(-4.0), input(0.0)]);
+        let domain = Domain::new(&[input(-4.0), input(0.0)], &[]);
         assert_eq!(domain.distance(&[-4.0, 0.0]), 0.0);
         assert_eq!(domain.distance(&[-2.0, 0.0]), 0.5);
         assert_eq!(domain.distance(&[-4.0, -0.25]), 0.25);

@@ -1,8 +1,9 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Encoder, Encoding, Input, Layer, Map, Metadata, Model, Output, OutputArray, Precision,
-    Provenance, Role, ScaledNetwork, Scaling, Surrogate, Variability,
+    Activation, Bounds, Dynamics, Encoder, Encoding, Input, Layer, Map, Metadata, Model, Motion, Output, OutputArray,
+    Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, Surrogate, Variability,
+    dictionary::{Dictionary, Factor, Term},
 };
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
@@ -49,6 +50,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
             input("time", Role::Time, "s", 0.0, 2.0),
         ],
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
+        states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
         precision,
@@ -133,7 +135,7 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         Model::PerInstant { instants, networks } => {
             Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
         }
-        Model::Response(Map::Regression(_)) => panic!("the examples are networks"),
+        Model::Response(Map::Regression(_)) | Model::Motion(_) => panic!("the examples are networks"),
     };
     debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
     Surrogate::new(metadata, model).expect("the example is valid")
@@ -168,4 +170,99 @@ fn uniform_sequence() -> impl FnMut() -> f32 {
         state = (state + 0.618_033_988_749_894_9).fract();
         (2.0 * state - 1.0) as f32
     }
+}
+
+/// A crane, exact: a trolley of 2 kg with damping 0.3 N.s/m that a force pushes, and a load of 1 kg on a rope whose length is a
+/// parameter. The states are the trolley's position, the rope's angle and their velocities; the outputs are both positions, the load's
+/// horizontal position, velocity and acceleration, and the energies.
+pub fn crane() -> Surrogate {
+    let variable = |name: &str, role, unit: &str, min, max, start| Input {
+        name: name.into(),
+        role,
+        unit: unit.into(),
+        description: format!("example input {name}"),
+        min,
+        max,
+        start,
+        encoding: Encoding::Plain,
+    };
+    let output = |name: &str, unit: &str| Output {
+        name: name.into(),
+        unit: unit.into(),
+        description: format!("example output {name}"),
+        min: -20.0,
+        max: 20.0,
+    };
+    let state = |name: &str, unit: &str, rate_unit: &str, range| State {
+        name: name.into(),
+        unit: unit.into(),
+        rate_unit: rate_unit.into(),
+        description: format!("example state {name}"),
+        range,
+        nominal: 1.0,
+    };
+    let start = |name: &str, unit, value| variable(&State::start_name(name), Role::Start, unit, -5.0, 5.0, value);
+    let metadata = Metadata {
+        name: "crane".into(),
+        description: "A crane with made-up numbers".into(),
+        inputs: vec![
+            variable("rope", Role::Parameter(Variability::Fixed), "m", 1.0, 2.0, 1.5),
+            start("trolley.position", "m", 0.0),
+            start("rope.angle", "rad", 0.3),
+            start("trolley.velocity", "m/s", 0.0),
+            start("rope.angular_velocity", "rad/s", 0.0),
+            variable("force", Role::Input, "N", -10.0, 10.0, 0.0),
+        ],
+        outputs: vec![
+            output("x", "m"),
+            output("theta", "rad"),
+            output("load.x", "m"),
+            output("load.vx", "m/s"),
+            output("load.ax", "m/s2"),
+            output("kinetic", "J"),
+            output("potential", "J"),
+        ],
+        states: vec![
+            state("trolley.position", "m", "m/s", Some([-5.0, 5.0])),
+            state("rope.angle", "rad", "rad/s", None),
+            state("trolley.velocity", "m/s", "m/s2", None),
+            state("rope.angular_velocity", "rad/s", "rad/s2", None),
+        ],
+        ..surrogate().metadata().clone()
+    };
+    let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+    let dictionary = |functions: usize, terms: &[([i16; 3], &[(usize, f64)])]| {
+        let term = |&(exponents, values): &([i16; 3], &[(usize, f64)])| {
+            let mut coefficients = vec![0.0; functions];
+            values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+            Term { exponents: exponents.to_vec(), coefficients }
+        };
+        Dictionary::new(&factors, functions, &terms.iter().map(term).collect::<Vec<_>>()).expect("the example is valid")
+    };
+    // M = [3; l cos, l²], V = -g l cos, D_xx = 0.3, B_x = 1
+    let law = dictionary(
+        Dynamics::functions(2, 1),
+        &[
+            ([0, 0, 0], &[(0, 3.0), (6, 0.3), (10, 1.0)]),
+            ([0, 1, 1], &[(1, 1.0), (3, -9.81)]),
+            ([0, 0, 2], &[(2, 1.0)]),
+        ],
+    );
+    let motion = Motion {
+        dynamics: Dynamics::new(2, 1, law).expect("the example is valid"),
+        // x, theta and the load's x: what is not a winding is l sin theta
+        positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]),
+        windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+        outputs: vec![
+            Shown::Position(0),
+            Shown::Position(1),
+            Shown::Position(2),
+            Shown::Velocity(2),
+            Shown::Acceleration(2),
+            Shown::KineticEnergy,
+            Shown::PotentialEnergy,
+        ],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
 }

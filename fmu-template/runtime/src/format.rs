@@ -32,18 +32,30 @@
 //! | `kernel.bias` | F64 | `[outputs]` |
 //! | `kernel.K.lengths`, `kernel.K.centres`, `kernel.K.weights` | F64 | `[inputs]`, `[centres, inputs]`, `[centres]` of output K |
 //!
+//! A [`Model::Motion`] has two [dictionaries](crate::dictionary), the functions of the equations of motion and the positions, over
+//! the same columns: coordinates, then parameters.
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `columns` | F64 | `[columns, 2]` | of an angle 0, 0; of a power the middle and the half of its range |
+//! | `law.exponents`, `positions.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
+//! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`]; positions |
+//! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
+//! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy |
+//! | `solver.step` | F64 | `[1]` | largest step, in seconds |
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 //!
 //! | field | |
 //! |---|---|
 //! | `format` | 2, the version of this layout |
-//! | `model` | `{"structure": "response" or "per-instant", "outputs": MAP}`; MAP is `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
+//! | `model` | `{"structure": "response", "per-instant" or "motion", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
 use crate::{
-    Activation, Layer, Map, Metadata, Model, Numbers, ScaledNetwork, Scaling, Surrogate,
+    Activation, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, Surrogate,
     regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
@@ -138,6 +150,33 @@ pub enum FormatError {
     /// No word about the structure of the model.
     #[error("metadata entry `{METADATA_KEY}`: the field `model` is missing")]
     NoModel,
+    /// A kind of output that this version does not know.
+    #[error("tensor `{name}`, element {index}: {found} is not known")]
+    Unknown {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        found: u32,
+    },
+    /// A structure with a map that it cannot have.
+    #[error("a motion has dictionaries, and only a motion")]
+    MotionMap,
+    /// The value at the start of nothing.
+    #[error("variable `{name}` is the value of a state at the start, but the model has no states")]
+    NoState {
+        /// The variable.
+        name: String,
+    },
+    /// A nominal value that is zero, negative or not finite.
+    #[error("state `{name}`: the nominal value {found} is not positive")]
+    Nominal {
+        /// The state.
+        name: String,
+        /// What stands there.
+        found: f64,
+    },
     /// One model for each instant that is no network.
     #[error("a map for each instant that is not a network")]
     PerInstantMap,
@@ -371,6 +410,7 @@ struct ModelHeader {
 enum Structure {
     Response,
     PerInstant,
+    Motion,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -389,6 +429,7 @@ enum MapKind {
     Polynomial,
     Forest,
     Kernel,
+    Dictionary,
 }
 
 impl ModelHeader {
@@ -397,6 +438,10 @@ impl ModelHeader {
             Model::Response(map) => Self { structure: Structure::Response, outputs: MapHeader::of(map) },
             Model::PerInstant { networks, .. } => {
                 Self { structure: Structure::PerInstant, outputs: MapHeader::of_network(&networks[0]) }
+            }
+            Model::Motion(_) => {
+                let outputs = MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
+                Self { structure: Structure::Motion, outputs }
             }
         }
     }
@@ -436,9 +481,10 @@ impl Surrogate {
             Model::Response(Map::Network(network)) => stacked(std::slice::from_ref(network), None),
             Model::Response(Map::Regression(regression)) => regression.tensors(),
             Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
+            Model::Motion(motion) => motion.tensors(),
         };
-        for (name, ..) in &mut tensors {
-            name.insert_str(0, OUTPUTS);
+        if !matches!(self.model(), Model::Motion(_)) {
+            tensors.iter_mut().for_each(|(name, ..)| name.insert_str(0, OUTPUTS));
         }
         if let Model::PerInstant { instants, .. } = self.model() {
             tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
@@ -481,6 +527,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
                 MapKind::Polynomial => Function::Polynomial(Polynomial::read(tensors)?),
                 MapKind::Forest => Function::Forest(Forest::read(tensors)?),
                 MapKind::Network | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
+                MapKind::Dictionary => return Err(FormatError::MotionMap),
             };
             Ok(Model::Response(Map::Regression(Regression::read(tensors, function)?)))
         }
@@ -491,6 +538,8 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
             Ok(Model::PerInstant { instants, networks })
         }
         (Structure::PerInstant, _) => Err(FormatError::PerInstantMap),
+        (Structure::Motion, MapKind::Dictionary) => Ok(Model::Motion(Box::new(Motion::read(tensors)?))),
+        (Structure::Motion, _) => Err(FormatError::MotionMap),
     }
 }
 
@@ -641,5 +690,6 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }
 
+mod motion;
 #[cfg(test)]
 mod tests;

@@ -39,6 +39,9 @@ pub struct Metadata {
     pub inputs: Vec<Input>,
     /// The network's output columns, in order.
     pub outputs: Vec<Output>,
+    /// The continuous states, in order; the model integrates them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub states: Vec<State>,
     /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrays: Vec<OutputArray>,
@@ -87,6 +90,8 @@ pub enum Role {
     Time,
     /// A continuous input: another component drives it while the simulation runs.
     Input,
+    /// The value of a state at the start: a fixed parameter that nothing else depends on.
+    Start,
 }
 
 /// What a network computes in. Weights are kept in single precision and scaling is done in double precision either way.
@@ -115,6 +120,42 @@ pub enum Variability {
     Fixed,
     /// Also between two communication steps.
     Tunable,
+}
+
+/// A continuous state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct State {
+    /// Variable name, as the FMU shows it; its derivative is `der(NAME)`.
+    pub name: String,
+    /// Unit; empty for a dimensionless quantity.
+    pub unit: String,
+    /// Unit of its derivative.
+    pub rate_unit: String,
+    /// One sentence for people.
+    pub description: String,
+    /// Where it was trained; none if every number is as good, as for an angle or what enters exactly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f64; 2]>,
+    /// Typical magnitude, positive: what a solver's tolerance is relative to.
+    pub nominal: f64,
+}
+
+impl State {
+    /// Name of the variable that holds its derivative.
+    pub fn rate_name(&self) -> String {
+        format!("der({})", self.name)
+    }
+
+    /// Name of the parameter that holds its value at the start.
+    pub fn start_name(name: &str) -> String {
+        format!("{name}_start")
+    }
+
+    /// Where a value may be, in words.
+    pub fn valid(&self) -> String {
+        self.range.map_or("all numbers".into(), |[min, max]| format!("the training range from {min} to {max}"))
+    }
 }
 
 /// One output column of the network.
@@ -179,7 +220,7 @@ impl Surrogate {
     pub fn new(metadata: Metadata, model: Model) -> Result<Self, FormatError> {
         validate_metadata(&metadata)?;
         let array_columns = array_columns(&metadata)?;
-        model.check(&metadata.inputs, metadata.outputs.len())?;
+        model.check(&metadata)?;
         let variables = Variables::of(&metadata);
         Ok(Self { metadata, model, array_columns, variables })
     }
@@ -197,6 +238,11 @@ impl Surrogate {
     /// The network's output columns, in order.
     pub fn outputs(&self) -> &[Output] {
         &self.metadata.outputs
+    }
+
+    /// The continuous states, in order.
+    pub fn states(&self) -> &[State] {
+        &self.metadata.states
     }
 
     /// Outputs grouped into arrays, in order.
@@ -223,7 +269,7 @@ impl Surrogate {
     pub fn network(&self) -> Option<&ScaledNetwork> {
         match &self.model {
             Model::Response(Map::Network(network)) => Some(network),
-            Model::Response(Map::Regression(_)) | Model::PerInstant { .. } => None,
+            Model::Response(Map::Regression(_)) | Model::PerInstant { .. } | Model::Motion(_) => None,
         }
     }
 
@@ -327,6 +373,16 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     for (name, min, max) in inputs.chain(outputs) {
         if !(min.is_finite() && max.is_finite() && min <= max) {
             return Err(FormatError::EmptyRange { name: name.clone(), min, max });
+        }
+    }
+    for State { name, range, nominal, .. } in &metadata.states {
+        if let Some([min, max]) = *range
+            && !(min.is_finite() && max.is_finite() && min <= max)
+        {
+            return Err(FormatError::EmptyRange { name: name.clone(), min, max });
+        }
+        if !(nominal.is_finite() && *nominal > 0.0) {
+            return Err(FormatError::Nominal { name: name.clone(), found: *nominal });
         }
     }
     for input in &metadata.inputs {

@@ -3,8 +3,8 @@
 
 use crate::{Metadata, Role};
 
-/// All variables, each at the position that is its FMI value reference: inputs, outputs, what every FMU has, arrays of
-/// outputs, error bounds.
+/// All variables, each at the position that is its FMI value reference: inputs, outputs, states, their derivatives, what every FMU
+/// has, arrays of outputs, error bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variables(Vec<Variable>);
 
@@ -26,6 +26,10 @@ pub enum Quantity {
     Input(usize),
     /// An output.
     Output(usize),
+    /// A continuous state.
+    State(usize),
+    /// The derivative of a state with respect to time.
+    Derivative(usize),
     /// Something that every FMU has.
     BuiltIn(BuiltIn),
     /// Several outputs as one array. FMI 2.0 has no arrays.
@@ -97,16 +101,19 @@ impl Variable {
 impl Variables {
     /// The table of a surrogate with this description.
     pub(crate) fn of(metadata: &Metadata) -> Self {
-        let Metadata { inputs, outputs, arrays, bounds, .. } = metadata;
+        let Metadata { inputs, outputs, states, arrays, bounds, .. } = metadata;
         let has_time = inputs.iter().any(|input| input.role == Role::Time);
         let built_in = BuiltIn::ALWAYS.into_iter().chain((!has_time).then_some(BuiltIn::Time));
         let bounded = bounds.iter().flat_map(|_| outputs.iter().enumerate());
         let inputs = inputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Input(index)));
         let outputs = outputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Output(index)));
+        let rates =
+            states.iter().enumerate().map(|(index, v)| Variable::new(v.rate_name(), Quantity::Derivative(index)));
+        let states = states.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::State(index)));
         let built_in = built_in.map(|variable| Variable::new(variable.name(), Quantity::BuiltIn(variable)));
         let arrays = arrays.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Array(index)));
         let bounds = bounded.map(|(index, output)| Variable::new(output.bound_name(), Quantity::Bound(index)));
-        Self(inputs.chain(outputs).chain(built_in).chain(arrays).chain(bounds).collect())
+        Self(inputs.chain(outputs).chain(states).chain(rates).chain(built_in).chain(arrays).chain(bounds).collect())
     }
 
     /// The variable with this value reference.

@@ -69,7 +69,7 @@ fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
 }
 
 fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
-    let domain = Domain::new(surrogate.inputs());
+    let domain = Domain::new(surrogate.inputs(), surrogate.states());
     let (mut inside, mut distance) = ([true], [0.0]);
     instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;
     instance.get_real(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainDistance))], &mut distance)?;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Bounds, BuiltIn, Encoding, Precision, Quantity, Role, Variability, example};
+use crate::{Bounds, BuiltIn, Encoding, Precision, Quantity, Role, Shown, Variability, example};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
@@ -495,5 +495,62 @@ fn networks_for_instants_that_make_no_sense_is_refused() {
         change(&mut metadata, &mut instants, &mut networks);
         let message = Surrogate::new(metadata, Model::PerInstant { instants, networks }).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
+    }
+}
+
+/// The crane's model file with other tensors: what is wrong with it.
+fn crane_with(change: impl Fn(&mut Motion)) -> String {
+    let surrogate = example::crane();
+    let Model::Motion(mut motion) = surrogate.model().clone() else { unreachable!("the crane moves") };
+    change(&mut motion);
+    let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Motion(motion));
+    surrogate.map_or_else(|error| error.to_string(), |_| "nothing".into())
+}
+
+#[test]
+fn a_motion_survives_the_round_trip() {
+    let surrogate = example::crane().sealed().unwrap();
+    let bytes = surrogate.to_bytes().unwrap();
+    assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
+    for length in (0..bytes.len()).step_by(97) {
+        assert!(Surrogate::from_bytes(&bytes[..length]).is_err(), "{length}");
+    }
+    // any byte that is another is noticed: by the reader or by the digest
+    for position in (8..bytes.len()).step_by(31) {
+        let mut damaged = bytes.clone();
+        damaged[position] ^= 4;
+        let found = Surrogate::from_bytes(&damaged).and_then(|surrogate| surrogate.check_content());
+        assert!(found.is_err(), "byte {position}");
+    }
+}
+
+#[test]
+fn a_motion_that_makes_no_sense_is_refused() {
+    for (expected, change) in [
+        ("nothing", &(|_: &mut Motion| {}) as &dyn Fn(&mut Motion)),
+        ("tensor `shown`, element 2: 7, expected less than 3", &|motion| motion.outputs[2] = Shown::Velocity(7)),
+        ("tensor `shown` has shape [6], expected [7]", &|motion| motion.outputs.truncate(6)),
+        ("tensor `windings` has shape [5], expected [6]", &|motion| motion.windings.truncate(5)),
+        ("tensor `windings`, element 1: NaN is not finite", &|motion| motion.windings[1] = f64::NAN),
+        ("time step 0 is not positive", &|motion| motion.step = 0.0),
+    ] {
+        let found = crane_with(change);
+        assert!(found.starts_with(expected), "{found} instead of {expected}");
+    }
+    let bytes = example::crane().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    for (from, to, expected) in [
+        ("motion", "response", "a motion has dictionaries, and only a motion"),
+        ("positions.windings", "positions.winding", "tensor `positions.windings` is missing"),
+        (
+            "\\\"map\\\":\\\"dictionary\\\"",
+            "\\\"map\\\":\\\"forest\\\"",
+            "a motion has dictionaries, and only a motion",
+        ),
+    ] {
+        assert!(header.contains(from), "{from} is not in {header}");
+        let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
+        assert!(found.contains(expected), "{found}");
     }
 }

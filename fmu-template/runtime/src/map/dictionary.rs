@@ -141,6 +141,32 @@ impl Dictionary {
         self.outputs
     }
 
+    /// What each column contributes.
+    pub fn factors(&self) -> impl Iterator<Item = Factor> + '_ {
+        self.columns.iter().map(|column| column.factor)
+    }
+
+    /// The products with their coefficients, as [`Dictionary::new`] takes them.
+    pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
+        self.products.iter().map(|product| {
+            let mut term = Term { exponents: vec![0; self.columns.len()], coefficients: vec![0.0; self.outputs] };
+            for &(column, atom) in &self.factors[product.factors.clone()] {
+                let Column { factor, atoms } = &self.columns[column];
+                let within = atom - atoms.start;
+                // each was made from an exponent, so it fits
+                term.exponents[column] = match factor {
+                    Factor::Angle if within % 2 == 0 => (within / 2 + 1) as i16,
+                    Factor::Angle => -((within / 2 + 1) as i16),
+                    Factor::Power { .. } => (within + 1) as i16,
+                };
+            }
+            for &(output, coefficient) in &self.coefficients[product.coefficients.clone()] {
+                term.coefficients[output] = coefficient;
+            }
+            term
+        })
+    }
+
     /// Number of products with a coefficient other than zero.
     pub fn products(&self) -> usize {
         self.products.len()
@@ -185,14 +211,14 @@ impl Dictionary {
             let coefficients = &self.coefficients[product.coefficients.clone()];
             let value = factors.iter().fold(T::from(1.0), |product, (_, atom)| product * atoms[*atom].value);
             for &(output, coefficient) in coefficients {
-                y[output] = y[output] + T::from(coefficient) * value;
+                y[output] = y[output] + value.scaled(coefficient);
             }
             for (index, (column, atom)) in factors.iter().enumerate().filter(|(_, (column, _))| *column < first) {
                 let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
                 let slope = others.fold(atoms[*atom].slope, |product, (_, (_, atom))| product * atoms[*atom].value);
                 for &(output, coefficient) in coefficients {
                     let to = &mut gradient[output * first + column];
-                    *to = *to + T::from(coefficient) * slope;
+                    *to = *to + slope.scaled(coefficient);
                 }
             }
         }
@@ -208,16 +234,16 @@ impl Column {
                 let (mut s, mut c) = (T::from(0.0), T::from(1.0));
                 for (order, pair) in (1u32..).zip(atoms.as_chunks_mut::<2>().0) {
                     (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
-                    let k = T::from(order.into());
-                    *pair = [Atom { value: c, slope: T::from(0.0) - k * s }, Atom { value: s, slope: k * c }];
+                    let k = f64::from(order);
+                    *pair = [Atom { value: c, slope: s.scaled(-k) }, Atom { value: s, slope: c.scaled(k) }];
                 }
             }
             Factor::Power { middle, half } => {
-                let scale = T::from(half.recip());
-                let z = (x - T::from(middle)) * scale;
+                let scale = half.recip();
+                let z = (x - T::from(middle)).scaled(scale);
                 let mut power = T::from(1.0);
                 for (order, atom) in (1u32..).zip(atoms) {
-                    let slope = T::from(order.into()) * scale * power;
+                    let slope = power.scaled(f64::from(order) * scale);
                     power = power * z;
                     *atom = Atom { value: power, slope };
                 }
@@ -310,5 +336,14 @@ mod tests {
         }
         let dictionary = Dictionary::new(&factors, 1, &[term(&[4, 2], &[0.0]), term(&[1, 0], &[2.0])]).unwrap();
         assert_eq!(dictionary.products(), 1);
+    }
+
+    #[test]
+    fn terms_give_the_dictionary_back() {
+        let dictionary = example();
+        let factors: Vec<Factor> = dictionary.factors().collect();
+        let terms: Vec<Term> = dictionary.terms().collect();
+        assert_eq!(terms[2], term(&[-3, 2, 1], &[-0.7, 0.2]));
+        assert_eq!(Dictionary::new(&factors, 2, &terms).unwrap(), dictionary);
     }
 }

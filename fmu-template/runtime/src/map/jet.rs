@@ -2,12 +2,14 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// What a formula is computed in: plain numbers, or [`Jet`]s.
+/// What a formula is computed in: plain numbers, or [`Jet`]s, also of jets.
 pub(crate) trait Number:
     Copy + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {
     /// Without derivatives.
     fn value(self) -> f64;
+    /// Times a constant.
+    fn scaled(self, by: f64) -> Self;
     fn exp(self) -> Self;
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
@@ -15,15 +17,19 @@ pub(crate) trait Number:
 
 /// A value with its first and second derivative along a curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Jet {
-    pub(crate) value: f64,
-    pub(crate) first: f64,
-    pub(crate) second: f64,
+pub(crate) struct Jet<T = f64> {
+    pub(crate) value: T,
+    pub(crate) first: T,
+    pub(crate) second: T,
 }
 
 impl Number for f64 {
     fn value(self) -> f64 {
         self
+    }
+
+    fn scaled(self, by: f64) -> Self {
+        by * self
     }
 
     fn exp(self) -> Self {
@@ -39,9 +45,14 @@ impl Number for f64 {
     }
 }
 
-impl Number for Jet {
+impl<T: Number> Number for Jet<T> {
     fn value(self) -> f64 {
-        self.value
+        self.value.value()
+    }
+
+    fn scaled(self, by: f64) -> Self {
+        let Self { value, first, second } = self;
+        Self { value: value.scaled(by), first: first.scaled(by), second: second.scaled(by) }
     }
 
     fn exp(self) -> Self {
@@ -53,29 +64,26 @@ impl Number for Jet {
     fn sin_cos(self) -> (Self, Self) {
         let Self { value, first, second } = self;
         let (sine, cosine) = value.sin_cos();
-        let of = |value: f64, slope: f64| Self {
-            value,
-            first: slope * first,
-            second: slope * second - value * first * first,
-        };
-        (of(sine, cosine), of(cosine, -sine))
+        let of =
+            |value: T, slope: T| Self { value, first: slope * first, second: slope * second - value * first * first };
+        (of(sine, cosine), of(cosine, sine.scaled(-1.0)))
     }
 
     fn recip(self) -> Self {
         let value = self.value.recip();
-        let slope = -value * value;
+        let slope = (value * value).scaled(-1.0);
         let Self { first, second, .. } = self;
-        Self { value, first: slope * first, second: slope * (second - 2.0 * value * first * first) }
+        Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
     }
 }
 
-impl From<f64> for Jet {
+impl<T: Number> From<f64> for Jet<T> {
     fn from(value: f64) -> Self {
-        Self { value, first: 0.0, second: 0.0 }
+        Self { value: T::from(value), first: T::from(0.0), second: T::from(0.0) }
     }
 }
 
-impl Add for Jet {
+impl<T: Number> Add for Jet<T> {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
@@ -84,7 +92,7 @@ impl Add for Jet {
     }
 }
 
-impl Sub for Jet {
+impl<T: Number> Sub for Jet<T> {
     type Output = Self;
 
     fn sub(self, other: Self) -> Self {
@@ -93,7 +101,7 @@ impl Sub for Jet {
     }
 }
 
-impl Mul for Jet {
+impl<T: Number> Mul for Jet<T> {
     type Output = Self;
 
     fn mul(self, other: Self) -> Self {
@@ -101,7 +109,7 @@ impl Mul for Jet {
         Self {
             value: self.value * value,
             first: self.first * value + self.value * first,
-            second: self.second * value + 2.0 * self.first * first + self.value * second,
+            second: self.second * value + (self.first * first).scaled(2.0) + self.value * second,
         }
     }
 }

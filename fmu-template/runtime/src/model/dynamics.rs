@@ -35,14 +35,17 @@ pub struct DynamicsScratch {
     series: Work<Jet>,
 }
 
+/// What the evaluation in one kind of numbers needs.
 #[derive(Clone, Debug)]
-struct Work<T> {
-    columns: Vec<T>,
+pub(super) struct Work<T> {
+    /// `(q, p)`, to be filled in.
+    pub(super) columns: Vec<T>,
     law: Vec<T>,
     gradient: Vec<T>,
     atoms: Vec<Atom<T>>,
     factors: Vec<T>,
-    accelerations: Vec<T>,
+    /// The result.
+    pub(super) accelerations: Vec<T>,
 }
 
 /// A state with parameters and inputs.
@@ -106,7 +109,7 @@ impl Dynamics {
         DynamicsScratch { plain: self.work(), series: self.work() }
     }
 
-    fn work<T: Number>(&self) -> Work<T> {
+    pub(super) fn work<T: Number>(&self) -> Work<T> {
         let zeros = |count: usize| vec![T::from(0.0); count];
         let (n, outputs) = (self.coordinates, self.law.outputs());
         Work {
@@ -153,14 +156,24 @@ impl Dynamics {
     /// # Panics
     /// As [`Dynamics::accelerations`].
     pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
-        let Work { columns, law, atoms, .. } = &mut scratch.plain;
+        let work = &mut scratch.plain;
         let Point { q, v, p, .. } = point;
-        columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
-        self.law.compute(columns, law, &mut [], 0, atoms);
+        work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
+        self.law.compute(&work.columns, &mut work.law, &mut [], 0, &mut work.atoms);
+        let [kinetic, potential] = self.energies(|k| v[k], work);
+        kinetic + potential
+    }
+
+    /// `v^T M v / 2` and `V`, once the law was computed.
+    pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &Work<T>) -> [T; 2] {
         let n = self.coordinates;
-        let kinetic: f64 =
-            (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|(i, j)| v[i] * law[entry(i, j)] * v[j]).sum();
-        0.5 * kinetic + law[n * (n + 1) / 2]
+        let mut kinetic = T::from(0.0);
+        for i in 0..n {
+            for j in 0..n {
+                kinetic = kinetic + v(i) * work.law[entry(i, j)] * v(j);
+            }
+        }
+        [kinetic.scaled(0.5), work.law[n * (n + 1) / 2]]
     }
 
     /// One step of the classical Runge-Kutta method of order 4 over `h` seconds with constant inputs: `q` and `v` are replaced.
@@ -207,8 +220,8 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs, self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`.
-    fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
+    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`, from the columns of the working memory.
+    pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
         let Work { columns, law, gradient, atoms, factors, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs);
         self.law.compute(columns, law, gradient, n, atoms);
@@ -216,13 +229,12 @@ impl Dynamics {
         let potential = n * (n + 1) / 2;
         let (force, damping) = (potential + 1, potential + 1 + n);
         let input_map = damping + n * n;
-        let half = T::from(0.5);
         for i in 0..n {
             let mut side = law[force + i] - of(potential, i);
             for j in 0..n {
                 side = side - law[damping + i * n + j] * v(j);
                 for k in 0..n {
-                    let christoffel = of(entry(i, j), k) - half * of(entry(j, k), i);
+                    let christoffel = of(entry(i, j), k) - of(entry(j, k), i).scaled(0.5);
                     side = side - christoffel * v(j) * v(k);
                 }
             }

@@ -1,14 +1,11 @@
 //! The surrogate prepared for evaluation.
 
 use super::{
-    Model,
-    per_instant::{Instants, Sides},
+    Drive, Model, Motion, StepError,
+    maps::{Maps, MapsScratch},
+    motion::MotionScratch,
 };
-use crate::{
-    Encoder, Surrogate,
-    map::{MapScratch, PreparedMap, Task},
-    simd::Simd,
-};
+use crate::{Surrogate, map::Task};
 
 /// Highest order of the outputs' derivatives along a curve: the FMU's `maxOutputDerivativeOrder`.
 pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
@@ -16,223 +13,127 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 /// A [`Surrogate`] laid out for fast evaluation. Immutable: any number of threads may share it, each with a [`Scratch`]
 /// of its own. No evaluation allocates.
 ///
+/// A point has one value for each input and, after them, one for each state; results are the outputs and, after them, the states'
+/// derivatives with respect to time.
+///
 /// Every method panics if a slice has the wrong length or the scratch belongs to another evaluator.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
-    inputs: usize,
-    outputs: usize,
-    /// What makes columns of the inputs, if some are not what they are.
-    encoder: Option<Encoder>,
     columns: usize,
-    /// One, or one for each instant.
-    maps: Vec<PreparedMap>,
-    /// The networks' instants, if there are several.
-    instants: Option<Instants>,
-    simd: Simd,
+    results: usize,
+    engine: Engine,
+}
+
+#[derive(Clone, Debug)]
+enum Engine {
+    Maps(Maps),
+    Motion(Motion),
 }
 
 /// Working memory of one evaluation at a time.
 #[derive(Clone, Debug)]
-pub struct Scratch {
-    map: MapScratch,
-    sides: Option<Sides>,
-    columns: Option<Columns>,
-}
+pub struct Scratch(Working);
 
-/// Columns of the network after the inputs' encoding: their values, rates along a curve, and adjoint derivatives.
 #[derive(Clone, Debug)]
-struct Columns {
-    point: Vec<f64>,
-    rates: [Vec<f64>; 2],
-    gradient: Vec<f64>,
+enum Working {
+    Maps(MapsScratch),
+    Motion(MotionScratch),
 }
 
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub fn new(surrogate: &Surrogate) -> Self {
         let metadata = surrogate.metadata();
-        let encoder = Encoder::of(surrogate.inputs());
-        let (maps, instants) = match surrogate.model() {
-            Model::Response(map) => (vec![PreparedMap::new(map, metadata.precision)], None),
-            Model::PerInstant { instants, networks } => {
-                let time = surrogate.time_column().expect("a network for each instant has a time column");
-                let prepared = |network| PreparedMap::of_network(network, metadata.precision);
-                let instants = Instants::new(instants, encoder.first_column(time));
-                (networks.iter().map(prepared).collect(), Some(instants))
-            }
-        };
+        let states = metadata.states.len();
         Self {
-            inputs: metadata.inputs.len(),
-            outputs: metadata.outputs.len(),
-            columns: encoder.width(),
-            encoder: (!encoder.is_plain()).then_some(encoder),
-            maps,
-            instants,
-            simd: Simd::detect(),
+            columns: metadata.inputs.len() + states,
+            results: metadata.outputs.len() + states,
+            engine: match surrogate.model() {
+                Model::Motion(motion) => Engine::Motion((**motion).clone()),
+                Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(surrogate)),
+            },
         }
     }
 
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
-        let sides = self.instants.is_some().then(|| Sides::new(self.columns - 1, self.outputs));
-        let zeros = || vec![0.0; self.columns];
-        let columns =
-            self.encoder.is_some().then(|| Columns { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() });
-        // the layers of all networks have the same sizes
-        Scratch { map: self.maps[0].scratch(), sides, columns }
+        Scratch(match &self.engine {
+            Engine::Maps(maps) => Working::Maps(maps.scratch()),
+            Engine::Motion(motion) => Working::Motion(motion.scratch()),
+        })
     }
 
-    /// Outputs at one point: `inputs` has one value per input, `outputs` one per output column.
-    pub fn evaluate(&self, inputs: &[f64], outputs: &mut [f64], scratch: &mut Scratch) {
-        self.check_outputs(outputs);
-        self.perform(inputs, Task::Outputs(outputs), scratch);
+    /// Results at one point.
+    pub fn evaluate(&self, point: &[f64], results: &mut [f64], scratch: &mut Scratch) {
+        self.check_results(results);
+        self.perform(point, Task::Outputs(results), scratch);
     }
 
-    /// Directional derivative `J(inputs) direction`, exact but for rounding.
-    pub fn directional(&self, inputs: &[f64], direction: &[f64], derivative: &mut [f64], scratch: &mut Scratch) {
-        self.check_inputs(direction);
-        self.check_outputs(derivative);
+    /// Directional derivative `J(point) direction`, exact but for rounding.
+    pub fn directional(&self, point: &[f64], direction: &[f64], derivative: &mut [f64], scratch: &mut Scratch) {
+        self.check_point(direction);
+        self.check_results(derivative);
         let task = Task::Series { rates: [direction, &[]], first: derivative, second: None };
-        self.perform(inputs, task, scratch);
+        self.perform(point, task, scratch);
     }
 
-    /// First and second derivative of the outputs along a curve that is at `inputs` with the derivatives `rates` (first
+    /// First and second derivative of the results along a curve that is at `point` with the derivatives `rates` (first
     /// and second), exact but for rounding.
-    pub fn along_curve(&self, inputs: &[f64], rates: [&[f64]; 2], derivatives: [&mut [f64]; 2], scratch: &mut Scratch) {
-        rates.iter().for_each(|rate| self.check_inputs(rate));
-        derivatives.iter().for_each(|derivative| self.check_outputs(derivative));
+    pub fn along_curve(&self, point: &[f64], rates: [&[f64]; 2], derivatives: [&mut [f64]; 2], scratch: &mut Scratch) {
+        rates.iter().for_each(|rate| self.check_point(rate));
+        derivatives.iter().for_each(|derivative| self.check_results(derivative));
         let [first, second] = derivatives;
-        self.perform(inputs, Task::Series { rates, first, second: Some(second) }, scratch);
+        self.perform(point, Task::Series { rates, first, second: Some(second) }, scratch);
     }
 
-    /// Adjoint derivative `J(inputs)^T weights`, exact but for rounding.
-    pub fn adjoint(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64], scratch: &mut Scratch) {
-        self.check_inputs(gradient);
-        self.check_outputs(weights);
-        self.perform(inputs, Task::Adjoint { weights, gradient }, scratch);
+    /// Adjoint derivative `J(point)^T weights`, exact but for rounding. With states it takes as long as a directional derivative
+    /// for each column.
+    pub fn adjoint(&self, point: &[f64], weights: &[f64], gradient: &mut [f64], scratch: &mut Scratch) {
+        self.check_point(gradient);
+        self.check_results(weights);
+        self.perform(point, Task::Adjoint { weights, gradient }, scratch);
     }
 
-    fn check_inputs(&self, inputs: &[f64]) {
-        assert_eq!(inputs.len(), self.inputs, "number of inputs");
-    }
-
-    fn check_outputs(&self, outputs: &[f64]) {
-        assert_eq!(outputs.len(), self.outputs, "number of outputs");
-    }
-
-    #[inline]
-    fn perform(&self, inputs: &[f64], task: Task, scratch: &mut Scratch) {
-        self.check_inputs(inputs);
-        let Scratch { map, sides, columns } = scratch;
-        match (&self.encoder, columns) {
-            (None, None) => self.compute(inputs, task, sides, map),
-            (Some(encoder), Some(columns)) => self.encode(encoder, inputs, task, columns, sides, map),
-            _ => panic!("the scratch belongs to another evaluator"),
-        }
-    }
-
-    /// Does a task of the inputs with the columns after their encoding, by the chain rule.
-    fn encode(
+    /// Integrates the states of a point over `size` seconds, by the method that [`Motion`] describes: with steps of fixed size, or
+    /// with a tolerance relative to the states and their nominal values. Nothing happens without states.
+    ///
+    /// # Errors
+    /// A [`StepError`]; the states are as before.
+    pub fn advance(
         &self,
-        encoder: &Encoder,
-        inputs: &[f64],
-        task: Task,
-        columns: &mut Columns,
-        sides: &mut Option<Sides>,
-        map: &mut MapScratch,
-    ) {
-        let Columns { point, rates: [velocity, change], gradient: by_columns } = columns;
-        encoder.encode(inputs, point);
-        match task {
-            Task::Outputs(outputs) => self.compute(point, Task::Outputs(outputs), sides, map),
-            Task::Series { rates, first, second } => {
-                encoder.along_curve(point, rates, [velocity, change]);
-                let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
-                self.compute(point, Task::Series { rates, first, second }, sides, map);
-            }
-            Task::Adjoint { weights, gradient } => {
-                self.compute(point, Task::Adjoint { weights, gradient: by_columns }, sides, map);
-                encoder.gradient(point, by_columns, gradient);
-            }
+        point: &mut [f64],
+        method: (f64, Option<f64>, &[f64]),
+        drive: Drive,
+        scratch: &mut Scratch,
+    ) -> Result<(), StepError> {
+        self.check_point(point);
+        match (&self.engine, &mut scratch.0) {
+            (Engine::Maps(_), _) => Ok(()),
+            (Engine::Motion(motion), Working::Motion(scratch)) => motion.advance(point, method, drive, scratch),
+            _ => panic!("{OTHER}"),
         }
     }
 
-    /// Does a task at the columns of the network.
+    fn check_point(&self, point: &[f64]) {
+        assert_eq!(point.len(), self.columns, "number of inputs and states");
+    }
+
+    fn check_results(&self, results: &[f64]) {
+        assert_eq!(results.len(), self.results, "number of outputs and derivatives");
+    }
+
     #[inline]
-    fn compute(&self, columns: &[f64], task: Task, sides: &mut Option<Sides>, map: &mut MapScratch) {
-        match (&self.instants, sides) {
-            (None, None) => self.dispatch(0, columns, task, map),
-            (Some(instants), Some(sides)) => self.interpolate(instants, columns, task, sides, map),
-            _ => panic!("the scratch belongs to another evaluator"),
+    fn perform(&self, point: &[f64], task: Task, scratch: &mut Scratch) {
+        self.check_point(point);
+        match (&self.engine, &mut scratch.0) {
+            (Engine::Maps(maps), Working::Maps(scratch)) => maps.perform(point, task, scratch),
+            (Engine::Motion(motion), Working::Motion(scratch)) => motion.perform(point, task, scratch),
+            _ => panic!("{OTHER}"),
         }
-    }
-
-    /// Does a task with the networks of the two instants around the moment, and takes what lies between.
-    fn interpolate(&self, instants: &Instants, inputs: &[f64], task: Task, sides: &mut Sides, map: &mut MapScratch) {
-        let Sides { point, rates: point_rates, values, first: once, second: twice, gradient: gradients } = sides;
-        let interpolation = instants.interpolation(inputs[instants.time()]);
-        instants.others(inputs, point);
-        if let Task::Outputs(outputs) = task {
-            let [_, right] = values;
-            self.dispatch(interpolation.left, point, Task::Outputs(outputs), map);
-            if interpolation.weight != 0.0 {
-                self.dispatch(interpolation.left + 1, point, Task::Outputs(right), map);
-                outputs.iter_mut().zip(right).for_each(|(left, right)| *left = interpolation.between(*left, *right));
-            }
-            return;
-        }
-        for (side, values) in values.iter_mut().enumerate() {
-            self.dispatch(interpolation.left + side, point, Task::Outputs(values), map);
-        }
-        match task {
-            Task::Outputs(_) => {}
-            Task::Series { rates, first, second } => {
-                // of the weight along the curve
-                let [rate, acceleration] =
-                    rates.map(|rates| rates.get(instants.time()).map_or(0.0, |rate| interpolation.slope * rate));
-                for (to, from) in point_rates.iter_mut().zip(rates) {
-                    instants.others(from, to);
-                }
-                for side in [0, 1] {
-                    let [velocity, change] = &*point_rates;
-                    let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
-                    let second = second.is_some().then_some(twice[side].as_mut_slice());
-                    let task = Task::Series { rates, first: &mut once[side], second };
-                    self.dispatch(interpolation.left + side, point, task, map);
-                }
-                for (output, first) in first.iter_mut().enumerate() {
-                    let [left, right] = [0, 1].map(|side| once[side][output]);
-                    *first = interpolation.between(left, right) + rate * (values[1][output] - values[0][output]);
-                }
-                for (output, second) in second.into_iter().flatten().enumerate() {
-                    let [left, right] = [0, 1].map(|side| twice[side][output]);
-                    *second = interpolation.between(left, right)
-                        + 2.0 * rate * (once[1][output] - once[0][output])
-                        + acceleration * (values[1][output] - values[0][output]);
-                }
-            }
-            Task::Adjoint { weights, gradient } => {
-                for (side, gradient) in gradients.iter_mut().enumerate() {
-                    self.dispatch(interpolation.left + side, point, Task::Adjoint { weights, gradient }, map);
-                }
-                let changes = values[1].iter().zip(&values[0]).map(|(right, left)| right - left);
-                let by_time =
-                    interpolation.slope * weights.iter().zip(changes).map(|(weight, by)| weight * by).sum::<f64>();
-                let mut others =
-                    gradients[0].iter().zip(&gradients[1]).map(|(left, right)| interpolation.between(*left, *right));
-                for (column, gradient) in gradient.iter_mut().enumerate() {
-                    *gradient = if column == instants.time() { by_time } else { others.next().unwrap_or(0.0) };
-                }
-            }
-        }
-    }
-
-    /// Does a task with map `index`.
-    #[inline]
-    fn dispatch(&self, index: usize, columns: &[f64], task: Task, map: &mut MapScratch) {
-        self.maps[index].perform(self.simd, columns, task, map);
     }
 }
+
+const OTHER: &str = "the scratch belongs to another evaluator";
 
 #[cfg(test)]
 mod tests;

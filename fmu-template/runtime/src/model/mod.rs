@@ -1,16 +1,20 @@
-//! Models: maps together with time.
+//! Models: maps together with time, and with states.
 
 pub(crate) mod dynamics;
 mod evaluator;
+mod maps;
+pub(crate) mod motion;
 mod per_instant;
 
 use crate::{
-    Encoder, FormatError, Input, Role,
-    map::{Map, ScaledNetwork, expect_finite},
+    Encoder, FormatError, Input, Metadata, Role,
+    map::{Map, ScaledNetwork, expect_finite, expect_shape},
 };
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
+pub use motion::{Drive, MAX_SOLVER_STEPS, Motion, Shown, StepError};
 
-/// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them.
+/// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them, and one for each of its
+/// states.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Model {
     /// One map gives the outputs; the time, if it is an input, is a column like the others.
@@ -24,17 +28,32 @@ pub enum Model {
         /// One an instant, all with layers of the same sizes.
         networks: Vec<ScaledNetwork>,
     },
+    /// Equations of motion, whose coordinates and velocities are the states.
+    Motion(Box<Motion>),
 }
 
 impl Model {
-    /// Makes sure that it fits these inputs and so many outputs.
+    /// Makes sure that it fits the inputs, states and outputs of a description.
     ///
     /// # Errors
     /// The first [`FormatError`].
-    pub(crate) fn check(&self, inputs: &[Input], outputs: usize) -> Result<(), FormatError> {
+    pub(crate) fn check(&self, metadata: &Metadata) -> Result<(), FormatError> {
+        let Metadata { inputs, states, outputs, .. } = metadata;
+        let (inputs, outputs) = (inputs.as_slice(), outputs.len());
+        let without_states = || match inputs.iter().find(|input| input.role == Role::Start) {
+            Some(input) => Err(FormatError::NoState { name: input.name.clone() }),
+            None => expect_shape("states", &[states.len()], &[0]),
+        };
         match self {
-            Self::Response(map) => map.check(Encoder::of(inputs).width(), outputs),
-            Self::PerInstant { instants, networks } => check_per_instant(instants, networks, inputs, outputs),
+            Self::Response(map) => {
+                without_states()?;
+                map.check(Encoder::of(inputs).width(), outputs)
+            }
+            Self::PerInstant { instants, networks } => {
+                without_states()?;
+                check_per_instant(instants, networks, inputs, outputs)
+            }
+            Self::Motion(motion) => motion.check(inputs, states, outputs),
         }
     }
 }

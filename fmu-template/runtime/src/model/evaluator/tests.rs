@@ -1,10 +1,16 @@
 use super::*;
 use crate::{Activation, Encoding, Map, Numbers, Precision, ScaledNetwork, Scaling, encoding::nearest, example};
+use crate::{map::MapScratch, simd::Simd};
 use extended::Extended;
 
 mod extended;
 
 const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]];
+
+fn maps(evaluator: &mut Evaluator) -> &mut Maps {
+    let Engine::Maps(maps) = &mut evaluator.engine else { unreachable!("it has no states") };
+    maps
+}
 
 /// The textbook formulas, one scalar at a time.
 fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
@@ -41,7 +47,7 @@ fn every_instruction_set_agrees_with_the_textbook_formula() {
             for inputs in POINTS {
                 let expected = reference(&surrogate, &inputs);
                 for simd in Simd::available() {
-                    evaluator.simd = simd;
+                    maps(&mut evaluator).simd = simd;
                     evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
                     for (found, expected) in outputs.iter().zip(&expected) {
                         let difference = (found - expected).abs();
@@ -120,7 +126,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::PerInstant { instants, networks } => {
             return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Response(Map::Regression(_)) => panic!("a network was expected"),
+        Model::Response(Map::Regression(_)) | Model::Motion(_) => panic!("a network was expected"),
     };
     let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
@@ -253,7 +259,7 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let network = match surrogate.model() {
         Model::Response(Map::Network(network)) => Some(network),
         Model::PerInstant { networks, .. } => networks.first(),
-        Model::Response(Map::Regression(_)) => None,
+        Model::Response(Map::Regression(_)) | Model::Motion(_) => None,
     };
     network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
 }
@@ -264,7 +270,7 @@ fn check_derivatives(surrogate: &Surrogate, points: &[[f64; 3]]) {
     let mut scratch = evaluator.scratch();
     for (inputs, simd) in points.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
         let what = format!("{:?} {inputs:?} {simd:?}", activations(surrogate));
-        evaluator.simd = simd;
+        maps(&mut evaluator).simd = simd;
         let [first, second] = differences(surrogate, inputs, rates);
         let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
         evaluator.directional(inputs, rates[0], &mut directional, &mut scratch);
@@ -347,7 +353,7 @@ fn single_precision_agrees_with_double_precision_to_its_own() {
         let mut single = Evaluator::new(&example::with_precision(hidden, activation, Precision::Single));
         let (mut of_double, mut of_single) = (double.scratch(), single.scratch());
         for (inputs, simd) in POINTS.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
-            single.simd = simd;
+            maps(&mut single).simd = simd;
             let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
             let scales = [0.8, 6.0]; // of the example's outputs
             let check = |expected: &[f64], found: &[f64], what: &str| {
@@ -407,7 +413,8 @@ fn no_hidden_value_is_ever_denormal() {
                     Precision::Double => x.is_subnormal(),
                     Precision::Single => (x as f32).is_subnormal(),
                 };
-                let hidden: Vec<f64> = match &scratch.map {
+                let Working::Maps(working) = &scratch.0 else { unreachable!("it has no states") };
+                let hidden: Vec<f64> = match &working.map {
                     MapScratch::Double(buffers) => buffers.hidden().collect(),
                     MapScratch::Single(buffers) => buffers.hidden().collect(),
                     MapScratch::Regression(_) => Vec::new(),
@@ -446,7 +453,7 @@ fn each_layer_has_its_own_activation_and_doubles_keep_their_digits() {
             let (mut outputs, mut narrow) = ([0.0; 2], [0.0; 2]);
             single.evaluate(&inputs, &mut narrow, &mut scratch_of_single);
             for simd in Simd::available() {
-                evaluator.simd = simd;
+                maps(&mut evaluator).simd = simd;
                 evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
                 for ((found, narrow), expected) in outputs.iter().zip(narrow).zip(&expected) {
                     assert!((found - expected).abs() < 1e-13, "{last:?} {simd:?}: {found} {expected}");

@@ -1,0 +1,114 @@
+//! The tensors of equations of motion.
+
+use super::{Tensor, Views, bytes, elements, take};
+use crate::{
+    FormatError,
+    dictionary::{Dictionary, Factor, Term},
+    map::{expect_finite, expect_shape},
+    model::{Motion, Shown, dynamics::Dynamics},
+};
+use safetensors::Dtype;
+
+impl Motion {
+    /// Name, type, shape and content of each.
+    pub(super) fn tensors(&self) -> Vec<Tensor> {
+        let Self { dynamics, positions, windings, outputs, step } = self;
+        let factors: Vec<f64> = dynamics
+            .law()
+            .factors()
+            .flat_map(|factor| match factor {
+                Factor::Angle => [0.0, 0.0],
+                Factor::Power { middle, half } => [middle, half],
+            })
+            .collect();
+        let shown: Vec<u32> = outputs
+            .iter()
+            .flat_map(|shown| match *shown {
+                Shown::Position(position) => [0, position as u32],
+                Shown::Velocity(position) => [1, position as u32],
+                Shown::Acceleration(position) => [2, position as u32],
+                Shown::KineticEnergy => [3, 0],
+                Shown::PotentialEnergy => [4, 0],
+            })
+            .collect();
+        let double = |name: &str, shape: &[usize], values: &[f64]| -> Tensor {
+            (name.into(), Dtype::F64, shape.into(), bytes(values, f64::to_le_bytes))
+        };
+        let mut tensors = vec![
+            double("columns", &[factors.len() / 2, 2], &factors),
+            double("positions.windings", &[positions.outputs(), dynamics.coordinates()], windings),
+            ("outputs.shown".into(), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
+            double("solver.step", &[1], &[*step]),
+        ];
+        for (name, dictionary) in [("law", dynamics.law()), ("positions", positions)] {
+            let terms: Vec<Term> = dictionary.terms().collect();
+            let exponents: Vec<i16> = terms.iter().flat_map(|term| term.exponents.iter().copied()).collect();
+            let coefficients: Vec<f64> = terms.iter().flat_map(|term| term.coefficients.iter().copied()).collect();
+            let shape = vec![terms.len(), dictionary.columns()];
+            tensors.push((format!("{name}.exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes)));
+            let shape = [terms.len(), dictionary.outputs()];
+            tensors.push(double(&format!("{name}.coefficients"), &shape, &coefficients));
+        }
+        tensors
+    }
+
+    pub(super) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
+        let mut doubles = |name: &str, dimensions| {
+            let view = take(tensors, name, Dtype::F64, dimensions)?;
+            let values = elements(view.data(), f64::from_le_bytes);
+            expect_finite(name, values.iter().copied())?;
+            Ok((values, view.shape().to_vec()))
+        };
+        let (columns, shape) = doubles("columns", 2)?;
+        expect_shape("columns", &shape[1..], &[2])?;
+        let (windings, winding_shape) = doubles("positions.windings", 2)?;
+        let (step, step_shape) = doubles("solver.step", 1)?;
+        expect_shape("solver.step", &step_shape, &[1])?;
+        let factor = |pair: &[f64; 2]| match *pair {
+            [middle, half] if half != 0.0 => Factor::Power { middle, half },
+            _ => Factor::Angle,
+        };
+        let factors: Vec<Factor> = columns.as_chunks::<2>().0.iter().map(factor).collect();
+        let law = dictionary(tensors, "law", &factors)?;
+        let positions = dictionary(tensors, "positions", &factors)?;
+        let coordinates = winding_shape[1];
+        // from the number of functions, which has a part for each input
+        let own = Dynamics::functions(coordinates, 0);
+        let inputs = law.outputs().saturating_sub(own).checked_div(coordinates).unwrap_or(0);
+        expect_shape("positions.windings", &winding_shape, &[positions.outputs(), coordinates])?;
+        let shown = take(tensors, "outputs.shown", Dtype::U32, 2)?;
+        expect_shape("outputs.shown", &shown.shape()[1..], &[2])?;
+        let shown = elements(shown.data(), u32::from_le_bytes);
+        let outputs = shown.as_chunks::<2>().0.iter().enumerate().map(|(index, &[kind, position])| {
+            let position = position as usize;
+            Ok(match kind {
+                0 => Shown::Position(position),
+                1 => Shown::Velocity(position),
+                2 => Shown::Acceleration(position),
+                3 => Shown::KineticEnergy,
+                4 => Shown::PotentialEnergy,
+                found => return Err(FormatError::Unknown { name: "outputs.shown".into(), index: 2 * index, found }),
+            })
+        });
+        let outputs = outputs.collect::<Result<_, _>>()?;
+        Ok(Self { dynamics: Dynamics::new(coordinates, inputs, law)?, positions, windings, outputs, step: step[0] })
+    }
+}
+
+fn dictionary(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
+    let view = take(tensors, &format!("{name}.exponents"), Dtype::I16, 2)?;
+    let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
+    let (coefficients_name, exponents_name) = (format!("{name}.coefficients"), format!("{name}.exponents"));
+    let view = take(tensors, &coefficients_name, Dtype::F64, 2)?;
+    expect_shape(&exponents_name, &shape, &[view.shape()[0], factors.len()])?;
+    let functions = view.shape()[1];
+    let coefficients = elements(view.data(), f64::from_le_bytes);
+    // chunks of no length are not allowed
+    let rows = |index: usize, width: usize| index * width..(index + 1) * width;
+    let term = |index| Term {
+        exponents: exponents[rows(index, factors.len())].to_vec(),
+        coefficients: coefficients[rows(index, functions)].to_vec(),
+    };
+    let terms: Vec<Term> = (0..shape[0]).map(term).collect();
+    Dictionary::new(factors, functions, &terms)
+}
