@@ -113,15 +113,16 @@ unsafe extern "C" fn fmi2SetDebugLogging(
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SetupExperiment(
     c: *mut c_void,
-    _toleranceDefined: c_int,
-    _tolerance: f64,
+    toleranceDefined: c_int,
+    tolerance: f64,
     startTime: f64,
     stopTimeDefined: c_int,
     stopTime: f64,
 ) -> Status {
     let stop = (stopTimeDefined != 0).then_some(stopTime);
+    let tolerance = (toleranceDefined != 0).then_some(tolerance);
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SetupExperiment, |instance| instance.set_up_experiment(startTime, stop)) }
+    unsafe { call(c, Function::SetupExperiment, |instance| instance.set_up_experiment(startTime, stop, tolerance)) }
 }
 
 #[unsafe(no_mangle)]

@@ -147,17 +147,18 @@ unsafe extern "C" fn fmi3SetDebugLogging(
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi3EnterInitializationMode(
     instance: *mut c_void,
-    _toleranceDefined: Boolean,
-    _tolerance: f64,
+    toleranceDefined: Boolean,
+    tolerance: f64,
     startTime: f64,
     stopTimeDefined: Boolean,
     stopTime: f64,
 ) -> Status {
     let stop = (stopTimeDefined != 0).then_some(stopTime);
+    let tolerance = (toleranceDefined != 0).then_some(tolerance);
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::EnterInitializationMode, |instance| {
-            instance.set_up_experiment(startTime, stop)?;
+            instance.set_up_experiment(startTime, stop, tolerance)?;
             instance.enter_initialization_mode()
         })
     }

@@ -13,6 +13,8 @@ use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, pat
 use variables::Variables;
 
 mod derivatives;
+mod domain;
+mod states;
 mod variables;
 
 /// What an instance is made for.
@@ -51,14 +53,16 @@ pub(crate) struct Instance {
     time_column: Option<usize>,
     /// Columns that are continuous inputs.
     input_columns: Vec<usize>,
+    /// Nominal values of the states.
+    nominals: Vec<f64>,
     now: Snapshot,
-    /// Where the network is evaluated: the inputs, clamped if that is the policy.
+    /// Where the model is evaluated: the inputs, clamped if that is the policy, and the states.
     point: Vec<f64>,
-    /// Valid unless `stale`.
-    outputs: Vec<f64>,
-    /// Whether something changed since the outputs were computed; they are, when somebody asks.
+    /// Outputs and, after them, derivatives of the states. Valid unless `stale`.
+    results: Vec<f64>,
+    /// Whether something changed since the results were computed; they are, when somebody asks.
     stale: bool,
-    /// Work space of derivatives: one vector over the input columns and one over the outputs for each order.
+    /// Work space of derivatives: one vector over the columns and one over the results for each order.
     columns: [Vec<f64>; 2],
     sensitivities: [Vec<f64>; 2],
     /// Columns the host was warned of in this run. Kept out of the snapshot: a host that repeats a step is not to be
@@ -102,16 +106,18 @@ impl Instance {
         }
         let evaluator = Evaluator::new(&surrogate);
         let metadata = surrogate.metadata().clone();
-        let (inputs, outputs) = (vec![0.0; metadata.inputs.len()], vec![0.0; metadata.outputs.len()]);
+        let states = metadata.states.len();
+        let (values, results) = (vec![0.0; metadata.inputs.len() + states], vec![0.0; metadata.outputs.len() + states]);
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let mut instance = Self {
             kind,
             variables: Variables::new(&surrogate, kind.version),
-            domain: Domain::new(&metadata.inputs),
+            domain: Domain::new(&metadata.inputs, &metadata.states),
             scratch: evaluator.scratch(),
             evaluator,
             time_column: surrogate.time_column(),
-            input_columns: (0..inputs.len()).filter(is_input).collect(),
+            input_columns: (0..metadata.inputs.len()).filter(is_input).collect(),
+            nominals: metadata.states.iter().map(|state| state.nominal).collect(),
             now: Snapshot {
                 surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
                 state: State::Instantiated,
@@ -122,16 +128,17 @@ impl Instance {
                 start_time: 0.0,
                 stop_time: f64::INFINITY,
                 earliest: 0.0,
-                inputs: inputs.clone(),
-                at_start: inputs.clone(),
-                rates: [inputs.clone(), inputs.clone()],
+                tolerance: 0.0,
+                values: values.clone(),
+                at_start: values.clone(),
+                rates: [values.clone(), values.clone()],
             },
-            warned: vec![false; inputs.len()],
+            warned: vec![false; values.len()],
             warned_of_change: false,
-            point: inputs.clone(),
-            columns: [inputs.clone(), inputs],
-            sensitivities: [outputs.clone(), outputs.clone()],
-            outputs,
+            point: values.clone(),
+            columns: [values.clone(), values],
+            sensitivities: [results.clone(), results.clone()],
+            results,
             stale: true,
             metadata,
             warnings: Vec::new(),
@@ -185,9 +192,17 @@ impl Instance {
 
     // ---- Modes ---------------------------------------------------------------------------------------------------
 
-    /// Start time, and stop time or infinity.
-    pub(crate) fn set_up_experiment(&mut self, start: f64, stop: Option<f64>) -> Result<(), Refusal> {
+    /// Start time, stop time if there is one, and the tolerance of the solver inside the FMU if it is to have one.
+    pub(crate) fn set_up_experiment(
+        &mut self,
+        start: f64,
+        stop: Option<f64>,
+        tolerance: Option<f64>,
+    ) -> Result<(), Refusal> {
         finite("startTime", start)?;
+        if let Some(tolerance) = tolerance.filter(|tolerance| !(tolerance.is_finite() && *tolerance >= 0.0)) {
+            return Err(Refusal::Tolerance { found: tolerance });
+        }
         if let Some(stop) = stop {
             finite("stopTime", stop)?;
             if stop <= start {
@@ -200,6 +215,7 @@ impl Instance {
         self.now.start_time = start;
         self.now.stop_time = stop.unwrap_or(f64::INFINITY);
         self.now.earliest = start;
+        self.now.tolerance = tolerance.unwrap_or(0.0);
         Ok(())
     }
 
@@ -256,10 +272,12 @@ impl Instance {
         self.now.start_time = 0.0;
         self.now.stop_time = f64::INFINITY;
         self.now.earliest = 0.0;
-        for (value, input) in self.now.inputs.iter_mut().zip(&self.metadata.inputs) {
+        self.now.tolerance = 0.0;
+        for (value, input) in self.now.values.iter_mut().zip(&self.metadata.inputs) {
             *value = if input.role == Role::Time { 0.0 } else { input.start };
         }
-        self.now.at_start.copy_from_slice(&self.now.inputs);
+        self.initialize_states();
+        self.now.at_start.copy_from_slice(&self.now.values);
         self.now.rates.iter_mut().for_each(|rates| rates.fill(0.0));
         self.now.time = 0.0;
         self.stale = true;
@@ -283,31 +301,35 @@ impl Instance {
     /// as [`Instance::size`] says.
     #[inline]
     pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
-        let mut outputs = false;
+        let mut results = false;
         for &reference in references {
             match self.quantity(reference)? {
                 Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => {
                     return Err(self.wrong_type(reference, "real"));
                 }
-                quantity => outputs |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_)),
+                quantity => {
+                    results |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_));
+                }
             }
         }
-        if outputs {
-            self.update_outputs();
+        if results {
+            self.update_results()?;
         }
         let mut values = values.iter_mut();
         for &reference in references {
             // not by way of `reals`: this is on the path of every step
             let value = match self.quantity(reference)? {
-                Quantity::Input(column) => self.now.inputs[column],
-                Quantity::Output(output) => self.outputs[output],
-                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.inputs),
+                Quantity::Input(column) => self.now.values[column],
+                Quantity::Output(output) => self.results[output],
+                Quantity::State(state) => self.states()[state],
+                Quantity::Derivative(state) => self.results[self.metadata.outputs.len() + state],
+                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values),
                 Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
                 Quantity::Bound(output) => self.variables.bound(output),
                 Quantity::Array(array) => {
                     let outputs = self.variables.outputs_of(array);
                     // in this order: zip takes from its first iterator even when the second has ended
-                    outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.outputs[output]);
+                    outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.results[output]);
                     continue;
                 }
                 Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => continue,
@@ -354,7 +376,7 @@ impl Instance {
         }
         for (&reference, &value) in references.iter().zip(values) {
             let column = reference as usize;
-            self.now.inputs[column] = value;
+            self.now.values[column] = value;
             if self.now.time <= self.now.start_time {
                 self.now.at_start[column] = value;
             }
@@ -362,6 +384,7 @@ impl Instance {
                 self.note_value(column);
             }
         }
+        self.initialize_states();
         self.stale |= !references.is_empty();
         Ok(())
     }
@@ -401,9 +424,12 @@ impl Instance {
             Quantity::Input(column) => match self.metadata.inputs[column].role {
                 Role::Time => Err(Refusal::SetTime { name: name(), reference }),
                 Role::Parameter(variability) => self.parameter_settable(variability, reference).map(|()| column),
+                Role::Start => self.parameter_settable(Variability::Fixed, reference).map(|()| column),
                 Role::Input => Ok(column),
             },
+            Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
             Quantity::Output(_)
+            | Quantity::Derivative(_)
             | Quantity::Array(_)
             | Quantity::Bound(_)
             | Quantity::BuiltIn(BuiltIn::DomainDistance) => Err(Refusal::SetOutput { name: name(), reference }),
@@ -434,7 +460,8 @@ impl Instance {
     }
 
     fn column_name(&self, column: usize) -> String {
-        self.metadata.inputs[column].name.clone()
+        let Metadata { inputs, states, .. } = &self.metadata;
+        inputs.get(column).map_or_else(|| states[column - inputs.len()].name.clone(), |input| input.name.clone())
     }
 
     fn wrong_type(&self, reference: u32, asked: &'static str) -> Refusal {
@@ -451,18 +478,23 @@ impl Instance {
     /// The element of a scalar is zero, which stands for all there are.
     pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
         let quantity = self.quantity(reference)?;
-        let inputs = self.now.inputs.len() as u32;
-        let (columns, policy) = match quantity {
-            Quantity::Output(_) | Quantity::Array(_) => {
-                (inputs, self.variables.reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)))
+        let Metadata { inputs, outputs, states, .. } = &self.metadata;
+        let first_state = (inputs.len() + outputs.len()) as u32;
+        let all = (inputs.len() as u32, first_state..first_state + states.len() as u32);
+        let ((inputs, states), policy) = match quantity {
+            Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_) => {
+                (all, self.variables.reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)))
             }
-            Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance) => (inputs, None),
-            Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time) => {
-                (0, None)
-            }
+            Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance) => (all, None),
+            Quantity::Input(_)
+            | Quantity::State(_)
+            | Quantity::Bound(_)
+            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time) => ((0, 0..0), None),
         };
         let elements = self.variables.elements(quantity).map_or(0..=0, |elements| 1..=elements);
-        Ok(elements.flat_map(move |element| (0..columns).chain(policy).map(move |known| (element, known))))
+        Ok(elements.flat_map(move |element| {
+            (0..inputs).chain(states.clone()).chain(policy).map(move |known| (element, known))
+        }))
     }
 
     // ---- Time ----------------------------------------------------------------------------------------------------
@@ -498,10 +530,13 @@ impl Instance {
         for &column in &self.input_columns {
             self.check_value(column, self.extrapolated(column, size), time, self.now.policy, status)?;
         }
+        if !self.metadata.states.is_empty() {
+            self.advance_states(time, size, status)?;
+        }
         self.set_time(time, status)?;
         for index in 0..self.input_columns.len() {
             let column = self.input_columns[index];
-            self.now.inputs[column] = self.extrapolated(column, size);
+            self.now.values[column] = self.extrapolated(column, size);
             self.now.rates[0][column] += size * self.now.rates[1][column];
             self.stale = true;
             self.note_value(column);
@@ -512,7 +547,7 @@ impl Instance {
     /// An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are.
     fn extrapolated(&self, column: usize, size: f64) -> f64 {
         let [first, second] = &self.now.rates;
-        let value = self.now.inputs[column];
+        let value = self.now.values[column];
         let later = value + size * (first[column] + 0.5 * size * second[column]);
         if later.is_finite() { later } else { value }
     }
@@ -533,7 +568,7 @@ impl Instance {
             if !self.is_trial() {
                 self.check_value(column, time, time, self.now.policy, refused)?;
             }
-            self.now.inputs[column] = time;
+            self.now.values[column] = time;
             self.stale = true;
             if !self.is_trial() {
                 self.note_value(column);
@@ -553,97 +588,16 @@ impl Instance {
     /// Where a solver has completed a step or an event begins: now the time and the inputs count.
     pub(crate) fn accept_point(&mut self) -> Result<(), Refusal> {
         if self.now.time <= self.now.start_time {
-            self.now.at_start.copy_from_slice(&self.now.inputs);
+            self.now.at_start.copy_from_slice(&self.now.values);
         }
         self.check_point(self.now.policy)?;
-        (0..self.now.inputs.len()).for_each(|column| self.note_value(column));
+        (0..self.now.values.len()).for_each(|column| self.note_value(column));
         Ok(())
     }
 
     /// Where the last step ended.
     pub(crate) fn time(&self) -> f64 {
         self.now.time
-    }
-
-    // ---- Domain --------------------------------------------------------------------------------------------------
-
-    /// Whether a value at this time is another than the one the run began with. If the time is an input of the network,
-    /// its outputs are those of a run in which nothing changes.
-    #[inline]
-    fn is_changed(&self, column: usize, value: f64, time: f64) -> bool {
-        self.time_column.is_some_and(|other| other != column)
-            && time > self.now.start_time
-            && value != self.now.at_start[column]
-    }
-
-    fn is_in_domain(&self) -> bool {
-        let Snapshot { changed, time, inputs, .. } = &self.now;
-        let is_changed = |(column, &value)| self.is_changed(column, value, *time);
-        !changed && self.domain.contains_point(inputs) && !inputs.iter().enumerate().any(is_changed)
-    }
-
-    #[inline]
-    fn check_value(
-        &self,
-        column: usize,
-        value: f64,
-        time: f64,
-        policy: DomainPolicy,
-        status: Status,
-    ) -> Result<(), Refusal> {
-        if policy != DomainPolicy::Error {
-            return Ok(());
-        }
-        let name = || self.column_name(column);
-        if !self.domain.contains(column, value) {
-            let valid = self.metadata.inputs[column].valid();
-            return Err(Refusal::OutsideDomain { name: name(), value, valid, status });
-        }
-        if self.is_changed(column, value, time) {
-            return Err(Refusal::Changed { name: name(), from: self.now.at_start[column], to: value, status });
-        }
-        Ok(())
-    }
-
-    /// The same for all values as they are; the time counts once it is known.
-    fn check_point(&self, policy: DomainPolicy) -> Result<(), Refusal> {
-        for (column, &value) in self.now.inputs.iter().enumerate() {
-            if self.time_column != Some(column) || self.now.experiment {
-                self.check_value(column, value, self.now.time, policy, Status::Error)?;
-            }
-        }
-        if policy == DomainPolicy::Error && self.now.changed {
-            return Err(Refusal::ChangedBefore);
-        }
-        Ok(())
-    }
-
-    /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
-    /// do not, as a warning without a message would be against the standard and a message a step a flood.
-    #[inline]
-    fn note_value(&mut self, column: usize) {
-        let value = self.now.inputs[column];
-        if self.is_changed(column, value, self.now.time) {
-            self.note_change(column);
-        }
-        if self.now.policy != DomainPolicy::Warn || self.warned[column] || self.domain.contains(column, value) {
-            return;
-        }
-        self.warned[column] = true;
-        let input = &self.metadata.inputs[column];
-        let instead = if input.nominal_values().is_some() { "those of the nearest" } else { "extrapolated" };
-        let (name, valid) = (input.name.clone(), input.valid());
-        self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
-    }
-
-    /// Nothing can be clamped here, so this is said whatever the policy.
-    fn note_change(&mut self, column: usize) {
-        self.now.changed = true;
-        if !self.warned_of_change {
-            self.warned_of_change = true;
-            let (from, to) = (self.now.at_start[column], self.now.inputs[column]);
-            self.warnings.push(Warning::Changed { name: self.column_name(column), from, to });
-        }
     }
 
     // ---- State ---------------------------------------------------------------------------------------------------
@@ -663,19 +617,26 @@ impl Instance {
     }
 
     #[inline]
-    fn update_outputs(&mut self) {
+    fn update_results(&mut self) -> Result<(), Refusal> {
         if self.stale {
             self.update_point();
-            self.evaluator.evaluate(&self.point, &mut self.outputs, &mut self.scratch);
+            self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
+            // a map is finite at every finite point
+            if !self.metadata.states.is_empty() && self.results.iter().any(|value| !value.is_finite()) {
+                return Err(Refusal::NotComputable);
+            }
             self.stale = false;
         }
+        Ok(())
     }
 
+    /// States are what they are: they cannot be clamped.
     #[inline]
     fn update_point(&mut self) {
         let clamp = self.now.policy == DomainPolicy::Clamp;
-        for (column, (point, &value)) in self.point.iter_mut().zip(&self.now.inputs).enumerate() {
-            *point = if clamp { self.domain.clamp(column, value) } else { value };
+        let inputs = self.metadata.inputs.len();
+        for (column, (point, &value)) in self.point.iter_mut().zip(&self.now.values).enumerate() {
+            *point = if clamp && column < inputs { self.domain.clamp(column, value) } else { value };
         }
     }
 }

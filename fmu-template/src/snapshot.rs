@@ -12,7 +12,8 @@
 //! | 8 | start time |
 //! | 8 | stop time |
 //! | 8 | earliest time |
-//! | 8 each | values of the input columns |
+//! | 8 | tolerance |
+//! | 8 each | values of the columns: inputs, then states |
 //! | 8 each | their values at the start of the run |
 //! | 8 each | their first derivatives |
 //! | 8 each | their second derivatives |
@@ -40,23 +41,26 @@ pub(crate) struct Snapshot {
     pub stop_time: f64,
     /// Where a solver may go back to: the start time or the last event.
     pub earliest: f64,
-    /// One value per input column of the network, the time among them.
-    pub inputs: Vec<f64>,
+    /// Of the solver inside the FMU; zero for steps of fixed size. They begin anew at each communication point, so that nothing else of
+    /// the solver is to be kept.
+    pub tolerance: f64,
+    /// One value for each input of the model, the time among them, and one for each state.
+    pub values: Vec<f64>,
     /// What they were when the run began to go on from its start time.
     pub at_start: Vec<f64>,
     /// First and second derivatives with respect to time of the columns that are inputs, zero for others.
     pub rates: [Vec<f64>; 2],
 }
 
-const MAGIC: [u8; 8] = *b"metafmu\x02";
+const MAGIC: [u8; 8] = *b"metafmu\x03";
 
-/// All but the inputs, their values at the start and their derivatives.
-const FIXED_SIZE: usize = 8 + 8 + 4 + 4 * 8 + 8;
+/// All but the values, those at the start and their derivatives.
+const FIXED_SIZE: usize = 8 + 8 + 4 + 5 * 8 + 8;
 
 impl Snapshot {
     /// Number of bytes [`Snapshot::to_bytes`] gives.
     pub(crate) fn size(&self) -> usize {
-        FIXED_SIZE + 4 * 8 * self.inputs.len()
+        FIXED_SIZE + 4 * 8 * self.values.len()
     }
 
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
@@ -67,8 +71,8 @@ impl Snapshot {
         bytes.push(self.experiment.into());
         bytes.push(self.policy as u8);
         bytes.push(self.changed.into());
-        let times = [self.time, self.start_time, self.stop_time, self.earliest];
-        let columns = self.inputs.iter().chain(&self.at_start).chain(self.rates.iter().flatten());
+        let times = [self.time, self.start_time, self.stop_time, self.earliest, self.tolerance];
+        let columns = self.values.iter().chain(&self.at_start).chain(self.rates.iter().flatten());
         for number in times.iter().chain(columns) {
             bytes.extend(number.to_le_bytes());
         }
@@ -96,9 +100,10 @@ impl Snapshot {
         }
         let [state, experiment, policy, changed] = take(&mut numbers)?;
         let mut number = || take(&mut numbers).map(f64::from_le_bytes);
-        let (time, start_time, stop_time, earliest) = (number()?, number()?, number()?, number()?);
-        let mut columns = || (0..like.inputs.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
-        let (inputs, at_start, rates) = (columns()?, columns()?, [columns()?, columns()?]);
+        let [time, start_time, stop_time, earliest, tolerance] =
+            [number()?, number()?, number()?, number()?, number()?];
+        let mut columns = || (0..like.values.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
+        let (values, at_start, rates) = (columns()?, columns()?, [columns()?, columns()?]);
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
             return Err(damaged("the checksum does not match"));
         }
@@ -114,7 +119,8 @@ impl Snapshot {
             start_time,
             stop_time,
             earliest,
-            inputs,
+            tolerance,
+            values,
             at_start,
             rates,
         })
@@ -149,7 +155,8 @@ mod tests {
             start_time: 0.1,
             stop_time: f64::INFINITY,
             earliest: -1.0,
-            inputs: vec![1e-300, -0.0, 0.1 + 0.2],
+            tolerance: 1e-7,
+            values: vec![1e-300, -0.0, 0.1 + 0.2],
             at_start: vec![1e-300, 0.0, 0.1],
             rates: [vec![0.0, 1.0, 2.0], vec![3.0, 4.0, 5.0]],
         }
@@ -161,7 +168,7 @@ mod tests {
         assert_eq!(bytes.len(), snapshot().size());
         let again = Snapshot::from_bytes(&bytes, &snapshot()).unwrap();
         assert_eq!(again, snapshot());
-        assert!(again.inputs[1].is_sign_negative());
+        assert!(again.values[1].is_sign_negative());
     }
 
     #[test]
@@ -178,7 +185,7 @@ mod tests {
 
     #[test]
     fn the_state_of_another_surrogate_is_called_foreign() {
-        let other = Snapshot { surrogate: fingerprint(b"other"), inputs: vec![0.0], ..snapshot() };
+        let other = Snapshot { surrogate: fingerprint(b"other"), values: vec![0.0], ..snapshot() };
         assert_eq!(Snapshot::from_bytes(&snapshot().to_bytes(), &other), Err(Refusal::ForeignState));
     }
 }

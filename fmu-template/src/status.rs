@@ -49,6 +49,11 @@ pub(crate) enum Refusal {
     WrongType { name: String, reference: u32, found: &'static str, asked: &'static str },
     #[error("variable `{name}` (value reference {reference}) is an output and cannot be set")]
     SetOutput { name: String, reference: u32 },
+    #[error(
+        "variable `{name}` (value reference {reference}) is a state and cannot be set: set parameter `{name}_start` before the \
+         simulation runs, or the continuous states in model exchange"
+    )]
+    SetState { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}) is the independent variable and cannot be set")]
     SetTime { name: String, reference: u32 },
     #[error("parameter `{name}` (value reference {reference}) is {variability} and cannot be set in state `{state}`")]
@@ -83,6 +88,17 @@ pub(crate) enum Refusal {
     PastStopTime { time: f64, stop: f64 },
     #[error("time {time} is before {earliest}, the start time or the last event")]
     BackInTime { time: f64, earliest: f64 },
+    #[error("tolerance {found} is negative or not finite")]
+    Tolerance { found: f64 },
+    #[error("the equations of motion have no solution in this state: the mass matrix is not positive definite")]
+    NotComputable,
+    #[error(
+        "the states are not finite {after} s after the beginning of the step: the motion diverges, or reaches a configuration \
+         where the mass matrix is not positive definite"
+    )]
+    Diverged { after: f64, status: Status },
+    #[error("communication step size {size} takes more than ten million steps of the solver, expected a smaller one")]
+    LongStep { size: f64 },
     #[error("the state belongs to another FMU, or to another FMI version or interface of this one")]
     ForeignState,
     #[error("serialized state of {found} bytes, expected {expected}")]
@@ -99,6 +115,9 @@ impl Refusal {
         match self {
             // "if a status is required which cannot be retrieved by the slave it returns fmi2Discard"
             Self::NoStatus { .. } => Status::Discard,
+            // a solver tries again with a smaller step
+            Self::NotComputable => Status::Discard,
+            Self::Diverged { status, .. } => *status,
             Self::OutsideDomain { status, .. } | Self::Changed { status, .. } => *status,
             Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
             _ => Status::Error,

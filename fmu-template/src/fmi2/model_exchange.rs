@@ -1,7 +1,7 @@
-//! The functions of FMI 2.0 that only model exchange has. The FMU has neither states nor events: its outputs are a
+//! The functions of FMI 2.0 that only model exchange has. The FMU has no events. What has no states is a
 //! function of time, inputs and parameters.
 
-use super::{Function, Instance, Status, call, count, not_null, write};
+use super::{Function, Instance, Status, call, count, not_null, slice, slice_mut, write};
 use std::ffi::{c_int, c_void};
 
 /// `fmi2EventInfo`
@@ -59,15 +59,27 @@ pub(super) unsafe extern "C" fn fmi2SetTime(c: *mut c_void, time: f64) -> Status
 }
 
 #[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2SetContinuousStates(c: *mut c_void, _x: *const f64, nx: usize) -> Status {
+pub(super) unsafe extern "C" fn fmi2SetContinuousStates(c: *mut c_void, x: *const f64, nx: usize) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SetContinuousStates, |_| count(nx, 0, "x")) }
+    unsafe {
+        call(c, Function::SetContinuousStates, |instance| {
+            count(nx, instance.states().len(), "x")?;
+            instance.set_states(slice(x, nx, "x")?)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2GetDerivatives(c: *mut c_void, _derivatives: *mut f64, nx: usize) -> Status {
+pub(super) unsafe extern "C" fn fmi2GetDerivatives(c: *mut c_void, derivatives: *mut f64, nx: usize) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::GetDerivatives, |_| count(nx, 0, "derivatives")) }
+    unsafe {
+        call(c, Function::GetDerivatives, |instance| {
+            let values = instance.derivatives()?;
+            count(nx, values.len(), "derivatives")?;
+            slice_mut(derivatives, nx, "derivatives")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -81,17 +93,31 @@ pub(super) unsafe extern "C" fn fmi2GetEventIndicators(
 }
 
 #[unsafe(no_mangle)]
-pub(super) unsafe extern "C" fn fmi2GetContinuousStates(c: *mut c_void, _x: *mut f64, nx: usize) -> Status {
+pub(super) unsafe extern "C" fn fmi2GetContinuousStates(c: *mut c_void, x: *mut f64, nx: usize) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::GetContinuousStates, |_| count(nx, 0, "x")) }
+    unsafe {
+        call(c, Function::GetContinuousStates, |instance| {
+            let values = instance.states();
+            count(nx, values.len(), "x")?;
+            slice_mut(x, nx, "x")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi2GetNominalsOfContinuousStates(
     c: *mut c_void,
-    _x_nominal: *mut f64,
+    x_nominal: *mut f64,
     nx: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::GetNominalsOfContinuousStates, |_| count(nx, 0, "x_nominal")) }
+    unsafe {
+        call(c, Function::GetNominalsOfContinuousStates, |instance| {
+            let values = instance.nominals();
+            count(nx, values.len(), "x_nominal")?;
+            slice_mut(x_nominal, nx, "x_nominal")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }

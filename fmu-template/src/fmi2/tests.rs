@@ -14,6 +14,7 @@ mod derivatives;
 mod domain;
 mod exchange;
 mod instances;
+mod motion;
 mod snapshots;
 mod states;
 mod steps;

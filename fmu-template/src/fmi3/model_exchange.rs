@@ -1,7 +1,7 @@
-//! The functions of FMI 3.0 that only model exchange has. The FMU has neither states nor events: its outputs are a
+//! The functions of FMI 3.0 that only model exchange has. The FMU has no events. What has no states is a
 //! function of time, inputs and parameters.
 
-use super::{Boolean, Function, Instance, Status, call, count, not_null, write};
+use super::{Boolean, Function, Instance, Status, call, count, not_null, slice, slice_mut, write};
 use std::ffi::c_void;
 
 #[unsafe(no_mangle)]
@@ -37,21 +37,33 @@ pub(super) unsafe extern "C" fn fmi3SetTime(instance: *mut c_void, time: f64) ->
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3SetContinuousStates(
     instance: *mut c_void,
-    _continuousStates: *const f64,
+    continuousStates: *const f64,
     nContinuousStates: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::SetContinuousStates, |_| count(nContinuousStates, 0, "continuousStates")) }
+    unsafe {
+        call(instance, Function::SetContinuousStates, |instance| {
+            count(nContinuousStates, instance.states().len(), "continuousStates")?;
+            instance.set_states(slice(continuousStates, nContinuousStates, "continuousStates")?)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3GetContinuousStateDerivatives(
     instance: *mut c_void,
-    _derivatives: *mut f64,
+    derivatives: *mut f64,
     nContinuousStates: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::GetContinuousStateDerivatives, |_| count(nContinuousStates, 0, "derivatives")) }
+    unsafe {
+        call(instance, Function::GetContinuousStateDerivatives, |instance| {
+            let values = instance.derivatives()?;
+            count(nContinuousStates, values.len(), "derivatives")?;
+            slice_mut(derivatives, nContinuousStates, "derivatives")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -67,21 +79,35 @@ pub(super) unsafe extern "C" fn fmi3GetEventIndicators(
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3GetContinuousStates(
     instance: *mut c_void,
-    _continuousStates: *mut f64,
+    continuousStates: *mut f64,
     nContinuousStates: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::GetContinuousStates, |_| count(nContinuousStates, 0, "continuousStates")) }
+    unsafe {
+        call(instance, Function::GetContinuousStates, |instance| {
+            let values = instance.states();
+            count(nContinuousStates, values.len(), "continuousStates")?;
+            slice_mut(continuousStates, nContinuousStates, "continuousStates")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3GetNominalsOfContinuousStates(
     instance: *mut c_void,
-    _nominals: *mut f64,
+    nominals: *mut f64,
     nContinuousStates: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::GetNominalsOfContinuousStates, |_| count(nContinuousStates, 0, "nominals")) }
+    unsafe {
+        call(instance, Function::GetNominalsOfContinuousStates, |instance| {
+            let values = instance.nominals();
+            count(nContinuousStates, values.len(), "nominals")?;
+            slice_mut(nominals, nContinuousStates, "nominals")?.copy_from_slice(values);
+            Ok(())
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -100,6 +126,8 @@ pub(super) unsafe extern "C" fn fmi3GetNumberOfContinuousStates(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::GetNumberOfContinuousStates, |_| write(nContinuousStates, 0, "nContinuousStates"))
+        call(instance, Function::GetNumberOfContinuousStates, |instance| {
+            write(nContinuousStates, instance.states().len(), "nContinuousStates")
+        })
     }
 }

@@ -5,12 +5,12 @@ use crate::status::Refusal;
 use metafmu_runtime::{BuiltIn, DomainPolicy, MAX_OUTPUT_DERIVATIVE_ORDER, Quantity, Role};
 use std::slice;
 
-const KNOWN: &str = "input, parameter or time";
-const UNKNOWN: &str = "continuous output";
+const KNOWN: &str = "input, parameter, state or time";
+const UNKNOWN: &str = "continuous output, state or derivative of one";
 
 impl Instance {
-    /// `sensitivity = J seed`, `J` the derivatives of the unknowns (outputs) with respect to the knowns (inputs,
-    /// parameters, time). A direction in which the policy clamps has no effect on the surrogate's outputs. Arrays count by
+    /// `sensitivity = J seed`, `J` the derivatives of the unknowns (outputs, derivatives of states) with respect to the knowns
+    /// (inputs, parameters, states, time). A direction in which the policy clamps has no effect on the surrogate's outputs. Arrays count by
     /// their elements, as [`Instance::size`] says.
     pub(crate) fn directional_derivative(
         &mut self,
@@ -34,7 +34,11 @@ impl Instance {
         let [derivative, _] = &mut self.sensitivities;
         self.evaluator.directional(&self.point, &self.columns[0], derivative, &mut self.scratch);
         for (result, unknown) in sensitivity.iter_mut().zip(self.variables.unknowns(unknowns)) {
-            *result = if let Unknown::Output(output) = unknown { self.sensitivities[0][output] } else { distance };
+            *result = match unknown {
+                Unknown::Result(index) => self.sensitivities[0][index],
+                Unknown::State(state) => self.columns[0][self.metadata.inputs.len() + state],
+                Unknown::Distance => distance,
+            };
         }
         Ok(())
     }
@@ -50,21 +54,25 @@ impl Instance {
         self.check_unknowns(unknowns)?;
         self.sensitivities[0].fill(0.0);
         let mut weight_of_distance = 0.0;
+        // of the states themselves
+        let [_, direct] = &mut self.columns;
+        direct.fill(0.0);
         for (unknown, &seed) in self.variables.unknowns(unknowns).zip(seed) {
             finite("seed", seed)?;
-            let weight = if let Unknown::Output(output) = unknown {
-                &mut self.sensitivities[0][output]
-            } else {
-                &mut weight_of_distance
+            let weight = match unknown {
+                Unknown::Result(index) => &mut self.sensitivities[0][index],
+                Unknown::State(state) => &mut direct[self.metadata.inputs.len() + state],
+                Unknown::Distance => &mut weight_of_distance,
             };
             *weight += seed;
         }
         knowns.iter().try_for_each(|&known| self.known(known).map(|_| ()))?;
         self.update_point();
-        let [gradient, _] = &mut self.columns;
+        let [gradient, direct] = &mut self.columns;
         self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient, &mut self.scratch);
+        gradient.iter_mut().zip(direct).for_each(|(gradient, direct)| *gradient += *direct);
         self.zero_clamped(0);
-        if let Some((column, slope)) = self.domain.distance_derivative(&self.now.inputs) {
+        if let Some((column, slope)) = self.domain.distance_derivative(&self.now.values) {
             self.columns[0][column] += slope * weight_of_distance;
         }
         for (result, &known) in sensitivity.iter_mut().zip(knowns) {
@@ -89,6 +97,7 @@ impl Instance {
         if let Some(column) = self.time_column {
             self.columns[0][column] = 1.0;
         }
+        self.follow_states()?;
         let distance = [0, 1].map(|order| self.distance_rate(order));
         self.update_point();
         [0, 1].into_iter().for_each(|order| self.zero_clamped(order));
@@ -99,13 +108,28 @@ impl Instance {
         for (reference, &order) in references.iter().zip(orders) {
             let order = index_of_order(order)?;
             for (unknown, value) in self.variables.unknowns(slice::from_ref(reference)).zip(&mut values) {
-                *value = if let Unknown::Output(output) = unknown {
-                    self.sensitivities[order][output]
-                } else {
-                    distance[order]
+                *value = match unknown {
+                    Unknown::Result(index) => self.sensitivities[order][index],
+                    Unknown::State(state) => self.columns[order][self.metadata.inputs.len() + state],
+                    Unknown::Distance => distance[order],
                 };
             }
         }
+        Ok(())
+    }
+
+    /// Puts the first and second derivatives of the states into the columns' work space, beside those of the inputs.
+    fn follow_states(&mut self) -> Result<(), Refusal> {
+        let (inputs, outputs) = (self.metadata.inputs.len(), self.metadata.outputs.len());
+        if self.metadata.states.is_empty() {
+            return Ok(());
+        }
+        self.update_results()?;
+        let [velocity, change] = &mut self.columns;
+        velocity[inputs..].copy_from_slice(&self.results[outputs..]);
+        let [derivative, _] = &mut self.sensitivities;
+        self.evaluator.directional(&self.point, velocity, derivative, &mut self.scratch);
+        change[inputs..].copy_from_slice(&derivative[outputs..]);
         Ok(())
     }
 
@@ -135,23 +159,33 @@ impl Instance {
     /// The column of a known, none for a time that is no column.
     fn known(&self, reference: u32) -> Result<Option<usize>, Refusal> {
         match self.quantity(reference)? {
+            // until the simulation runs, the states are what these parameters are
+            Quantity::Input(column) if self.metadata.inputs[column].role == Role::Start && self.is_starting() => {
+                let starts = self.metadata.inputs[..column].iter().filter(|input| input.role == Role::Start);
+                Ok(Some(self.metadata.inputs.len() + starts.count()))
+            }
             Quantity::Input(column) => Ok(Some(column)),
+            Quantity::State(state) => Ok(Some(self.metadata.inputs.len() + state)),
             Quantity::BuiltIn(BuiltIn::Time) => Ok(None),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: KNOWN }),
         }
     }
 
-    /// Unknowns are outputs, arrays of them, and the distance from the domain.
+    /// Unknowns are outputs, arrays of them, states, their derivatives, and the distance from the domain.
     fn check_unknowns(&self, references: &[u32]) -> Result<(), Refusal> {
         references.iter().try_for_each(|&reference| match self.quantity(reference)? {
-            Quantity::Output(_) | Quantity::Array(_) | Quantity::BuiltIn(BuiltIn::DomainDistance) => Ok(()),
+            Quantity::Output(_)
+            | Quantity::Array(_)
+            | Quantity::State(_)
+            | Quantity::Derivative(_)
+            | Quantity::BuiltIn(BuiltIn::DomainDistance) => Ok(()),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: UNKNOWN }),
         })
     }
 
     /// Change of the distance from the domain along the columns' work space; to be asked before it is clamped.
     fn distance_rate(&self, order: usize) -> f64 {
-        let derivative = self.domain.distance_derivative(&self.now.inputs);
+        let derivative = self.domain.distance_derivative(&self.now.values);
         derivative.map_or(0.0, |(column, slope)| slope * self.columns[order][column])
     }
 
@@ -159,7 +193,7 @@ impl Instance {
         if self.now.policy != DomainPolicy::Clamp {
             return;
         }
-        for ((rate, point), value) in self.columns[order].iter_mut().zip(&self.point).zip(&self.now.inputs) {
+        for ((rate, point), value) in self.columns[order].iter_mut().zip(&self.point).zip(&self.now.values) {
             if point != value {
                 *rate = 0.0;
             }

@@ -3,10 +3,14 @@
 use crate::{state::Version, status::Refusal};
 use metafmu_runtime::{BuiltIn, Quantity, Surrogate, Variable};
 
-/// A scalar that has derivatives: an output, maybe as an element of an array, or the distance from the domain.
+/// A scalar that has derivatives.
 #[derive(Clone, Copy)]
 pub(super) enum Unknown {
-    Output(usize),
+    /// An output, maybe as an element of an array, or after all outputs the derivative of a state.
+    Result(usize),
+    /// A state.
+    State(usize),
+    /// The distance from the domain.
     Distance,
 }
 
@@ -18,6 +22,8 @@ pub(super) struct Variables {
     arrays: Vec<Vec<usize>>,
     /// Error bound of each output, if they were measured.
     bounds: Vec<f64>,
+    /// Number of outputs.
+    outputs: usize,
 }
 
 impl Variables {
@@ -31,6 +37,7 @@ impl Variables {
             all,
             arrays: (0..arrays).map(|index| surrogate.array_elements(index).1.to_vec()).collect(),
             bounds: surrogate.bounds().map_or(Vec::new(), |bounds| bounds.half_widths.clone()),
+            outputs: surrogate.outputs().len(),
         }
     }
 
@@ -82,12 +89,14 @@ impl Variables {
     pub(super) fn unknowns<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = Unknown> + 'a {
         references.iter().flat_map(|&reference| {
             let (scalar, array) = match self.find(reference).map(|variable| variable.quantity) {
-                Ok(Quantity::Output(output)) => (Some(Unknown::Output(output)), &[][..]),
+                Ok(Quantity::Output(output)) => (Some(Unknown::Result(output)), &[][..]),
+                Ok(Quantity::Derivative(state)) => (Some(Unknown::Result(self.outputs + state)), &[][..]),
+                Ok(Quantity::State(state)) => (Some(Unknown::State(state)), &[][..]),
                 Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(Unknown::Distance), &[][..]),
                 Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
                 Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_)) | Err(_) => (None, &[][..]),
             };
-            scalar.into_iter().chain(array.iter().map(|&output| Unknown::Output(output)))
+            scalar.into_iter().chain(array.iter().map(|&output| Unknown::Result(output)))
         })
     }
 }

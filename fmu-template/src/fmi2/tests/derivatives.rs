@@ -75,10 +75,10 @@ fn outside_the_domain_clamped_directions_have_no_effect_on_outputs() {
 #[test]
 fn what_has_no_derivative_is_refused_by_name() {
     for (unknown, known, what) in [
-        (LENGTH, TIME, "`length` (value reference 0) is no continuous output"),
-        (IN_DOMAIN, TIME, "`in_domain` (value reference 6) is no continuous output"),
-        (3, 4, "`velocity` (value reference 4) is no input, parameter or time"),
-        (3, POLICY, "`domain_policy` (value reference 5) is no input, parameter or time"),
+        (LENGTH, TIME, "`length` (value reference 0) is no continuous output, state or derivative of one"),
+        (IN_DOMAIN, TIME, "`in_domain` (value reference 6) is no continuous output, state or derivative of one"),
+        (3, 4, "`velocity` (value reference 4) is no input, parameter, state or time"),
+        (3, POLICY, "`domain_policy` (value reference 5) is no input, parameter, state or time"),
         (8, TIME, "value reference 8 is unknown"),
         (3, u32::MAX, "value reference 4294967295 is unknown"),
     ] {

@@ -119,7 +119,7 @@ fn an_error_bound_is_a_constant_that_can_be_read_only() {
         refused(&|c| fmi2SetReal(c, &10, 1, &0.0), &format!("{bound} an output and cannot be set"));
         refused(&|c| fmi2GetBoolean(c, &10, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
         let derivative = |c| fmi2GetDirectionalDerivative(c, &10, 1, &0, 1, &1.0, &mut 0.0);
-        refused(&derivative, &format!("{bound} no continuous output"));
+        refused(&derivative, &format!("{bound} no continuous output, state or derivative of one"));
         refused(&|c| fmi2GetReal(c, &12, 1, &mut 0.0), "value reference 12 is unknown, expected at most 11");
         refused(
             &|c| fmi2GetReal(c, &9, 1, &mut 0.0),

@@ -233,7 +233,7 @@ fn derivatives_count_arrays_by_their_elements() {
     refused(&|host| host.rates(&[POSITION], &[1], 1), "`values`: 1 elements, expected 2");
     refused(&|host| host.rates(&[POSITION, SWAPPED], &[1, 3], 4), "order 3 are not available, expected 1 to 2");
     refused(&|host| host.gradient(&[POSITION], &[TIME], &[1.0, f64::NAN], 1), "`seed`: NaN is not finite");
-    let known = "`position` (value reference 8) is no input, parameter or time";
+    let known = "`position` (value reference 8) is no input, parameter, state or time";
     refused(&|host| host.jacobian(&[3], &[POSITION], &[1.0; 2], 1), known);
     refused(&|host| host.gradient(&[3], &[POSITION], &[1.0], 2), known);
     refused(&|host| host.gradient(&[10], &[TIME], &[1.0], 1), "value reference 10 is unknown, expected at most 9");

@@ -1,0 +1,94 @@
+//! Whether values are where the surrogate was trained, and what happens if not.
+
+use super::Instance;
+use crate::{
+    snapshot::Snapshot,
+    status::{Refusal, Status, Warning},
+};
+use metafmu_runtime::{DomainPolicy, Metadata};
+
+impl Instance {
+    /// Whether a value at this time is another than the one the run began with. If the time is an input of the network,
+    /// its outputs are those of a run in which nothing changes.
+    #[inline]
+    pub(super) fn is_changed(&self, column: usize, value: f64, time: f64) -> bool {
+        self.time_column.is_some_and(|other| other != column)
+            && time > self.now.start_time
+            && value != self.now.at_start[column]
+    }
+
+    pub(super) fn is_in_domain(&self) -> bool {
+        let Snapshot { changed, time, values, .. } = &self.now;
+        let is_changed = |(column, &value)| self.is_changed(column, value, *time);
+        !changed && self.domain.contains_point(values) && !values.iter().enumerate().any(is_changed)
+    }
+
+    #[inline]
+    pub(super) fn check_value(
+        &self,
+        column: usize,
+        value: f64,
+        time: f64,
+        policy: DomainPolicy,
+        status: Status,
+    ) -> Result<(), Refusal> {
+        if policy != DomainPolicy::Error {
+            return Ok(());
+        }
+        let name = || self.column_name(column);
+        if !self.domain.contains(column, value) {
+            return Err(Refusal::OutsideDomain { name: name(), value, valid: self.valid(column), status });
+        }
+        if self.is_changed(column, value, time) {
+            return Err(Refusal::Changed { name: name(), from: self.now.at_start[column], to: value, status });
+        }
+        Ok(())
+    }
+
+    /// The same for all values as they are; the time counts once it is known.
+    pub(super) fn check_point(&self, policy: DomainPolicy) -> Result<(), Refusal> {
+        for (column, &value) in self.now.values.iter().enumerate() {
+            if self.time_column != Some(column) || self.now.experiment {
+                self.check_value(column, value, self.now.time, policy, Status::Error)?;
+            }
+        }
+        if policy == DomainPolicy::Error && self.now.changed {
+            return Err(Refusal::ChangedBefore);
+        }
+        Ok(())
+    }
+
+    /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
+    /// do not, as a warning without a message would be against the standard and a message a step a flood.
+    #[inline]
+    pub(super) fn note_value(&mut self, column: usize) {
+        let value = self.now.values[column];
+        if self.is_changed(column, value, self.now.time) {
+            self.note_change(column);
+        }
+        if self.now.policy != DomainPolicy::Warn || self.warned[column] || self.domain.contains(column, value) {
+            return;
+        }
+        self.warned[column] = true;
+        let is_nominal = self.metadata.inputs.get(column).is_some_and(|input| input.nominal_values().is_some());
+        let instead = if is_nominal { "those of the nearest" } else { "extrapolated" };
+        let (name, valid) = (self.column_name(column), self.valid(column));
+        self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
+    }
+
+    /// Nothing can be clamped here, so this is said whatever the policy.
+    pub(super) fn note_change(&mut self, column: usize) {
+        self.now.changed = true;
+        if !self.warned_of_change {
+            self.warned_of_change = true;
+            let (from, to) = (self.now.at_start[column], self.now.values[column]);
+            self.warnings.push(Warning::Changed { name: self.column_name(column), from, to });
+        }
+    }
+
+    /// Where the value of a column may be, in words.
+    fn valid(&self, column: usize) -> String {
+        let Metadata { inputs, states, .. } = &self.metadata;
+        inputs.get(column).map_or_else(|| states[column - inputs.len()].valid(), |input| input.valid())
+    }
+}

@@ -1,0 +1,75 @@
+//! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it.
+
+use super::{Instance, finite};
+use crate::{
+    state::State,
+    status::{Refusal, Status},
+};
+use metafmu_runtime::{DomainPolicy, Drive, Role, StepError};
+
+impl Instance {
+    /// The states' values.
+    pub(crate) fn states(&self) -> &[f64] {
+        &self.now.values[self.metadata.inputs.len()..]
+    }
+
+    /// What the states' values are relative to in a solver's tolerance.
+    pub(crate) fn nominals(&self) -> &[f64] {
+        &self.nominals
+    }
+
+    /// The states' derivatives with respect to time.
+    pub(crate) fn derivatives(&mut self) -> Result<&[f64], Refusal> {
+        self.update_results()?;
+        Ok(&self.results[self.metadata.outputs.len()..])
+    }
+
+    /// States that a solver tries.
+    pub(crate) fn set_states(&mut self, states: &[f64]) -> Result<(), Refusal> {
+        states.iter().try_for_each(|&state| finite("continuousStates", state))?;
+        let first = self.metadata.inputs.len();
+        self.now.values[first..].copy_from_slice(states);
+        self.stale = true;
+        Ok(())
+    }
+
+    /// Whether the states are what the parameters for the start say.
+    pub(super) fn is_starting(&self) -> bool {
+        matches!(self.now.state, State::Instantiated | State::Initialization)
+    }
+
+    /// Gives the states their values at the start, until the simulation runs.
+    pub(super) fn initialize_states(&mut self) {
+        if self.is_starting() {
+            let (inputs, states) = self.now.values.split_at_mut(self.metadata.inputs.len());
+            let starts = self.metadata.inputs.iter().zip(inputs).filter(|(input, _)| input.role == Role::Start);
+            states.iter_mut().zip(starts).for_each(|(state, (_, start))| *state = *start);
+        }
+    }
+
+    /// Integrates the states over a communication step that ends at `time`. Inputs follow the derivatives the host gave.
+    pub(super) fn advance_states(&mut self, time: f64, size: f64, refused: Status) -> Result<(), Refusal> {
+        let first = self.metadata.inputs.len();
+        self.update_point();
+        // inputs are clamped on the way
+        for &column in &self.input_columns {
+            self.point[column] = self.now.values[column];
+        }
+        let clamp = (self.now.policy == DomainPolicy::Clamp).then_some(&self.domain);
+        let drive = Drive { rates: self.now.rates.each_ref().map(Vec::as_slice), clamp };
+        let tolerance = Some(self.now.tolerance).filter(|tolerance| *tolerance > 0.0);
+        let method = (size, tolerance, self.nominals.as_slice());
+        let step = self.evaluator.advance(&mut self.point, method, drive, &mut self.scratch);
+        step.map_err(|error| match error {
+            StepError::NotFinite { after } => Refusal::Diverged { after, status: refused },
+            StepError::TooManySteps => Refusal::LongStep { size },
+        })?;
+        for column in first..self.point.len() {
+            self.check_value(column, self.point[column], time, self.now.policy, refused)?;
+        }
+        self.now.values[first..].copy_from_slice(&self.point[first..]);
+        self.stale = true;
+        (first..self.point.len()).for_each(|column| self.note_value(column));
+        Ok(())
+    }
+}
