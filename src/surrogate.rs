@@ -96,8 +96,10 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         outputs: outputs.collect(),
         precision: study.export.precision,
         bounds: None,
+        states: Vec::new(),
         arrays: study.arrays.iter().map(output_array).collect(),
         time_step: study.time.step,
+        stop_time: None,
         provenance: Provenance {
             tool: concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
             study_digest: study.digest(),

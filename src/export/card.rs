@@ -10,7 +10,8 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Output, Precision, Role, Surrogate, Variability,
+    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, Surrogate,
+    Variability,
     regression::{Function, Regression},
 };
 
@@ -65,7 +66,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    if surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if surrogate.states().is_empty() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -82,6 +83,7 @@ fn what(model: &Model) -> &'static str {
             Function::Forest(_) => "a sum of decision trees, piecewise constant,",
             Function::Kernel(_) => "a sum of kernels",
         },
+        Model::Motion(_) => "equations of motion with learned functions of the configuration",
     }
 }
 
@@ -93,6 +95,7 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
             Role::Parameter(Variability::Tunable) => "parameter, tunable",
             Role::Time => "time",
             Role::Input => "input",
+            Role::Start => "parameter, state at the start",
         };
         let start = if *role == Role::Time { String::new() } else { format!(", starts at {}", number(*start)) };
         let range = match encoding {
@@ -103,6 +106,10 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
             Encoding::Periodic => format!("periodic, {} is the same as {}", number(*max), number(*min)),
         };
         row(page, name, kind, &format!("{range}{start}"), unit, description);
+    }
+    for State { name, unit, description, range, .. } in surrogate.states() {
+        let range = range.map_or("any number".into(), |[min, max]| format!("{} to {}", number(min), number(max)));
+        row(page, name, "state", &range, unit, description);
     }
     for Output { name, unit, description, min, max } in surrogate.outputs() {
         row(page, name, "output", &format!("{} to {} in training", number(*min), number(*max)), unit, description);
@@ -181,6 +188,7 @@ fn model(surrogate: &Surrogate) -> String {
         Model::Response(Map::Network(network)) => (1, &network.layers),
         Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
         Model::Response(Map::Regression(regression)) => return size(regression),
+        Model::Motion(motion) => return size_of_motion(motion),
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
@@ -192,6 +200,18 @@ fn model(surrogate: &Surrogate) -> String {
         String::new()
     };
     format!("network, {}{each}, computed in {precision}", nodes(layers))
+}
+
+/// How large the functions in equations of motion are, and how they are integrated.
+fn size_of_motion(motion: &Motion) -> String {
+    let Motion { dynamics, positions, step, .. } = motion;
+    format!(
+        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions), integrated \
+         in steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
+        dynamics.coordinates(),
+        dynamics.law().products(),
+        positions.products(),
+    )
 }
 
 /// The hidden layers in words, for instance `64 + 64 tanh nodes`.

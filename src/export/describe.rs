@@ -4,8 +4,8 @@ use crate::{
     fmi::{
         model_description::{
             Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, Interface,
-            ModelDescription, ModelExchange, ModelStructure, Real, ScalarVariable, UnitDefinition, Unknown,
-            Variability, VariableType, Width, model_identifier,
+            ModelDescription, ModelExchange, ModelStructure, NamingConvention, Real, ScalarVariable, UnitDefinition,
+            Unknown, Variability, VariableType, Width, model_identifier,
         },
         unit::BaseUnit,
     },
@@ -13,7 +13,7 @@ use crate::{
 };
 use metafmu_runtime::{
     BuiltIn, DomainPolicy, Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Quantity, Role,
-    Surrogate, Variable,
+    State, Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -60,12 +60,30 @@ impl ModelDescription {
                 ..CoSimulation::default()
             }),
             units: units(surrogate.metadata()),
+            // the names of mechanisms and `der(NAME)` are such; those of a study may be any text
+            naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&table) },
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
             variables: table.iter().map(|&entry| variable(entry, surrogate, fmi_version)).collect(),
             structure: structure(&table, surrogate),
             ..Self::default()
         }
+    }
+}
+
+/// Whether all names have the form that hierarchical ones have.
+fn naming(table: &[(u32, &Variable)]) -> NamingConvention {
+    let is_identifier = |part: &str| {
+        part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+            && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
+    let is_structured = |name: &str| {
+        let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
+        inner.split('.').all(is_identifier)
+    };
+    match table.iter().all(|(_, variable)| is_structured(&variable.name)) {
+        true => NamingConvention::Structured,
+        false => NamingConvention::Flat,
     }
 }
 
@@ -83,6 +101,8 @@ fn variable(
     let Described { description, what: (causality, variability, initial), kind, dimensions } = match variable.quantity {
         Quantity::Input(index) => input(&surrogate.inputs()[index], fmi_version),
         Quantity::Output(index) => output(&surrogate.outputs()[index]),
+        Quantity::State(index) => state(&surrogate.states()[index]),
+        Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
         Quantity::BuiltIn(variable) => built_in(variable),
         Quantity::Array(index) => array(surrogate, index),
         Quantity::Bound(index) => bound(surrogate, index),
@@ -118,7 +138,7 @@ impl Described {
 
 fn input(input: &Input, fmi_version: FmiVersion) -> Described {
     let what = match input.role {
-        Role::Parameter(metafmu_runtime::Variability::Fixed) => {
+        Role::Parameter(metafmu_runtime::Variability::Fixed) | Role::Start => {
             (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
         }
         Role::Parameter(metafmu_runtime::Variability::Tunable) => {
@@ -130,8 +150,9 @@ fn input(input: &Input, fmi_version: FmiVersion) -> Described {
         }
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
-    // every number is a good value of a periodic input, and hosts may refuse or warn at limits
-    let limit = |limit: f64| (input.encoding != Encoding::Periodic).then_some(limit);
+    // every number is a good value of a periodic input, and a state has limits of its own; hosts may refuse or warn at limits
+    let is_limited = input.encoding != Encoding::Periodic && input.role != Role::Start;
+    let limit = |limit: f64| is_limited.then_some(limit);
     let real = Real {
         unit: text(&input.unit),
         min: limit(input.min),
@@ -142,6 +163,28 @@ fn input(input: &Input, fmi_version: FmiVersion) -> Described {
         ..Real::default()
     };
     Described::scalar(&input_description(input), what, VariableType::Real(real))
+}
+
+/// Its value at the start is a parameter, so it is calculated.
+fn state(state: &State) -> Described {
+    let real = Real {
+        unit: text(&state.unit),
+        min: state.range.map(|[min, _]| min),
+        max: state.range.map(|[_, max]| max),
+        nominal: Some(state.nominal),
+        ..Real::default()
+    };
+    let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
+    Described::scalar(&state.description, what, VariableType::Real(real))
+}
+
+fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Described {
+    let State { name, rate_unit, nominal, .. } = &surrogate.states()[index];
+    let of_state = |(_, variable): &(u32, &Variable)| variable.quantity == Quantity::State(index);
+    let derivative = table(surrogate, fmi_version).position(|entry| of_state(&entry));
+    let real = Real { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..Real::default() };
+    let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
+    Described::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
 }
 
 /// Several outputs under one name, beside their own.
@@ -234,7 +277,9 @@ fn text(text: &str) -> Option<String> {
 
 fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
     let inputs = metadata.inputs.iter().map(|input| &input.unit);
-    let mut names: Vec<&String> = inputs.chain(metadata.outputs.iter().map(|output| &output.unit)).collect();
+    let states = metadata.states.iter().flat_map(|state| [&state.unit, &state.rate_unit]);
+    let mut names: Vec<&String> =
+        inputs.chain(metadata.outputs.iter().map(|output| &output.unit)).chain(states).collect();
     let second = "s".to_owned();
     if metadata.inputs.iter().all(|input| input.role != Role::Time) {
         names.push(&second);
@@ -251,14 +296,14 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     let time = surrogate.time_column().map(|column| &surrogate.inputs()[column]);
     DefaultExperiment {
         start: Some(time.map_or(0.0, |time| time.min)),
-        stop: time.map(|time| time.max),
+        stop: time.map(|time| time.max).or(surrogate.metadata().stop_time),
         tolerance: None,
         step_size: Some(surrogate.metadata().time_step),
     }
 }
 
-/// Every output is computed from every input, and those of the model from the domain policy as well, which may
-/// clamp them. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
+/// Every output and every derivative of a state is computed from every input and every state, and those of the model from the domain
+/// policy as well, which may clamp them; a state at the start is its parameter. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
 /// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
 /// Variables are given by their position in the table.
 fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructure {
@@ -269,13 +314,14 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     let of_domain =
         positions(&|quantity| matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance)));
     let bounds = positions(&|quantity| matches!(quantity, Quantity::Bound(_)));
+    let states = positions(&|quantity| matches!(quantity, Quantity::State(_)));
+    let rates = positions(&|quantity| matches!(quantity, Quantity::Derivative(_)));
     let inputs = positions(&|quantity| matches!(quantity, Quantity::Input(_)));
     let policy = positions(&|quantity| quantity == Quantity::BuiltIn(BuiltIn::DomainPolicy));
-    let known_later = |quantity| match quantity {
-        Quantity::Input(index) => matches!(surrogate.inputs()[index].role, Role::Input | Role::Time),
-        _ => false,
-    };
-    let later = positions(&known_later);
+    let has_role = |quantity, roles: &[Role]| matches!(quantity, Quantity::Input(index) if roles.contains(&surrogate.inputs()[index].role));
+    let starts = positions(&|quantity| has_role(quantity, &[Role::Start]));
+    let driven = positions(&|quantity| has_role(quantity, &[Role::Input, Role::Time]));
+    let later = [driven.as_slice(), &states].concat();
     let unknown = |variable: &usize, dependencies: &[usize]| Unknown {
         variable: *variable,
         dependencies: Some(dependencies.into()),
@@ -289,9 +335,12 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             .map(|output| unknown(output, &later))
             .chain(bounds.iter().map(|bound| unknown(bound, &[])))
             .collect(),
+        derivatives: rates.iter().map(|rate| unknown(rate, &later)).collect(),
         initial_unknowns: of_model
             .iter()
             .map(|output| unknown(output, &with_policy))
+            .chain(states.iter().zip(&starts).map(|(state, start)| unknown(state, &[*start])))
+            .chain(rates.iter().map(|rate| unknown(rate, &with_policy)))
             .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
             .collect(),
         ..ModelStructure::default()

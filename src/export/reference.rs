@@ -7,7 +7,7 @@
 use super::describe::nominal;
 use crate::table::header_field;
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Input, Precision, Role, Surrogate};
+use metafmu_runtime::{Drive, Evaluator, Input, Precision, Role, StepError, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -38,12 +38,13 @@ pub struct ReferenceOptions {
     pub tolerances: IndexMap<String, f64>,
 }
 
-/// Both files: options as JSON and result as CSV.
+/// Both files: options as JSON and result as CSV, which ends where a motion cannot be computed any more.
 pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let inputs = surrogate.inputs();
     let time_step = surrogate.metadata().time_step;
     let time = surrogate.time_column().map(|column| &inputs[column]);
-    let (start, stop) = time.map_or((0.0, time_step), |time| (time.min, time.max));
+    let without_time = if surrogate.states().is_empty() { time_step } else { MAX_STEPS * time_step };
+    let (start, stop) = time.map_or((0.0, without_time), |time| (time.min, time.max));
     let stride = ((stop - start) / time_step / MAX_STEPS).ceil().max(1.0);
     let step = stride * time_step;
     let steps = ((stop - start) / step + 1e-9).floor() as usize;
@@ -60,7 +61,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
         Precision::Double => DOUBLE_TOLERANCE,
         Precision::Single => SINGLE_TOLERANCE,
     };
-    let options = ReferenceOptions {
+    let mut options = ReferenceOptions {
         start_time: start,
         stop_time: start + steps as f64 * step,
         step_size: step,
@@ -72,7 +73,14 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
             .collect(),
     };
     let evaluator = Evaluator::new(surrogate);
-    let (mut scratch, mut outputs) = (evaluator.scratch(), vec![0.0; surrogate.outputs().len()]);
+    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    let constant = vec![0.0; point.len()];
+    let mut advance = |point: &mut [f64]| -> Result<(), StepError> {
+        let drive = Drive { rates: [&constant, &constant], clamp: None };
+        evaluator.advance(point, (step, None, &[]), drive, &mut scratch)
+    };
     let names: Vec<String> = surrogate.outputs().iter().map(|output| header_field(&output.name)).collect();
     let mut csv = format!("time,{}\n", names.join(","));
     for row in 0..=steps {
@@ -80,10 +88,14 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
         if let Some(column) = surrogate.time_column() {
             point[column] = now;
         }
-        evaluator.evaluate(&point, &mut outputs, &mut scratch);
+        if row > 0 && advance(&mut point).is_err() {
+            options.stop_time = now - step;
+            break;
+        }
+        evaluator.evaluate(&point, &mut results, &mut evaluator.scratch());
         // writing to a string does not fail
         let _ = write!(csv, "{now}");
-        outputs.iter().for_each(|value| _ = write!(csv, ",{value}"));
+        results[..surrogate.outputs().len()].iter().for_each(|value| _ = write!(csv, ",{value}"));
         csv.push('\n');
     }
     // plain data with string keys: serialization cannot fail

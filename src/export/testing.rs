@@ -34,6 +34,11 @@ pub fn fmu_with_bounds(folder: &Path, version: FmiVersion) -> PathBuf {
     write(folder, &example::with_bounds(), version, |_| {})
 }
 
+/// Writes the FMU of a crane, which has states.
+pub fn fmu_with_states(folder: &Path, version: FmiVersion) -> PathBuf {
+    write(folder, &example::crane(), version, |_| {})
+}
+
 /// Entries of an archive.
 pub type Entries = Vec<(String, Vec<u8>)>;
 

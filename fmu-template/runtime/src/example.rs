@@ -55,6 +55,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         bounds: None,
         precision,
         time_step: 0.01,
+        stop_time: None,
         provenance: Provenance { tool: "example".into(), content_digest: "0".repeat(64), ..Provenance::default() },
     };
     let scaling = Scaling {

@@ -53,6 +53,9 @@ pub struct Metadata {
     pub precision: Precision,
     /// Time between two rows of a training run, in seconds: the natural communication step size.
     pub time_step: f64,
+    /// End of a run in seconds, if the time is no input with a range.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stop_time: Option<f64>,
     /// Where the surrogate comes from.
     pub provenance: Provenance,
 }
@@ -401,6 +404,9 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     }
     if !(metadata.time_step.is_finite() && metadata.time_step > 0.0) {
         return Err(FormatError::TimeStep { found: metadata.time_step });
+    }
+    if let Some(found) = metadata.stop_time.filter(|stop| !(stop.is_finite() && *stop > 0.0)) {
+        return Err(FormatError::TimeStep { found });
     }
     let digest = &metadata.provenance.content_digest;
     if digest.len() != 64 || !digest.bytes().all(|byte| byte.is_ascii_hexdigit()) {

@@ -5,7 +5,7 @@ use crate::{
     state::State,
     status::{Refusal, Status},
 };
-use metafmu_runtime::{DomainPolicy, Drive, Role, StepError};
+use metafmu_runtime::{DomainPolicy, Drive, StepError};
 
 impl Instance {
     /// The states' values.
@@ -41,9 +41,7 @@ impl Instance {
     /// Gives the states their values at the start, until the simulation runs.
     pub(super) fn initialize_states(&mut self) {
         if self.is_starting() {
-            let (inputs, states) = self.now.values.split_at_mut(self.metadata.inputs.len());
-            let starts = self.metadata.inputs.iter().zip(inputs).filter(|(input, _)| input.role == Role::Start);
-            states.iter_mut().zip(starts).for_each(|(state, (_, start))| *state = *start);
+            self.evaluator.start(&mut self.now.values);
         }
     }
 

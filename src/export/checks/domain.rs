@@ -17,8 +17,8 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     for policy in [DomainPolicy::Warn, DomainPolicy::Clamp, DomainPolicy::Error] {
         for column in 0..surrogate.inputs().len() {
             let Input { role, encoding, .. } = &surrogate.inputs()[column];
-            // a periodic input is never outside
-            if *role == Role::Time || *encoding == Encoding::Periodic {
+            // a periodic input is never outside, and a value at the start is where its state is
+            if *role == Role::Time || *role == Role::Start || *encoding == Encoding::Periodic {
                 continue;
             }
             report.doing(format!("domain_policy {}", policy as i32));
@@ -76,16 +76,19 @@ fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point
     if inside[0] {
         return Ok(Some("in_domain is true".into()));
     }
-    let expected = domain.distance(point);
+    let evaluator = Evaluator::new(surrogate);
+    let mut used = vec![0.0; evaluator.columns()];
+    used[..point.len()].copy_from_slice(point);
+    evaluator.start(&mut used);
+    let expected = domain.distance(&used);
     if (distance[0] - expected).abs() > TOLERANCE * expected {
         return Ok(Some(format!("domain_distance is {}, expected {expected}", distance[0])));
     }
-    let mut used = point.to_vec();
     if policy == DomainPolicy::Clamp {
-        used.iter_mut().enumerate().for_each(|(column, value)| *value = domain.clamp(column, *value));
+        let inputs = used.iter_mut().take(point.len()).enumerate();
+        inputs.for_each(|(column, value)| *value = domain.clamp(column, *value));
     }
-    let evaluator = Evaluator::new(surrogate);
-    let mut expected = vec![0.0; surrogate.outputs().len()];
+    let mut expected = vec![0.0; evaluator.results()];
     evaluator.evaluate(&used, &mut expected, &mut evaluator.scratch());
     for (index, (output, expected)) in surrogate.outputs().iter().zip(expected).enumerate() {
         let mut found = [0.0];

@@ -12,10 +12,14 @@ use crate::{
         },
     },
 };
-use metafmu_runtime::{Evaluator, Input, Role, Scratch, Surrogate, Variability};
+use metafmu_runtime::{Drive, Evaluator, Input, Role, Scratch, Surrogate, Variability};
 
 /// Largest difference between the FMU and the surrogate, relative to the nominal value of the output.
 const TOLERANCE: f64 = 1e-12;
+/// Steps of a run of an FMU with states.
+const STEPS_OF_MOTION: usize = 100;
+/// Largest difference of a state after a step of co-simulation, relative to its nominal value.
+const STATE_TOLERANCE: f64 = 1e-9;
 /// Of more than this many parameters not every corner of the ranges is tried.
 const MAX_CORNER_PARAMETERS: u32 = 6;
 
@@ -51,7 +55,9 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
 /// Values of the input columns at which to compare: the start values, then the corners of the parameter ranges.
 fn points(surrogate: &Surrogate, report: &mut Notes) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs();
-    let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| inputs[column].role != Role::Time).collect();
+    // an input that is at the end of its range for long drives a motion out of the domain
+    let varies = |role: Role| role != Role::Time && (role != Role::Input || surrogate.states().is_empty());
+    let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| varies(inputs[column].role)).collect();
     if parameters.len() > MAX_CORNER_PARAMETERS as usize {
         report.skipped(format!("corners of the parameter ranges beyond those of {MAX_CORNER_PARAMETERS} parameters"));
         parameters.truncate(MAX_CORNER_PARAMETERS as usize);
@@ -78,6 +84,7 @@ struct Oracle<'a> {
     /// Value references of the input columns; that of the time is not used.
     inputs: Vec<u32>,
     outputs: Vec<u32>,
+    states: Vec<u32>,
     /// Largest difference of each output.
     tolerances: Vec<f64>,
 }
@@ -95,7 +102,8 @@ impl<'a> Oracle<'a> {
             variable.map(|variable| variable.value_reference)
         };
         // all of them, so that every one that is missing is reported
-        let references: Vec<Option<u32>> = inputs.iter().chain(&outputs).map(&mut reference).collect();
+        let states: Vec<&str> = surrogate.states().iter().map(|state| state.name.as_str()).collect();
+        let references: Vec<Option<u32>> = inputs.iter().chain(&outputs).chain(&states).map(&mut reference).collect();
         let references: Vec<u32> = references.into_iter().collect::<Option<_>>()?;
         let tolerance = |name: &&str| {
             let nominal = description.variable(name).and_then(|variable| variable.kind.as_real()?.nominal);
@@ -106,9 +114,16 @@ impl<'a> Oracle<'a> {
             surrogate,
             evaluator: Evaluator::new(surrogate),
             // what of it cannot be run has been reported
-            experiment: experiment(fmu, &mut Notes(&mut drop))?,
+            experiment: {
+                let mut experiment = experiment(fmu, &mut Notes(&mut drop))?;
+                if !states.is_empty() && experiment.steps() > STEPS_OF_MOTION {
+                    experiment.shorten(STEPS_OF_MOTION);
+                }
+                experiment
+            },
             inputs: references[..inputs.len()].to_vec(),
-            outputs: references[inputs.len()..].to_vec(),
+            outputs: references[inputs.len()..][..outputs.len()].to_vec(),
+            states: references[inputs.len() + outputs.len()..].to_vec(),
             tolerances: outputs.iter().map(tolerance).collect(),
         })
     }
@@ -117,7 +132,9 @@ impl<'a> Oracle<'a> {
     /// parameters, and after a step of another size.
     fn compare(&self, point: &[f64], report: &mut Notes) -> Result<()> {
         let Self { experiment, surrogate, .. } = self;
-        let mut comparison = Comparison { oracle: self, scratch: self.evaluator.scratch(), point: point.to_vec() };
+        let mut values = point.to_vec();
+        values.resize(self.evaluator.columns(), 0.0);
+        let mut comparison = Comparison { oracle: self, scratch: self.evaluator.scratch(), point: values };
         let instance = self.fmu.instantiate("comparison", true)?;
         comparison.set(&instance, point, |_| true)?;
         instance.enter_initialization_mode(experiment.time(0), None)?;
@@ -131,6 +148,9 @@ impl<'a> Oracle<'a> {
         }
         for step in 0..experiment.steps() {
             run.step(step)?;
+            if !comparison.advances(&instance, experiment.size(step), report)? {
+                return Ok(());
+            }
             // one report a run is enough: the rest would be wrong as well
             if !comparison.holds(&instance, experiment.time(step + 1), "after a step", report)? {
                 return Ok(());
@@ -139,6 +159,9 @@ impl<'a> Oracle<'a> {
         let now = experiment.time(experiment.steps());
         if self.fmu.interface() == InterfaceKind::ModelExchange {
             instance.enter_event_mode()?;
+        }
+        if !self.states.is_empty() {
+            return Ok(());
         }
         let starts: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
         comparison.set(&instance, &starts, |input| {
@@ -165,7 +188,35 @@ impl Comparison<'_> {
                 self.point[column] = values[column];
             }
         }
+        // until the first step
+        self.oracle.evaluator.start(&mut self.point);
         Ok(())
+    }
+
+    /// Advances the states as the FMU has done in a step, and compares; reports and returns false if they differ. A solver around the
+    /// FMU is not repeated: the states are its.
+    fn advances(&mut self, instance: &Instance, size: f64, report: &mut Notes) -> Result<bool> {
+        let Oracle { fmu, surrogate, evaluator, states, .. } = self.oracle;
+        let mut found = vec![0.0; states.len()];
+        instance.get_real(states, &mut found)?;
+        let first = surrogate.inputs().len();
+        if fmu.interface() == InterfaceKind::CoSimulation {
+            let constant = vec![0.0; self.point.len()];
+            let drive = Drive { rates: [&constant, &constant], clamp: None };
+            let step = evaluator.advance(&mut self.point, (size, None, &[]), drive, &mut self.scratch);
+            for (index, state) in surrogate.states().iter().enumerate() {
+                let (found, expected) = (found[index], self.point[first + index]);
+                let scale = STATE_TOLERANCE * (state.nominal + expected.abs());
+                // written so that it does not hold for NaN
+                if step.is_err() || !((found - expected).abs() <= scale) {
+                    let message = format!("state \"{}\" is {found} after a step, expected {expected}", state.name);
+                    report.problem(Area::Behaviour, message);
+                    return Ok(false);
+                }
+            }
+        }
+        self.point[first..].copy_from_slice(&found);
+        Ok(true)
     }
 
     /// Compares the outputs now; reports and returns false if they are not those predicted.
@@ -174,7 +225,7 @@ impl Comparison<'_> {
         if let Some(column) = surrogate.time_column() {
             self.point[column] = time;
         }
-        let (mut found, mut expected) = (vec![0.0; outputs.len()], vec![0.0; outputs.len()]);
+        let (mut found, mut expected) = (vec![0.0; outputs.len()], vec![0.0; evaluator.results()]);
         instance.get_real(outputs, &mut found)?;
         evaluator.evaluate(&self.point, &mut expected, &mut self.scratch);
         for (index, tolerance) in tolerances.iter().enumerate() {

@@ -3,7 +3,7 @@ use crate::{
     Error,
     export::testing::{
         changed_fmu, entry, fmu_described_as, fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_bounds,
-        fmu_with_input,
+        fmu_with_input, fmu_with_states,
     },
     fmi::{FmiVersion, Platform, validate::Finding},
 };
@@ -21,6 +21,7 @@ fn our_own_fmu_has_no_problem_and_nothing_is_left_out() {
         assert_eq!(validate(fmu_with_input(folder.path(), version)).unwrap(), Report::default());
         assert_eq!(validate(fmu_with_arrays(folder.path(), version)).unwrap(), Report::default());
         assert_eq!(validate(fmu_with_bounds(folder.path(), version)).unwrap(), Report::default());
+        assert_eq!(validate(fmu_with_states(folder.path(), version)).unwrap(), Report::default());
     }
 }
 

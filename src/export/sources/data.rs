@@ -147,6 +147,8 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
         let (quantity, index) = match *quantity {
             Quantity::Input(column) => ("COLUMN", column),
             Quantity::Output(output) => ("OUTPUT", output),
+            Quantity::State(state) => ("STATE", state),
+            Quantity::Derivative(state) => ("DERIVATIVE", state),
             Quantity::BuiltIn(BuiltIn::DomainPolicy) => ("DOMAIN_POLICY", 0),
             Quantity::BuiltIn(BuiltIn::InDomain) => ("IN_DOMAIN", 0),
             Quantity::BuiltIn(BuiltIn::DomainDistance) => ("DOMAIN_DISTANCE", 0),
@@ -199,6 +201,7 @@ fn role(role: Role) -> &'static str {
         Role::Parameter(Variability::Tunable) => "ROLE_TUNABLE_PARAMETER",
         Role::Time => "ROLE_TIME",
         Role::Input => "ROLE_INPUT",
+        Role::Start => "ROLE_START",
     }
 }
 

@@ -43,7 +43,12 @@ pub fn summary(material: &Material) -> Section {
     let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
     blocks.push(paragraph(&format!("{trust}A range of an output is that of the training runs.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
-        let kind = if input.role == Role::Time { "time" } else { "parameter" };
+        let kind = match input.role {
+            Role::Time => "time",
+            Role::Start => "state at the start",
+            Role::Input if !evaluated.surrogate.states().is_empty() => "input",
+            Role::Input | Role::Parameter(_) => "parameter",
+        };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input))
     });
     let outputs = evaluated.surrogate.outputs().iter();
@@ -72,6 +77,7 @@ fn network(material: &Material) -> String {
     match material.evaluated.surrogate.model() {
         Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
         Model::Response(Map::Regression(_)) => "A baseline model gives".into(),
+        Model::Motion(_) => "Equations of motion with learned functions of the configuration give".into(),
         Model::PerInstant { instants, .. } => {
             format!(
                 "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",

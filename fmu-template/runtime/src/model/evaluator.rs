@@ -114,6 +114,25 @@ impl Evaluator {
         }
     }
 
+    /// Number of values of a point: inputs and states.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Number of results: outputs and derivatives of states.
+    pub fn results(&self) -> usize {
+        self.results
+    }
+
+    /// Gives the states of a point the values that its inputs have for the start.
+    pub fn start(&self, point: &mut [f64]) {
+        self.check_point(point);
+        if let Engine::Motion(motion) = &self.engine {
+            let first = self.columns - motion.states();
+            point.copy_within(motion.start_columns(), first);
+        }
+    }
+
     fn check_point(&self, point: &[f64]) {
         assert_eq!(point.len(), self.columns, "number of inputs and states");
     }
