@@ -18,7 +18,7 @@ pub struct Baselines {
     pub build: Vec<BaselineKind>,
     /// What each may take to fit and to predict the test rows.
     #[serde(rename = "time_budget")]
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_budget: f64,
     /// Least squares.
     pub linear: Linear,
