@@ -128,7 +128,10 @@ impl Check<'_> {
                 Some(property) => self.value(property, value, &key, offset),
                 None if *others == Value::Bool(false) => {
                     let known: Vec<&str> = properties.keys().map(String::as_str).collect();
-                    let suggestion = did_you_mean(name, known.iter().copied());
+                    // of two that are equally close the one that is not given yet
+                    let is_given = |name: &str| table.iter().any(|(given, _)| Spanned::get_ref(given) == name);
+                    let (given, open): (Vec<&str>, Vec<&str>) = known.iter().copied().partition(|name| is_given(name));
+                    let suggestion = did_you_mean(name, open.into_iter().chain(given));
                     self.add(&key, offset, format!("unknown key `{name}`, expected {}{suggestion}", one_of(&known)));
                 }
                 None => self.value(others, value, &key, offset),

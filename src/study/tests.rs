@@ -56,6 +56,8 @@ fn every_mistake_is_located_by_line_and_key() {
             "unknown key `nods`, expected one of structure, hidden",
         ),
         ("stop = 2.0", "stop = \"2\"", "stop", "time.stop", "expected"),
+        ("stop = 2.0", "stp = 2.0", "stop", "time.stp", "did you mean `stop`?"),
+        ("step = 0.01", "stp = 0.01", "step", "time.stp", "did you mean `step`?"),
         ("stop = 2.0", "stop = -2.0", "stop", "time.stop", "expected a positive number"),
         ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
         ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
