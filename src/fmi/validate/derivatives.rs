@@ -22,11 +22,15 @@ const UNSURE: f64 = 0.1;
 const MAX_KNOWNS: usize = 32;
 
 /// Reports derivatives that are not those of the outputs by the inputs and parameters they are said to depend on, in
-/// Initialization Mode, where parameters count as known as well.
-pub fn check(fmu: &Fmu, report: &mut Notes) {
+/// Initialization Mode, where parameters count as known as well. Those by the variables `without` any, each with the reason, are
+/// left out.
+pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
     let capabilities = fmu.capabilities();
     if !capabilities.directional_derivative {
         return report.skipped("derivatives: the FMU offers none");
+    }
+    for (name, reason) in without {
+        report.skipped(format!("derivatives by \"{name}\": {reason}"));
     }
     let description = fmu.description();
     let variable = |position: &usize| description.variables.get(*position).filter(|variable| is_scalar(variable));
@@ -36,7 +40,10 @@ pub fn check(fmu: &Fmu, report: &mut Notes) {
         };
         let all = || (0..description.variables.len()).collect();
         let knowns = dependencies.clone().unwrap_or_else(all);
-        let is_known = |known: &&ScalarVariable| matches!(known.causality, Causality::Input | Causality::Parameter);
+        let is_known = |known: &&ScalarVariable| {
+            matches!(known.causality, Causality::Input | Causality::Parameter)
+                && without.iter().all(|(name, _)| *name != known.name)
+        };
         let mut knowns: Vec<&ScalarVariable> = knowns.iter().filter_map(variable).filter(is_known).collect();
         if knowns.len() > MAX_KNOWNS {
             report.skipped(format!("derivatives of \"{}\" by more than {MAX_KNOWNS} variables", unknown.name));
