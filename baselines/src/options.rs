@@ -20,7 +20,7 @@ pub struct Baselines {
     #[serde(rename = "time_budget")]
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_budget: f64,
-    /// Least squares.
+    /// Least squares, weights of the inputs and a constant: nothing is to be chosen, so that it has no keys.
     pub linear: Linear,
     /// Least squares with a penalty on the squares of the weights.
     pub ridge: Ridge,

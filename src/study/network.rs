@@ -27,7 +27,8 @@ pub enum Structure {
     /// One network, of which the time is an input.
     #[default]
     Full,
-    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated.
+    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated. Not with
+    /// `time.margin`, as beyond `stop` there is no network, and not with `[target]`.
     Fixed,
 }
 
