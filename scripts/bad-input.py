@@ -4,6 +4,7 @@
 Needs target/release/metafmu, and pandas with pyarrow: `.venv/bin/python scripts/bad-input.py`. Every case must end with exit code 2, without a panic, and write no file.
 """
 
+import argparse
 import datetime
 import io
 import subprocess
@@ -343,4 +344,5 @@ def document():
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     sys.stdout.write(document())

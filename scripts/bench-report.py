@@ -10,6 +10,7 @@ Two studies of examples/paper/double-pendulum.toml with hardly any training, whi
 Takes 3 GB of disk and a few minutes.
 """
 
+import argparse
 import json
 import os
 import re
@@ -47,6 +48,7 @@ def report(study, folder):
 
 
 def main():
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     if not METAFMU.exists():
         sys.exit("run `cargo build --release` first")
     print(f"{'7,335,141 rows for':<20} {'seconds, median':>16} {'all':<22} {'CPU seconds':>12} {'MB':>6} {'figures':>8} {'peak GB':>8}")
@@ -70,4 +72,5 @@ def main():
             print(f"{name:<20} {statistics.median(seconds):>16.1f} {each:<22} {cpu:>12.1f} {size:>6.2f} {figures:>8} {peak:>8.2f}")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -7,6 +7,7 @@ mesh; fixed-step Runge-Kutta of order 8 in numpy, all runs at once. Errors are t
 against the last with four steps a row.
 """
 
+import argparse
 import json
 import os
 import subprocess
@@ -82,60 +83,66 @@ def shortest(work, repeats):
     return result, min(times)
 
 
-for name, case in CASES.items():
-    axes = [np.linspace(low, high, 11) for low, high in zip(case["low"], case["high"])]
-    mesh = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], 1)
-    count = round(case["stop"] / 0.01)
-    times = np.linspace(0, case["stop"], count + 1)
+def main():
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    for name, case in CASES.items():
+        axes = [np.linspace(low, high, 11) for low, high in zip(case["low"], case["high"])]
+        mesh = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], 1)
+        count = round(case["stop"] / 0.01)
+        times = np.linspace(0, case["stop"], count + 1)
 
-    def numpy_runs(points, steps):
-        """States `[time, component, run]`, `steps` steps a row."""
-        states = [np.stack(np.broadcast_arrays(*[np.asarray(value, float) for value in case["start"](points.T)]))]
-        for _ in times[1:]:
-            states.append(runge_kutta(case["all"], states[-1], points.T, 0.01 / steps, steps))
-        return np.array(states)
+        def numpy_runs(points, steps):
+            """States `[time, component, run]`, `steps` steps a row."""
+            states = [np.stack(np.broadcast_arrays(*[np.asarray(value, float) for value in case["start"](points.T)]))]
+            for _ in times[1:]:
+                states.append(runge_kutta(case["all"], states[-1], points.T, 0.01 / steps, steps))
+            return np.array(states)
 
-    part = np.arange(0, len(mesh), len(mesh) // 60)
-    exact = numpy_runs(mesh[part], 4)
+        part = np.arange(0, len(mesh), len(mesh) // 60)
+        exact = numpy_runs(mesh[part], 4)
 
-    def metafmu_runs(tolerance):
-        """Shortest time for the mesh, and states of the part of it."""
-        with tempfile.TemporaryDirectory() as folder:
-            study = Path(folder) / "study.toml"
-            text = (ROOT / f"examples/paper/{name}.toml").read_text()
-            study.write_text(text.replace("[source]", f"[source]\ntolerance = {tolerance}", 1))
-            command = [ROOT / "target/release/metafmu", "sample", study, "--out", folder, "--json"]
-            begin, records = time.perf_counter(), []
-            while len(records) < 5 or time.perf_counter() - begin < 20:
-                records.append(json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout))
-            table = np.loadtxt(Path(folder) / "train.csv", delimiter=",", skiprows=1)
-        runs = records[0]["train_runs"] + records[0]["test_runs"]
-        seconds = min(record["sample_seconds"] for record in records) * len(mesh) / runs
-        states = table.reshape(len(mesh), count + 1, -1)[part]
-        parameters, columns = mesh.shape[1], exact.shape[1]
-        np.testing.assert_allclose(states[:, 0, 2 : 2 + parameters], mesh[part], rtol=1e-12)
-        return states[:, :, 2 + parameters : 2 + parameters + columns].transpose(1, 2, 0), seconds
+        def metafmu_runs(tolerance):
+            """Shortest time for the mesh, and states of the part of it."""
+            with tempfile.TemporaryDirectory() as folder:
+                study = Path(folder) / "study.toml"
+                text = (ROOT / f"examples/paper/{name}.toml").read_text()
+                study.write_text(text.replace("[source]", f"[source]\ntolerance = {tolerance}", 1))
+                command = [ROOT / "target/release/metafmu", "sample", study, "--out", folder, "--json"]
+                begin, records = time.perf_counter(), []
+                while len(records) < 5 or time.perf_counter() - begin < 20:
+                    records.append(json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout))
+                table = np.loadtxt(Path(folder) / "train.csv", delimiter=",", skiprows=1)
+            runs = records[0]["train_runs"] + records[0]["test_runs"]
+            seconds = min(record["sample_seconds"] for record in records) * len(mesh) / runs
+            states = table.reshape(len(mesh), count + 1, -1)[part]
+            parameters, columns = mesh.shape[1], exact.shape[1]
+            np.testing.assert_allclose(states[:, 0, 2 : 2 + parameters], mesh[part], rtol=1e-12)
+            return states[:, :, 2 + parameters : 2 + parameters + columns].transpose(1, 2, 0), seconds
 
-    states, ours = metafmu_runs(1e-10)
-    print(f"{name}, {len(mesh)} runs\n  {'':24}{'s':>9} {'ms a run':>9} {'error':>9}   slower by")
+        states, ours = metafmu_runs(1e-10)
+        print(f"{name}, {len(mesh)} runs\n  {'':24}{'s':>9} {'ms a run':>9} {'error':>9}   slower by")
 
-    def report(label, seconds, error):
-        print(f"  {label:24}{seconds:9.3f} {1e3 * seconds / len(mesh):9.4f} {error:9.1e} {seconds / ours:8.1f}", flush=True)
+        def report(label, seconds, error):
+            print(f"  {label:24}{seconds:9.3f} {1e3 * seconds / len(mesh):9.4f} {error:9.1e} {seconds / ours:8.1f}", flush=True)
 
-    report(f"metafmu 1e-10, {os.cpu_count()} cores", ours, np.abs(states - exact).max())
-    states, seconds = metafmu_runs(1e-13)
-    report(f"metafmu 1e-13, {os.cpu_count()} cores", seconds, np.abs(states - exact).max())
+        report(f"metafmu 1e-10, {os.cpu_count()} cores", ours, np.abs(states - exact).max())
+        states, seconds = metafmu_runs(1e-13)
+        report(f"metafmu 1e-13, {os.cpu_count()} cores", seconds, np.abs(states - exact).max())
 
-    def scipy_runs():
-        def one(p):
-            return solve_ivp(
-                case["one"](*map(float, p)), (0, times[-1]), case["start"](p), "DOP853", times, rtol=1e-10, atol=1e-12
-            ).y.T
+        def scipy_runs():
+            def one(p):
+                return solve_ivp(
+                    case["one"](*map(float, p)), (0, times[-1]), case["start"](p), "DOP853", times, rtol=1e-10, atol=1e-12
+                ).y.T
 
-        return np.stack([one(p) for p in mesh[part]], 2)
+            return np.stack([one(p) for p in mesh[part]], 2)
 
-    states, seconds = shortest(scipy_runs, 3)
-    report("scipy DOP853, 1e-10", seconds * len(mesh) / len(part), np.abs(states - exact).max())
-    for steps in (2, 1):
-        states, seconds = shortest(lambda: numpy_runs(mesh, steps), 3)
-        report(f"numpy RK8, {steps} steps a row", seconds, np.abs(states[:, :, part] - exact).max())
+        states, seconds = shortest(scipy_runs, 3)
+        report("scipy DOP853, 1e-10", seconds * len(mesh) / len(part), np.abs(states - exact).max())
+        for steps in (2, 1):
+            states, seconds = shortest(lambda: numpy_runs(mesh, steps), 3)
+            report(f"numpy RK8, {steps} steps a row", seconds, np.abs(states[:, :, part] - exact).max())
+
+
+if __name__ == "__main__":
+    main()

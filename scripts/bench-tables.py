@@ -5,8 +5,8 @@ Each run has 200 rows; the least of three times of `metafmu sample --dry-run`, w
 target/release/metafmu.
 """
 
+import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -25,7 +25,9 @@ sampling.test_runs = 100
 
 
 def main():
-    count, rows = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000, 200
+    parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
+    parser.add_argument("runs", type=int, nargs="?", default=20_000, help="how many runs; %(default)s unless given")
+    count, rows = parser.parse_args().runs, 200
     random = np.random.default_rng(0)
     t, a, b = np.tile(np.linspace(0, 1, rows), count), *(np.repeat(random.uniform(*ends, count), rows) for ends in [(0, 10), (-1, 1)])
     runs = pd.DataFrame({"run": np.repeat(np.arange(count), rows), "time": t, "a": a, "b": b, "y": np.sin(a * t) * b, "z": np.cos(a * t)})

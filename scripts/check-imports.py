@@ -6,6 +6,7 @@ What `use` lines and paths name after `crate::` is a module, or something re-exp
 Usage: python3 scripts/check-imports.py [SRC]
 """
 
+import argparse
 import re
 import sys
 from pathlib import Path
@@ -66,7 +67,9 @@ def imports(text):
 
 
 def main():
-    src = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent.parent / "src")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("src", type=Path, nargs="?", default=Path(__file__).parent.parent / "src", help="the folder; src/ unless given")
+    src = parser.parse_args().src
     mistakes, arrows = [], set()
     for path in sorted(src.rglob("*.rs")):
         module = path.relative_to(src).parts[0].removesuffix(".rs")

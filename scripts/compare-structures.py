@@ -24,14 +24,10 @@ import sys
 import time
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from safetensors import safe_open
-
-matplotlib.use("svg")
-import matplotlib.pyplot as plt  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTPUTS = ["theta", "thetad", "thetadd"]
@@ -212,6 +208,8 @@ def table(results):
 
 def figure(results, unseen, path):
     """Time response of a case that is not in training, S_fixed left and S_full right, and what is missing to the truth."""
+    import matplotlib.pyplot as plt
+
     parameters, times, expected = unseen
     full, fixed = results
     plt.rcParams.update({"svg.hashsalt": "structures", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3})
@@ -241,6 +239,10 @@ def main():
     parser.add_argument("--search-epochs", type=int, default=10, help="of a trial of the search [default: 10]")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "structures", help="folder of the trainings")
     arguments = parser.parse_args()
+    # not above, as --help needs none; where it is missing that shows before the trainings
+    import matplotlib
+
+    matplotlib.use("svg")
     folder, epochs = arguments.out.resolve(), round(400 * arguments.epochs_share)
 
     # unseen runs at finer steps: the same as every study's test runs, which follow from the seed

@@ -8,6 +8,7 @@ The schema comes from the types that read the files: what a key means is said in
 keeps the pages up to date.
 """
 
+import argparse
 import json
 import subprocess
 import sys
@@ -149,4 +150,6 @@ def document(kind):
 
 
 if __name__ == "__main__":
-    sys.stdout.write(document(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", choices=INTRODUCTIONS)
+    sys.stdout.write(document(parser.parse_args().kind))

@@ -14,26 +14,28 @@ import time
 
 import numpy as np
 import pandas as pd
-import torch
-from pytorch_optimizer import SOAP
 
 
-class Net(torch.nn.Module):
-    def __init__(self, inputs, outputs, depth, width, span):
-        """`span`: hidden layers that a residual connection skips; 0: there are none."""
-        super().__init__()
-        self.first = torch.nn.Linear(inputs, width)
-        self.hidden = torch.nn.ModuleList(torch.nn.Linear(width, width) for _ in range(depth - 1))
-        self.last = torch.nn.Linear(width, outputs)
-        self.span = span
+def network(inputs, outputs, depth, width, span):
+    """`span`: hidden layers that a residual connection skips; 0: there are none."""
+    import torch
 
-    def forward(self, x):
-        x = kept = torch.tanh(self.first(x))
-        for number, layer in enumerate(self.hidden, 1):
-            x = torch.tanh(layer(x))
-            if self.span and number % self.span == 0:
-                x = kept = kept + x
-        return self.last(x)
+    class Net(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.first = torch.nn.Linear(inputs, width)
+            self.hidden = torch.nn.ModuleList(torch.nn.Linear(width, width) for _ in range(depth - 1))
+            self.last = torch.nn.Linear(width, outputs)
+
+        def forward(self, x):
+            x = kept = torch.tanh(self.first(x))
+            for number, layer in enumerate(self.hidden, 1):
+                x = torch.tanh(layer(x))
+                if span and number % span == 0:
+                    x = kept = kept + x
+            return self.last(x)
+
+    return Net()
 
 
 def rows(file, parameters):
@@ -53,6 +55,9 @@ def main():
     parser.add_argument("--rate", type=float, default=5e-3)
     parser.add_argument("--batch", type=int, default=1024)
     arguments = parser.parse_args()
+    # not above, as --help needs none of them
+    import torch
+    from pytorch_optimizer import SOAP
 
     x, y = rows(f"{arguments.folder}/train.csv", arguments.parameters)
     x_test, y_test = rows(f"{arguments.folder}/test.csv", arguments.parameters)
@@ -66,7 +71,7 @@ def main():
             found = []
             for seed in range(arguments.seeds):
                 torch.manual_seed(seed)
-                net = Net(x.shape[1], y.shape[1], depth, arguments.width, span)
+                net = network(x.shape[1], y.shape[1], depth, arguments.width, span)
                 optimizer = SOAP(net.parameters(), lr=arguments.rate, betas=(0.95, 0.95), weight_decay=0.0)
                 begin = time.process_time()
                 for step in range(arguments.steps):

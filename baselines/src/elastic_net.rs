@@ -11,8 +11,10 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct ElasticNet {
     /// Strength of the penalties.
+    #[schemars(range(min = 0))]
     pub alpha: f64,
     /// Share of the penalty on the sizes, above 0: 1 is lasso.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub l1_ratio: f64,
 }
 

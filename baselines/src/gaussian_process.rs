@@ -13,12 +13,16 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct GaussianProcess {
     /// At most so many rows: time grows with their cube.
+    #[schemars(range(min = 2, max = MOST))]
     pub rows: usize,
     /// How many of them decide the kernel.
+    #[schemars(range(min = 2, max = MOST))]
     pub kernel_rows: usize,
     /// Steps of the search for the greatest likelihood.
+    #[schemars(range(min = 1, max = MOST))]
     pub steps: usize,
     /// Standard deviation of the noise, in those of the outputs, where the search begins; at least 0.002.
+    #[schemars(range(min = 0.002), extend("exclusiveMaximum" = 1))]
     pub noise: f64,
 }
 
@@ -44,7 +48,7 @@ impl Baseline for GaussianProcess {
         let counts = counts
             .into_iter()
             .filter_map(|(key, value, least)| at_least(key, value, least).or(at_most(key, value, MOST)));
-        let noise = expect((0.002..1.0).contains(&self.noise), "noise", &self.noise, "0.002 to 1");
+        let noise = expect((0.002..1.0).contains(&self.noise), "noise", &self.noise, "at least 0.002 and below 1");
         counts.chain(noise).collect()
     }
 }

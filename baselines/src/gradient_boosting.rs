@@ -16,12 +16,16 @@ use smartcore::{
 #[serde(deny_unknown_fields, default)]
 pub struct GradientBoosting {
     /// Number of trees of each output.
+    #[schemars(range(min = 1, max = MOST_TREES))]
     pub trees: usize,
     /// Most splits from the root to a leaf.
+    #[schemars(range(min = 1))]
     pub depth: u16,
     /// How much of its correction a tree makes.
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub learning_rate: f64,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 

@@ -14,8 +14,10 @@ use smartcore::{
 #[serde(deny_unknown_fields, default)]
 pub struct Knn {
     /// How many.
+    #[schemars(range(min = 1))]
     pub neighbours: usize,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct Lasso {
     /// Strength of the penalty.
+    #[schemars(range(min = 0))]
     pub alpha: f64,
 }
 

@@ -18,9 +18,9 @@ pub struct Baselines {
     pub build: Vec<BaselineKind>,
     /// What each may take to fit and to predict the test rows.
     #[serde(rename = "time_budget")]
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_budget: f64,
-    /// Least squares.
+    /// Least squares, weights of the inputs and a constant: nothing is to be chosen, so that it has no keys.
     pub linear: Linear,
     /// Least squares with a penalty on the squares of the weights.
     pub ridge: Ridge,

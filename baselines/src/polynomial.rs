@@ -20,10 +20,13 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct Polynomial {
     /// Highest sum of the powers in a term; unless given the highest of 1 to 6 that makes no more than 1000 terms.
+    #[schemars(range(min = 1, max = 20))]
     pub degree: Option<u8>,
     /// Strength of the penalty.
+    #[schemars(range(min = 0))]
     pub alpha: f64,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 

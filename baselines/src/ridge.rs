@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct Ridge {
     /// Strength of the penalty.
+    #[schemars(range(min = 0))]
     pub alpha: f64,
 }
 

@@ -17,12 +17,16 @@ use smartcore::{
 #[serde(deny_unknown_fields, default)]
 pub struct Svr {
     /// At most so many rows: the time grows with their square.
+    #[schemars(range(min = 2))]
     pub rows: usize,
     /// How much an error counts beside the flatness of the model.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub c: f64,
     /// Errors up to this one, in standard deviations, count nothing.
+    #[schemars(range(min = 0))]
     pub epsilon: f64,
     /// Narrowness of the kernel.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub gamma: f64,
 }
 

@@ -18,8 +18,10 @@ use smartcore::{
 #[serde(deny_unknown_fields, default)]
 pub struct DecisionTree {
     /// Fewest rows of a leaf.
+    #[schemars(range(min = 1))]
     pub leaf: usize,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 
@@ -28,10 +30,13 @@ pub struct DecisionTree {
 #[serde(deny_unknown_fields, default)]
 pub struct RandomForest {
     /// Number of trees of each output.
+    #[schemars(range(min = 1, max = MOST_TREES))]
     pub trees: usize,
     /// Fewest rows of a leaf.
+    #[schemars(range(min = 1))]
     pub leaf: usize,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 
@@ -40,10 +45,13 @@ pub struct RandomForest {
 #[serde(deny_unknown_fields, default)]
 pub struct ExtraTrees {
     /// Number of trees of each output.
+    #[schemars(range(min = 1, max = MOST_TREES))]
     pub trees: usize,
     /// Fewest rows of a leaf.
+    #[schemars(range(min = 1))]
     pub leaf: usize,
     /// At most so many rows.
+    #[schemars(range(min = 2))]
     pub rows: usize,
 }
 

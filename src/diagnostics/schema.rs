@@ -1,7 +1,8 @@
 //! Files against the JSON schema of the types that read them: unknown keys, missing keys and values of the wrong type, all at once.
 //!
 //! A schema comes from the types' doc comments and serde attributes, so that messages, reference pages and editors have the same
-//! source. Beside the standard keywords there is `x-unit`, the unit of a number, for the reference pages.
+//! source. Beside the standard keywords there is `x-unit`, the unit of a number, for the reference pages. Limits of numbers are for
+//! editors: here they are left to the checks of each section, which know why.
 
 use super::names::did_you_mean;
 use schemars::{JsonSchema, generate::SchemaSettings};
@@ -127,7 +128,10 @@ impl Check<'_> {
                 Some(property) => self.value(property, value, &key, offset),
                 None if *others == Value::Bool(false) => {
                     let known: Vec<&str> = properties.keys().map(String::as_str).collect();
-                    let suggestion = did_you_mean(name, known.iter().copied());
+                    // of two that are equally close the one that is not given yet
+                    let is_given = |name: &str| table.iter().any(|(given, _)| Spanned::get_ref(given) == name);
+                    let (given, open): (Vec<&str>, Vec<&str>) = known.iter().copied().partition(|name| is_given(name));
+                    let suggestion = did_you_mean(name, open.into_iter().chain(given));
                     self.add(&key, offset, format!("unknown key `{name}`, expected {}{suggestion}", one_of(&known)));
                 }
                 None => self.value(others, value, &key, offset),
@@ -165,7 +169,7 @@ impl Check<'_> {
             DeValue::Integer(number) if i64::from_str_radix(number.as_str(), number.radix()).is_err() => {
                 Some(format!("{shown}, expected a smaller number"))
             }
-            DeValue::Integer(number) if is_natural(schema) && number.as_str().starts_with('-') => {
+            DeValue::Integer(number) if least_natural(schema).is_some() && number.as_str().starts_with('-') => {
                 Some(format!("{shown}, expected {}", expected(schema)))
             }
             DeValue::Integer(number) if number.as_str().parse::<f64>().ok() > most(schema) => {
@@ -179,8 +183,10 @@ impl Check<'_> {
 /// Keywords without which anything is good.
 const CONSTRAINTS: [&str; 5] = ["type", "anyOf", "oneOf", "enum", "const"];
 
-fn is_natural(schema: &Value) -> bool {
-    schema.get("minimum").is_some_and(|least| least.as_f64() == Some(0.0))
+/// The smallest number of a type of whole numbers that has no negative ones.
+fn least_natural(schema: &Value) -> Option<u64> {
+    let is_whole = schema.get("type").is_some_and(|name| name == "integer");
+    schema.get("minimum").filter(|_| is_whole).and_then(Value::as_u64)
 }
 
 /// The largest number of the type.
@@ -235,8 +241,10 @@ pub fn expected(schema: &Value) -> String {
     let examples: Vec<String> = examples.map(inline).collect();
     match schema.get("type").and_then(Value::as_str).unwrap_or("string") {
         "number" => "a number".into(),
-        "integer" if is_natural(schema) => "a whole number of at least 0".into(),
-        "integer" => "a whole number".into(),
+        "integer" => match least_natural(schema) {
+            Some(least) => format!("a whole number of at least {least}"),
+            None => "a whole number".into(),
+        },
         "boolean" => "true or false".into(),
         "array" => match schema.get("minItems").and_then(Value::as_u64) {
             Some(length) => format!("a list of {length}"),

@@ -29,6 +29,11 @@ pub fn fmu_with_arrays(folder: &Path, version: FmiVersion) -> PathBuf {
     write(folder, &example::with_arrays(), version, |_| {})
 }
 
+/// Writes the FMU of an example with a nominal and a periodic parameter.
+pub fn fmu_with_encodings(folder: &Path, version: FmiVersion) -> PathBuf {
+    write(folder, &example::encoded(&example::surrogate()), version, |_| {})
+}
+
 /// Writes the FMU of an example with error bounds.
 pub fn fmu_with_bounds(folder: &Path, version: FmiVersion) -> PathBuf {
     write(folder, &example::with_bounds(), version, |_| {})

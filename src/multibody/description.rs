@@ -162,11 +162,11 @@ pub struct GroundOptions {
 #[serde(deny_unknown_fields)]
 pub struct BodyOptions {
     /// Mass; may be zero where the joints leave no motion without inertia.
-    #[schemars(extend("x-unit" = "kg"))]
+    #[schemars(extend("x-unit" = "kg", "minimum" = 0))]
     #[serde(default)]
     pub mass: Expression,
     /// Moment of inertia about the centre of mass; zero for a point mass.
-    #[schemars(extend("x-unit" = "kg.m²"))]
+    #[schemars(extend("x-unit" = "kg.m²", "minimum" = 0))]
     #[serde(default)]
     pub inertia: Expression,
     /// Centre of mass at the start.
@@ -252,11 +252,11 @@ pub struct SpringOptions {
     /// Coordinate along which a spring without ends acts, an angle for instance.
     pub coordinate: Option<String>,
     /// Force or torque per length or angle; zero or more, as the `rest` of a spring `between` two points.
-    #[schemars(extend("x-unit" = "N/m or N.m/rad"))]
+    #[schemars(extend("x-unit" = "N/m or N.m/rad", "minimum" = 0))]
     #[serde(default)]
     pub stiffness: Expression,
     /// Force or torque per velocity; zero or more.
-    #[schemars(extend("x-unit" = "N.s/m or N.m.s/rad"))]
+    #[schemars(extend("x-unit" = "N.s/m or N.m.s/rad", "minimum" = 0))]
     #[serde(default)]
     pub damping: Expression,
     /// Length or angle at which there is no force.

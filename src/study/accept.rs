@@ -10,11 +10,14 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct AcceptOptions {
     /// Smallest R² of an output, below 1; at 0 it is as good as its mean.
+    #[schemars(extend("exclusiveMaximum" = 1))]
     pub r2: f64,
     /// Largest root mean square error of an output, in multiples of that of the best baseline of the build, at least 1 or `inf`.
     /// Not asked of an output whose R² is above 0.9999.
+    #[schemars(range(min = 1))]
     pub baseline_factor: f64,
     /// Largest error of an output, as a share of its range in training; without it, it may have any.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub largest_error: Option<f64>,
 }
 

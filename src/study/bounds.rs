@@ -1,5 +1,6 @@
 //! `[bounds]`: error bounds of the outputs.
 
+use super::size::MAX_RUNS;
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,9 +10,11 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct BoundsOptions {
     /// Share of points that are to lie within the bounds, between 0 and 1.
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub coverage: f64,
     /// Number of runs the bounds are measured on: random, from the same ranges, part of neither training nor tests. At least
     /// `coverage / (1 - coverage)`.
+    #[schemars(range(min = 1, max = MAX_RUNS))]
     pub runs: usize,
 }
 

@@ -13,6 +13,7 @@ pub struct NetworkOptions {
     /// How the time enters.
     pub structure: Structure,
     /// Number of nodes of each hidden layer, 1 to 16384 each; at most 100 layers.
+    #[schemars(length(max = MAX_LAYERS), inner(range(min = 1, max = MAX_NODES)))]
     pub hidden: Vec<usize>,
     /// Activation of every hidden layer.
     #[schemars(schema_with = "activations")]
@@ -26,7 +27,8 @@ pub enum Structure {
     /// One network, of which the time is an input.
     #[default]
     Full,
-    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated.
+    /// A network of the parameters for each time of the runs; between two of them outputs are interpolated. Not with
+    /// `time.margin`, as beyond `stop` there is no network, and not with `[target]`.
     Fixed,
 }
 
@@ -45,6 +47,9 @@ fn activations(_: &mut SchemaGenerator) -> Schema {
 /// Hidden layers of a network.
 const MAX_LAYERS: usize = 100;
 
+/// Nodes of a hidden layer.
+const MAX_NODES: usize = 16384;
+
 /// Weights and biases of all networks: training holds several copies of them in single precision.
 const MAX_WEIGHTS: f64 = 1e8;
 
@@ -59,8 +64,8 @@ impl NetworkOptions {
             return Problems::one("hidden", message);
         }
         let mut problems = Problems::default();
-        for (layer, nodes) in self.hidden.iter().enumerate().filter(|(_, nodes)| !(1..=16384).contains(*nodes)) {
-            problems.add("hidden", format!("hidden layer {} has {nodes} nodes, expected 1 to 16384", layer + 1));
+        for (layer, nodes) in self.hidden.iter().enumerate().filter(|(_, nodes)| !(1..=MAX_NODES).contains(*nodes)) {
+            problems.add("hidden", format!("hidden layer {} has {nodes} nodes, expected 1 to {MAX_NODES}", layer + 1));
         }
         problems
     }

@@ -68,6 +68,7 @@ struct ParameterEntry {
     /// One sentence for people; the source's unless given.
     description: Option<String>,
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
+    #[schemars(range(min = 2))]
     levels: Option<usize>,
     /// When the host of the surrogate's FMU may change it; "fixed" unless given.
     variability: Option<Variability>,

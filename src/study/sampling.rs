@@ -1,6 +1,6 @@
 //! `[sampling]`: where in the parameters' ranges runs are placed.
 
-use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study};
+use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, size::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,17 +13,21 @@ pub struct SamplingOptions {
     /// How the training runs are placed; recorded runs have no method.
     pub method: Option<Method>,
     /// Of the method "mesh": levels of each parameter, both ends of its range included.
+    #[schemars(range(min = 2))]
     pub levels: Option<usize>,
     /// Number of training runs of the methods that have neither levels nor a file.
+    #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
     /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
     #[schemars(extend("format" = "path"))]
     pub file: Option<PathBuf>,
     /// Share of the training runs that lie on the ends of each parameter's range, half of them on either end, from 0 to 0.5; none
     /// unless given. A mesh has its ends anyway, and a list has its points.
+    #[schemars(range(min = 0, max = 0.5))]
     pub faces: Option<f64>,
     /// Number of test runs: random, from the same ranges, never part of training.
     #[serde(default = "default_test_runs")]
+    #[schemars(range(min = 1, max = MAX_RUNS))]
     pub test_runs: usize,
 }
 

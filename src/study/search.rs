@@ -15,12 +15,15 @@ pub struct SearchOptions {
     #[serde(default)]
     pub method: SearchMethod,
     /// Number of trials, 2 to 10,000; a grid has as many as it has points.
+    #[schemars(range(min = 2, max = MAX_TRIALS))]
     pub trials: Option<usize>,
     /// Of the method "halving": how often the trials are compared, the last time after all epochs.
     #[serde(default = "default_rungs")]
+    #[schemars(range(min = 1, max = MAX_RUNGS))]
     pub rungs: u32,
     /// Of the method "halving": one trial in so many goes on, and is trained for so many times the epochs.
     #[serde(default = "default_reduction")]
+    #[schemars(range(min = 2))]
     pub reduction: usize,
     /// The baseline that is fitted instead of the network, if any.
     pub model: Option<BaselineKind>,
@@ -73,6 +76,7 @@ pub struct Range {
     #[serde(default)]
     pub scale: Scale,
     /// Number of values in a grid.
+    #[schemars(range(min = 2))]
     pub levels: Option<usize>,
 }
 

@@ -4,7 +4,7 @@ use super::{Method, Study};
 use crate::diagnostics::Problems;
 
 /// Runs for one purpose: the points of so many are a few gigabytes.
-const MAX_RUNS: usize = 10_000_000;
+pub(super) const MAX_RUNS: usize = 10_000_000;
 
 /// Rows of all runs together.
 const MAX_ROWS: f64 = 1e9;

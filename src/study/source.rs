@@ -34,18 +34,20 @@ pub struct SourceOptions {
     #[schemars(extend("examples" = [{"m": 0.3}]))]
     pub constants: IndexMap<String, f64>,
     /// Communication step size of the FMU: `time.step`, which it is unless given, divided by a whole number.
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub step: Option<f64>,
     /// Tolerance of the integration, from 1e-13 to 0.1. Of a system or mechanism relative and absolute, 1e-13 unless given. Of an
     /// FMU for model exchange relative to each state and to its nominal value; unless given that of the FMU's default experiment,
     /// else 1e-8.
+    #[schemars(range(min = 1e-13, max = 0.1))]
     pub tolerance: Option<f64>,
     /// Time after which a run, or the loading of the FMU, is given up; of an FMU 60 s unless given, else none.
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_limit: Option<f64>,
     /// How often a failed run of the FMU is repeated, in a fresh process; 1 unless given.
     pub retries: Option<usize>,
     /// Share of the runs that may fail, 0.1 unless given; they are left out. If more do, the sampling fails.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub max_failed: Option<f64>,
 }
 

@@ -1,6 +1,6 @@
 //! `[target]`: how good the surrogate is to be.
 
-use super::{Method, Structure, Study};
+use super::{Method, Structure, Study, size::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,10 +11,13 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct TargetOptions {
     /// R² that every output is to reach on the runs held out for validation, between 0 and 1.
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub r2: f64,
     /// Runs that are added each time, 1 to 100,000.
+    #[schemars(range(min = 1, max = MAX_ADDED_RUNS))]
     pub runs: usize,
     /// Most training runs, those of the plan included.
+    #[schemars(range(max = MAX_RUNS))]
     pub max_runs: usize,
     /// Whether the added runs go where the error is large; else the plan goes on.
     #[serde(default = "default_adaptive")]

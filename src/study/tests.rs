@@ -56,6 +56,8 @@ fn every_mistake_is_located_by_line_and_key() {
             "unknown key `nods`, expected one of structure, hidden",
         ),
         ("stop = 2.0", "stop = \"2\"", "stop", "time.stop", "expected"),
+        ("stop = 2.0", "stp = 2.0", "stop", "time.stp", "did you mean `stop`?"),
+        ("step = 0.01", "stp = 0.01", "step", "time.stp", "did you mean `step`?"),
         ("stop = 2.0", "stop = -2.0", "stop", "time.stop", "expected a positive number"),
         ("step = 0.01", "step = 0.03", "step", "time.step", "does not divide"),
         ("min = 0.1,", "min = 0.3,", "L = ", "parameters.L", "min 0.3 is not below max 0.2"),
@@ -284,4 +286,89 @@ fn the_default_of_every_section_and_the_placeholder_are_valid() {
 fn every_problem_is_listed_not_only_the_first() {
     let text = GOOD.replacen("stop = 2.0", "stop = 0.0", 1).replacen("min = 0.1,", "min = 0.3,", 1);
     assert!(problems(&text).len() >= 2);
+}
+
+/// Keys of the schema that have limits, and the part of it with the limits: of a list that of its elements.
+fn limited<'a>(schema: &'a serde_json::Value, key: &str, found: &mut Vec<(String, bool, &'a serde_json::Value)>) {
+    let numbers = schema.get("items").unwrap_or(schema);
+    if LIMITS.iter().any(|limit| numbers.get(limit).is_some()) {
+        found.push((key.to_owned(), schema.get("items").is_some(), numbers));
+    }
+    for (name, inner) in schema.get("properties").and_then(serde_json::Value::as_object).into_iter().flatten() {
+        let separator = if key.is_empty() { "" } else { "." };
+        limited(inner, &format!("{key}{separator}{name}"), found);
+    }
+    if let (Some(others), "parameters") = (schema.get("additionalProperties"), key) {
+        limited(others, "parameters.L", found);
+    }
+}
+
+const LIMITS: [&str; 4] = ["minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"];
+
+#[test]
+fn the_schemas_limits_are_those_of_the_checks() {
+    let given = "sampling = { method = 'sobol', runs = 200 }
+                 training = { loss = 'huber' }
+                 target = { r2 = 0.9, runs = 1, max_runs = 300 }
+                 bounds = { coverage = 0.5 }
+                 search = { trials = 2, space = { seed = [1, 2] } }";
+    let mut given: toml::Table = given.parse().unwrap();
+    for (key, value) in GOOD.parse::<toml::Table>().unwrap() {
+        given.entry(key).or_insert(value);
+    }
+    let refuses = |key: &str, value: toml::Value| {
+        let mut study = given.clone();
+        let (section, name) = key.rsplit_once('.').unwrap_or_default();
+        let also = match (section, name) {
+            ("source", "step" | "retries") => "source = { fmu = 'none.fmu' }",
+            ("baselines.knn", "rows") => "baselines = { knn = { neighbours = 1 } }",
+            // of more parameters there are too many terms
+            (_, "degree") => "parameters = { L = { min = 0.1, max = 0.2 } }",
+            (_, "levels") => "sampling = { method = 'mesh', levels = 3 }",
+            _ => "",
+        };
+        study.extend(also.parse::<toml::Table>().unwrap());
+        set(&mut study, key, value);
+        // levels that a parameter has from the plan are told as its own
+        let told = if name == "levels" { "levels: ".into() } else { format!(": {key}: ") };
+        problems(&study.to_string()).iter().any(|line| line.contains(&told) || line.contains(&format!(": {key}[0]: ")))
+    };
+    let mut keys = Vec::new();
+    limited(json_schema(), "", &mut keys);
+    for key in ["training.batch", "training.dropout", "time.stop", "network.hidden", "baselines.ridge.alpha"] {
+        assert!(keys.iter().any(|(known, ..)| known == key), "{key}");
+    }
+    let mut wrong = Vec::new();
+    for (key, is_list, schema) in keys {
+        for limit in LIMITS {
+            let Some(at) = schema.get(limit).and_then(serde_json::Value::as_f64) else { continue };
+            // at least the plan's runs
+            if (key.as_str(), limit) == ("target.max_runs", "minimum") {
+                continue;
+            }
+            let is_whole = schema["type"] == "integer";
+            let further = if limit.ends_with("inimum") { -1.0 } else { 1.0 };
+            let little = if is_whole {
+                1.0
+            } else if at == 0.0 {
+                1e-6
+            } else {
+                1e-3 * at
+            };
+            let value = |number: f64| {
+                let number = if is_whole { toml::Value::Integer(number as i64) } else { toml::Value::Float(number) };
+                // the example has three outputs
+                if is_list { vec![number, 1.into(), 1.into()].into() } else { number }
+            };
+            let exclusive = limit.starts_with("exclusive");
+            let (good, bad) = if exclusive { (at - further * little, at) } else { (at, at + further * little) };
+            if !refuses(&key, value(bad)) {
+                wrong.push(format!("{key} = {bad} is beyond its {limit} of {at}"));
+            }
+            if refuses(&key, value(good)) {
+                wrong.push(format!("{key} = {good} is within its {limit} of {at}"));
+            }
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
 }

@@ -10,14 +10,16 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct TimeOptions {
     /// End of every run.
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub stop: f64,
     /// Time between two rows; divides `stop`. At most 10 million rows a run.
-    #[schemars(extend("x-unit" = "s"))]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub step: f64,
     /// How much longer training runs are, as a share of `stop` from 0 to 1, rounded up to whole steps: the network is better at
-    /// the end of a time that it was trained beyond. Tests, bounds and the domain of validity end at `stop`.
+    /// the end of a time that it was trained beyond. Tests, bounds and the domain of validity end at `stop`. Recorded runs
+    /// have none, nor does the structure "fixed".
     #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
     pub margin: f64,
 }
 

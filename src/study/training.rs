@@ -11,48 +11,64 @@ pub struct TrainingOptions {
     /// What the training minimises.
     pub loss: Loss,
     /// Of the loss "huber": error, in standard deviations, from which on it grows linearly.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub huber_delta: f64,
     /// Weights of the outputs in the loss, in the order of the outputs; empty: all 1.
+    #[schemars(inner(range(min = 0)))]
     pub output_weights: Vec<f64>,
     /// Rule that turns gradients into parameter updates.
     pub optimizer: Optimizer,
     /// Share of the mean gradient that is kept from step to step: SGD's momentum, β1 of the others. Without it, the
     /// optimizer's own: 0.9, of SOAP 0.95, of RMSprop none.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub momentum: Option<f64>,
     /// Share of the mean squared gradient that is kept from step to step: RMSprop's α, β2 of the others. Without it,
     /// the optimizer's own: 0.99 of RMSprop, 0.999 of Adam and AdamW, 0.95 of SOAP.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub beta2: Option<f64>,
     /// Of the optimizer "soap": steps between two refreshes of its eigenbases.
+    #[schemars(range(min = 1))]
     pub refresh: u64,
     /// Highest learning rate.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub learning_rate: f64,
     /// How the learning rate changes over the training.
     pub schedule: Schedule,
     /// Share of the training in which the learning rate rises linearly from nearly zero (of the one-cycle schedule:
     /// along half a cosine). Without it, the schedule's own: 0.03 of the cosine, 0.3 of one-cycle, 0 of the others.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub warm_up: Option<f64>,
     /// Rows per optimizer step.
+    #[schemars(range(min = 1))]
     pub batch: usize,
     /// Largest number of passes over the training rows, 1 to 1,000,000.
+    #[schemars(range(min = 1, max = MAX_EPOCHS))]
     pub epochs: usize,
     /// Share of the training runs that is held out to choose the best epoch, between 0 and 1.
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub validation: f64,
     /// Of the other schedules than "restarts": stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
     /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle, from the
     /// third on, that is hardly better than the one before: less than a quarter, if it was twice as long.
+    #[schemars(range(min = 0))]
     pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.
+    #[schemars(range(min = 0))]
     pub l1: f64,
     /// Weight of half the sum of all parameters' squares in the loss.
+    #[schemars(range(min = 0))]
     pub l2: f64,
     /// Of the optimizers "adamw" and "soap": what a parameter loses in a step, relative to itself and to the learning rate.
+    #[schemars(range(min = 0))]
     pub weight_decay: f64,
     /// Share of the hidden nodes that is left out in a step, others in each row; at least 0 and below 1.
+    #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub dropout: f64,
     /// Whether hidden layers are normalised over the rows of a block. In the FMU, weights and biases contain it.
     pub batch_norm: bool,
     /// Longer gradients are shortened to this length; 0: none is.
+    #[schemars(range(min = 0))]
     pub clip_norm: f64,
 }
 

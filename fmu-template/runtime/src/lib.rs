@@ -26,6 +26,7 @@
 mod bounds;
 mod domain;
 mod encoding;
+#[cfg(feature = "example")]
 pub mod example;
 pub mod format;
 mod map;

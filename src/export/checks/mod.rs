@@ -68,6 +68,13 @@ impl Checks for SurrogateChecks {
         is_piecewise_constant(&surrogate).then_some("the model inside jumps, between jumps they are 0")
     }
 
+    fn no_derivatives_by(&self, archive: &mut Archive) -> Vec<(String, String)> {
+        let Ok(Some(surrogate)) = surrogate(archive) else { return Vec::new() };
+        // what is between the values is as at the nearest of them, and outside of the domain
+        let nominal = surrogate.inputs().iter().filter(|input| input.nominal_values().is_some());
+        nominal.map(|input| (input.name.clone(), format!("it has {} only, and no range", input.valid()))).collect()
+    }
+
     fn run(&self, fmu: &Fmu, archive: &mut Archive, notes: &mut Notes) {
         // what cannot be read has been reported
         if let Ok(Some(surrogate)) = surrogate(archive) {

@@ -3,7 +3,7 @@ use crate::{
     Error,
     export::testing::{
         changed_fmu, entry, fmu_described_as, fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_bounds,
-        fmu_with_input, fmu_with_states,
+        fmu_with_encodings, fmu_with_input, fmu_with_states,
     },
     fmi::{FmiVersion, Platform, validate::Finding},
 };
@@ -22,6 +22,17 @@ fn our_own_fmu_has_no_problem_and_nothing_is_left_out() {
         assert_eq!(validate(fmu_with_arrays(folder.path(), version)).unwrap(), Report::default());
         assert_eq!(validate(fmu_with_bounds(folder.path(), version)).unwrap(), Report::default());
         assert_eq!(validate(fmu_with_states(folder.path(), version)).unwrap(), Report::default());
+    }
+}
+
+#[test]
+fn derivatives_by_a_parameter_that_has_no_range_are_left_out_and_those_by_the_others_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let report = validate(fmu_with_encodings(folder.path(), version)).unwrap();
+        assert_eq!(report.problems, []);
+        let left_out = "derivatives by \"length\": it has the trained values 0.14, 0.1, 0.2 only, and no range";
+        assert_eq!(report.not_checked, [left_out]);
     }
 }
 

@@ -18,15 +18,22 @@ const STRAIGHT: f64 = 1e-6;
 const TOLERANCE: f64 = 1e-4;
 /// Differences less sure than this, in the same measure, prove nothing.
 const UNSURE: f64 = 0.1;
+/// Differences that are sure up to this, relative to the output's nominal value when the known variable changes by its magnitude, prove
+/// something in any case.
+const NEGLIGIBLE: f64 = 1e-6;
 /// More known variables than this are not tried.
 const MAX_KNOWNS: usize = 32;
 
 /// Reports derivatives that are not those of the outputs by the inputs and parameters they are said to depend on, in
-/// Initialization Mode, where parameters count as known as well.
-pub fn check(fmu: &Fmu, report: &mut Notes) {
+/// Initialization Mode, where parameters count as known as well. Those by the variables `without` any, each with the reason, are
+/// left out.
+pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
     let capabilities = fmu.capabilities();
     if !capabilities.directional_derivative {
         return report.skipped("derivatives: the FMU offers none");
+    }
+    for (name, reason) in without {
+        report.skipped(format!("derivatives by \"{name}\": {reason}"));
     }
     let description = fmu.description();
     let variable = |position: &usize| description.variables.get(*position).filter(|variable| is_scalar(variable));
@@ -36,7 +43,10 @@ pub fn check(fmu: &Fmu, report: &mut Notes) {
         };
         let all = || (0..description.variables.len()).collect();
         let knowns = dependencies.clone().unwrap_or_else(all);
-        let is_known = |known: &&ScalarVariable| matches!(known.causality, Causality::Input | Causality::Parameter);
+        let is_known = |known: &&ScalarVariable| {
+            matches!(known.causality, Causality::Input | Causality::Parameter)
+                && without.iter().all(|(name, _)| *name != known.name)
+        };
         let mut knowns: Vec<&ScalarVariable> = knowns.iter().filter_map(variable).filter(is_known).collect();
         if knowns.len() > MAX_KNOWNS {
             report.skipped(format!("derivatives of \"{}\" by more than {MAX_KNOWNS} variables", unknown.name));
@@ -70,20 +80,24 @@ fn differences(
         expected.push(difference(&instance, unknown, known)?);
     }
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, difference| largest.max(difference.value.abs()));
+    // where an output is at an extreme, all derivatives are 0, and the smallest error is larger than they are
+    let nominal = unknown.kind.as_real().and_then(|real| real.nominal).unwrap_or(1.0);
+    let is_rough = |difference: &Difference| {
+        difference.error > UNSURE * largest && difference.error * difference.magnitude > NEGLIGIBLE * nominal
+    };
     for (known, difference) in knowns.iter().zip(&expected) {
-        if difference.error > UNSURE * largest {
+        if is_rough(difference) {
             let names = format!("the derivative of \"{}\" by \"{}\"", unknown.name, known.name);
             report.skipped(format!("{names}: the outputs are too rough for differences"));
         }
     }
     let wrong = |what: &str, found: f64, index: usize| {
-        let (name, Difference { value, error, unseen }) = (&knowns[index].name, expected[index]);
+        let (name, Difference { value, error, unseen, .. }) = (&knowns[index].name, expected[index]);
         // written so that NaN is wrong
         let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error + unseen;
         let message =
             format!("the {what} of \"{}\" by \"{name}\" is {found:?}, differences give {value:?}", unknown.name);
-        let rough = error > UNSURE * largest;
-        (!right && !rough).then_some(message)
+        (!right && !is_rough(&expected[index])).then_some(message)
     };
     let directional = found.iter().enumerate().filter_map(|(index, found)| wrong("derivative", *found, index));
     let mut problems: Vec<String> = directional.collect();
@@ -103,6 +117,8 @@ struct Difference {
     error: f64,
     /// What changes the output by less than its last digit.
     unseen: f64,
+    /// Of the known variable.
+    magnitude: f64,
 }
 
 /// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
@@ -141,7 +157,7 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
     let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
         let error = disagreement(of).max(rounding / (step * magnitude));
-        Difference { value: of[1], error, unseen: last_digit / (step * magnitude) }
+        Difference { value: of[1], error, unseen: last_digit / (step * magnitude), magnitude }
     });
     let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
     Ok(best.expect("there are several steps"))

@@ -83,6 +83,11 @@ pub trait Checks: Sync {
         None
     }
 
+    /// Variables by which derivatives cannot be compared with differences, and why.
+    fn no_derivatives_by(&self, _archive: &mut Archive) -> Vec<(String, String)> {
+        Vec::new()
+    }
+
     /// With the binary loaded, after the standard's checks.
     fn run(&self, _fmu: &Fmu, _archive: &mut Archive, _notes: &mut Notes) {}
 
@@ -242,7 +247,7 @@ fn run(fmu: &Fmu, archive: &mut Archive, checks: &dyn Checks, notes: &mut Notes)
     behaviour::check(fmu, notes);
     match checks.no_derivatives(archive) {
         Some(reason) => notes.skipped(format!("derivatives: {reason}")),
-        None => derivatives::check(fmu, notes),
+        None => derivatives::check(fmu, &checks.no_derivatives_by(archive), notes),
     }
     checks.run(fmu, archive, notes);
 }

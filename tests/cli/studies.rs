@@ -1,57 +1,6 @@
-//! The command as a user meets it: results, error messages, exit codes.
+//! Studies: sampled, trained, built, refused and rejected.
 
-use std::{
-    fs,
-    io::{Read, Write},
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
-use tempfile::TempDir;
-
-/// A folder with a study that is sampled and trained in a moment.
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        let bench = Self { folder: tempfile::tempdir().unwrap() };
-        fs::write(bench.path("study.toml"), small_study()).unwrap();
-        bench
-    }
-
-    /// The same after `metafmu build`.
-    fn built() -> Self {
-        let bench = Self::new();
-        let output = bench.run(&["build", "study.toml"]);
-        assert!(output.status.success(), "{}", stderr(&output));
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_metafmu"));
-        command.args(arguments).current_dir(self.folder.path()).output().unwrap()
-    }
-
-    /// Runs a command that must fail with exit code 2 and every piece of `says` in its error, and change no file.
-    fn fails(&self, arguments: &[&str], says: &[&str]) {
-        let before = snapshot(self.folder.path());
-        let output = self.run(arguments);
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-        assert!(message.starts_with("error: "), "{arguments:?}: {message}");
-        assert!(!message.contains("panicked"), "{arguments:?}: {message}");
-        for piece in says {
-            assert!(message.contains(piece), "{arguments:?} should say `{piece}`: {message}");
-        }
-        assert!(output.stdout.is_empty(), "{arguments:?}: a failure prints no result");
-        assert_eq!(snapshot(self.folder.path()), before, "{arguments:?}: files changed");
-    }
-}
+use super::*;
 
 #[test]
 fn a_dry_run_prints_the_plan_and_writes_nothing() {
@@ -102,9 +51,9 @@ fn recorded_runs_become_a_fmu_like_simulated_ones() {
 #[test]
 fn a_sampling_that_is_killed_loses_no_finished_run() {
     let bench = Bench::new();
-    let mechanism = include_str!("../examples/mechanisms/quarter-car.toml");
+    let mechanism = include_str!("../../examples/mechanisms/quarter-car.toml");
     fs::write(bench.path("quarter-car.toml"), mechanism.replace("\"augmented\"", "\"embedding\"")).unwrap();
-    let study = include_str!("../examples/mechanisms/quarter-car-study.toml");
+    let study = include_str!("../../examples/mechanisms/quarter-car-study.toml");
     let study = study.replace("\nruns = 1000", "\nruns = 12").replace("test_runs = 100 ", "test_runs = 2 ");
     fs::write(bench.path("study.toml"), study).unwrap();
     let journal = bench.path("killed/unfinished-runs.bin");
@@ -134,55 +83,6 @@ fn a_sampling_that_is_killed_loses_no_finished_run() {
         assert!(killed == whole, "{name} is another one");
     }
 }
-
-/// The single pendulum with a coarse mesh and a tiny network.
-fn small_study() -> String {
-    let mut study = include_str!("../examples/paper/single-pendulum.toml").to_owned();
-    for (line, smaller) in [
-        ("levels = 11", "levels = 3"),
-        ("test_runs = 200", "test_runs = 5"),
-        ("step = 0.01", "step = 0.05"),
-        ("hidden = [128, 128]", "hidden = [8]"),
-        ("epochs = 400", "epochs = 3"),
-    ] {
-        assert!(study.contains(line), "{line}");
-        study = study.replace(line, smaller);
-    }
-    study + ANY
-}
-
-/// Accepts whatever so little training gives.
-const ANY: &str = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n";
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// Every file below a folder with its bytes.
-fn snapshot(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut files = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let bytes = fs::read(&path).unwrap();
-                files.push((path, bytes));
-            }
-        }
-    }
-    files.sort();
-    files
-}
-
-const FMU: &str = "out/single-pendulum/single-pendulum.fmu";
-const MODEL: &str = "out/single-pendulum/single-pendulum.safetensors";
 
 #[test]
 fn build_writes_every_result_and_prints_the_table() {
@@ -242,7 +142,7 @@ fn new_writes_the_example_and_overwrites_nothing() {
     let output = bench.run(&["new", "single-pendulum", "--system", "single-pendulum"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let written = fs::read_to_string(bench.path("single-pendulum.toml")).unwrap();
-    assert_eq!(written, include_str!("../examples/single-pendulum.toml"));
+    assert_eq!(written, include_str!("../../examples/single-pendulum.toml"));
     let says = ["single-pendulum.toml: exists already and is not overwritten"];
     for name in ["single-pendulum", "single-pendulum.toml"] {
         bench.fails(&["new", name, "--system", "single-pendulum"], &says);
@@ -353,85 +253,6 @@ fn a_damaged_model_file_is_named() {
     bench.fails(&["export", "study.toml"], &["single-pendulum.safetensors", "cut short"]);
 }
 
-#[test]
-fn what_is_no_fmu_cannot_be_simulated() {
-    let bench = Bench::built();
-    bench.fails(&["simulate", "absent.fmu"], &["absent.fmu", "No such file"]);
-    fs::write(bench.path("text.fmu"), "not a zip").unwrap();
-    bench.fails(&["simulate", "text.fmu"], &["text.fmu"]);
-    rewrite(&bench.path(FMU), &bench.path("empty.fmu"), |_, _| None);
-    bench.fails(&["simulate", "empty.fmu"], &["empty.fmu", "modelDescription.xml"]);
-    rewrite(&bench.path(FMU), &bench.path("bare.fmu"), |name, bytes| (!name.starts_with("binaries/")).then_some(bytes));
-    bench.fails(&["simulate", "bare.fmu"], &["bare.fmu", "binaries/"]);
-    rewrite(&bench.path(FMU), &bench.path("cut.fmu"), |name, mut bytes| {
-        if name.ends_with(".safetensors") {
-            bytes.truncate(bytes.len() - 10);
-        }
-        Some(bytes)
-    });
-    bench.fails(&["simulate", "cut.fmu"], &["model.safetensors", "cut short"]);
-    bench.fails(&["simulate", FMU, "--start", "mass=1"], &["mass"]);
-    bench.fails(&["simulate", FMU, "--step-size", "-1"], &["step"]);
-}
-
-/// Copies an FMU entry by entry; `edit` drops entries or changes their bytes.
-fn rewrite(from: &Path, to: &Path, edit: impl Fn(&str, Vec<u8>) -> Option<Vec<u8>>) {
-    let mut archive = zip::ZipArchive::new(fs::File::open(from).unwrap()).unwrap();
-    let mut writer = zip::ZipWriter::new(fs::File::create(to).unwrap());
-    for index in 0..archive.len() {
-        let mut entry = archive.by_index(index).unwrap();
-        let (name, mut bytes) = (entry.name().unwrap().into_owned(), Vec::new());
-        entry.read_to_end(&mut bytes).unwrap();
-        if let Some(bytes) = edit(&name, bytes) {
-            writer.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
-            writer.write_all(&bytes).unwrap();
-        }
-    }
-    writer.finish().unwrap();
-}
-
-#[test]
-fn simulate_writes_csv_and_a_plot() {
-    let bench = Bench::built();
-    let output = bench.run(&["simulate", FMU, "--start", "L=0.12", "--stop-time", "1", "--step-size", "0.3"]);
-    let table = stdout(&output);
-    let lines: Vec<&str> = table.lines().collect();
-    assert_eq!(lines[0], "time,theta,thetad,thetadd,in_domain,domain_distance");
-    let times: Vec<f64> = lines[1..].iter().map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
-    assert_eq!(times.len(), 5, "{times:?}");
-    assert_eq!((times[0], times[4]), (0.0, 1.0), "the last step is shorter");
-    let output = bench.run(&["simulate", FMU, "--output", "run.csv", "--plot", "run.svg"]);
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert_eq!(fs::read_to_string(bench.path("run.csv")).unwrap().lines().count(), 42);
-    let plot = fs::read_to_string(bench.path("run.svg")).unwrap();
-    assert!(plot.contains("theta [rad]") && !plot.contains("in_domain"));
-    assert!(stderr(&output).contains("constant in this run and not plotted: in_domain = 1.0"), "{}", stderr(&output));
-}
-
-#[test]
-fn a_plot_is_svg_and_nothing_else() {
-    let bench = Bench::new();
-    bench.fails(&["simulate", "absent.fmu", "--plot", "p.png"], &["p.png", "expected a file that ends in .svg"]);
-    bench.fails(&["simulate", "absent.fmu", "--plot", "p.SVG"], &["absent.fmu"]);
-}
-
-#[test]
-fn simulate_warns_outside_of_the_ranges() {
-    let bench = Bench::built();
-    let output = bench.run(&["simulate", FMU, "--stop-time", "3", "--step-size", "0.5", "--output", "run.csv"]);
-    assert!(output.status.success(), "{}", stderr(&output));
-    let says = "outside the ranges that the FMU is made for in 2 of 7 rows, at 2.5 s for the first time";
-    assert!(stderr(&output).contains(says), "{}", stderr(&output));
-    assert_eq!(stderr(&bench.run(&["simulate", FMU])), "", "inside it says nothing");
-}
-
-/// Runs a shell command in which `$0` is the program.
-#[cfg(unix)]
-fn shell(bench: &Bench, command: &str) -> Output {
-    let mut shell = Command::new("sh");
-    shell.args(["-c", command, env!("CARGO_BIN_EXE_metafmu")]).current_dir(bench.folder.path()).output().unwrap()
-}
-
 #[cfg(unix)]
 #[test]
 fn results_that_nobody_can_see_are_an_error_and_a_reader_that_has_seen_enough_is_none() {
@@ -489,116 +310,6 @@ fn a_build_that_is_interrupted_in_training_finishes_with_the_best_network_and_sa
     assert!(stdout(&output).contains("single-pendulum.fmu"), "{}", stdout(&output));
     assert!(bench.path(FMU).exists() && bench.path("out/single-pendulum/report.html").exists());
     assert!(stdout(&bench.run(&["help"])).contains("130 stopped by Ctrl-C"));
-}
-
-#[test]
-fn validate_finds_nothing_in_a_good_fmu_and_says_what_is_wrong_with_a_bad_one() {
-    let bench = Bench::built();
-    let output = bench.run(&["validate", FMU]);
-    assert_eq!(output.status.code(), Some(0), "{}{}", stdout(&output), stderr(&output));
-    rewrite(&bench.path(FMU), &bench.path("bad.fmu"), |name, bytes| {
-        let edit = |bytes| String::from_utf8(bytes).unwrap().replace("start=\"0.15", "start=\"0.95").into_bytes();
-        Some(if name == "modelDescription.xml" { edit(bytes) } else { bytes })
-    });
-    let output = bench.run(&["validate", "bad.fmu"]);
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stdout(&output).contains("start"), "{}", stdout(&output));
-}
-
-#[test]
-fn export_writes_both_versions_with_one_network_and_simulate_runs_each_by_each_interface() {
-    let bench = Bench::built();
-    let output = bench.run(&["export", "study.toml", "--fmi", "both"]);
-    assert!(output.status.success(), "{}", stderr(&output));
-    let paths = stdout(&output);
-    let mut tables = Vec::new();
-    for path in paths.lines() {
-        assert!(bench.run(&["validate", path]).status.success(), "{path}");
-        for interface in ["cs", "me"] {
-            let output = bench.run(&["simulate", path, "--interface", interface, "--stop-time", "0.4"]);
-            assert!(output.status.success(), "{}", stderr(&output));
-            tables.push(stdout(&output).lines().next().map(str::to_owned));
-        }
-    }
-    assert_eq!(tables.len(), 4, "{paths}");
-    assert!(tables.iter().all(|header| *header == tables[0]), "{tables:?}");
-    let output = bench.run(&["export", "study.toml", "--fmi", "3", "--json"]);
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(json["fmu"].as_str().unwrap().ends_with("single-pendulum-fmi3.fmu"), "{json}");
-}
-
-#[test]
-fn each_version_has_a_name_and_none_of_an_earlier_network_stays() {
-    let bench = Bench::built();
-    let fmi3 = "out/single-pendulum/single-pendulum-fmi3.fmu";
-    let export = |version: &str| {
-        let output = bench.run(&["export", "study.toml", "--fmi", version]);
-        assert!(output.status.success(), "{}", stderr(&output));
-        stderr(&output)
-    };
-    let fmi2 = fs::read(bench.path(FMU)).unwrap();
-    assert_eq!(export("3"), "");
-    assert!(fs::read(bench.path(FMU)).unwrap() == fmi2, "of the same network: it stays");
-    assert_eq!(export("2"), "");
-    assert!(bench.path(fmi3).exists());
-
-    fs::write(bench.path("study.toml"), small_study().replace("epochs = 3 ", "epochs = 4 ")).unwrap();
-    assert!(bench.run(&["train", "study.toml"]).status.success());
-    assert!(export("2").contains("removed out/single-pendulum/single-pendulum-fmi3.fmu"));
-    assert!(!bench.path(fmi3).exists() && fs::read(bench.path(FMU)).unwrap() != fmi2);
-    fs::write(bench.path(FMU), "no FMU").unwrap();
-    assert!(export("3").contains("removed out/single-pendulum/single-pendulum.fmu"));
-}
-
-#[test]
-fn an_fmu_that_computes_in_single_precision_is_valid() {
-    let bench = Bench::new();
-    for activation in ["relu", "tanh"] {
-        // as wide as the example's: outputs of a small network are rough in fewer places
-        let study = small_study().replace("hidden = [8]", "hidden = [128, 128]").replace("\"double\"", "\"single\"");
-        assert!(study.contains("\"relu\"") && study.contains("\"single\""));
-        fs::write(bench.path("study.toml"), study.replace("\"relu\"", &format!("{activation:?}"))).unwrap();
-        let output = bench.run(&["build", "study.toml", "--out", "results", "--fmi", "both"]);
-        assert!(output.status.success(), "{activation}: {}", stderr(&output));
-    }
-}
-
-#[test]
-fn platforms_are_chosen_and_added_by_name() {
-    let bench = Bench::built();
-    let entries = |arguments: &[&str]| -> Vec<String> {
-        let output = bench.run(&[&["export", "study.toml"], arguments].concat());
-        assert!(output.status.success(), "{}", stderr(&output));
-        let archive = zip::ZipArchive::new(fs::File::open(bench.path(FMU)).unwrap()).unwrap();
-        let names = archive.file_names().map(|name| name.unwrap().into_owned());
-        names.filter(|name| name.starts_with("binaries/")).collect()
-    };
-    // as much of a Windows library as is looked at
-    let library = [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0\x64\x86"].concat();
-    fs::write(bench.path("fmu.dll"), library).unwrap();
-    let with = entries(&["--binary", "x86_64-windows=fmu.dll"]);
-    assert!(with.len() >= 2 && with.contains(&"binaries/win64/single_pendulum.dll".to_owned()), "{with:?}");
-    let own = entries(&["--platform", own_tuple()]);
-    assert_eq!(own.len(), 1, "{own:?}");
-    bench.fails(&["export", "study.toml", "--platform", "amiga"], &["`amiga` is not embedded", own_tuple()]);
-    bench.fails(
-        &["export", "study.toml", "--binary", "aarch64-linux=fmu.dll"],
-        &["fmu.dll", "is a library for x86_64-windows, expected one for aarch64-linux"],
-    );
-    bench.fails(&["export", "study.toml", "--binary", "aarch64-linux=none.so"], &["none.so", "cannot read"]);
-}
-
-/// The platform the command was built for, which is always embedded.
-fn own_tuple() -> &'static str {
-    metafmu::fmi::Platform::CURRENT.tuple
-}
-
-#[test]
-fn inputs_that_cannot_be_are_refused() {
-    let bench = Bench::built();
-    fs::write(bench.path("inputs.csv"), "time,L\n0,0.1\n").unwrap();
-    bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &["variable `L`: is not an input"]);
-    bench.fails(&["simulate", FMU, "--input", "absent.csv"], &["absent.csv", "cannot read"]);
 }
 
 #[test]
