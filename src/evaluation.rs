@@ -5,7 +5,7 @@ use crate::{
     layout::Point,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Drive, Evaluator, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -95,14 +95,45 @@ impl Accuracy {
     }
 }
 
-/// Predictions of the surrogate for a run: shape `[times, outputs]`.
+/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
+/// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    if !surrogate.states().is_empty() {
+        return roll_out(surrogate, evaluator, run);
+    }
     let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
     let mut point = Point::of(run);
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
         evaluator.evaluate(point.at(time), outputs, &mut scratch);
+    }
+    predictions
+}
+
+fn roll_out(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
+    let (width, inputs) = (surrogate.outputs().len(), run.inputs.len() / run.times.len().max(1));
+    let mut predictions = vec![f64::NAN; run.times.len() * width];
+    let mut point = run.parameters.clone();
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    let driven = run.parameters.len()..run.parameters.len() + inputs;
+    let [mut rates, constant] = [vec![0.0; point.len()], vec![0.0; point.len()]];
+    let row = |index: usize| &run.inputs[index * inputs..][..inputs];
+    for (index, predictions) in predictions.chunks_mut(width).enumerate() {
+        if let Some(before) = index.checked_sub(1) {
+            let size = run.times[index] - run.times[before];
+            let change = rates[driven.clone()].iter_mut().zip(row(before).iter().zip(row(index)));
+            change.for_each(|(rate, (from, to))| *rate = (to - from) / size);
+            let drive = Drive { rates: [&rates, &constant], clamp: None };
+            if evaluator.advance(&mut point, (size, None, &[]), drive, &mut scratch).is_err() {
+                break;
+            }
+        }
+        point[driven.clone()].copy_from_slice(row(index));
+        evaluator.evaluate(&point, &mut results, &mut scratch);
+        predictions.copy_from_slice(&results[..width]);
     }
     predictions
 }
@@ -174,7 +205,7 @@ mod tests {
         let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
             .map(|parameters| {
                 let times: std::sync::Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
-                let mut run = Run { parameters: parameters.to_vec(), times, outputs: Vec::new() };
+                let mut run = Run { inputs: Vec::new(), parameters: parameters.to_vec(), times, outputs: Vec::new() };
                 run.outputs = predict(&surrogate, &evaluator, &run);
                 run
             })
@@ -182,7 +213,8 @@ mod tests {
         runs[1].outputs[2 * 7] += 0.25; // output 0 of run 1 at t = 0.7
         let (parameters, outputs) =
             (vec![variable("length"), variable("speed")], vec![variable("angle"), variable("velocity")]);
-        let accuracy = Accuracy::of(&surrogate, &Dataset { parameters, outputs, runs: runs.clone() });
+        let accuracy =
+            Accuracy::of(&surrogate, &Dataset { inputs: Vec::new(), parameters, outputs, runs: runs.clone() });
         let metrics: Vec<OutputMetrics> = accuracy.outputs.into_values().collect();
         assert!((metrics[0].mse - 0.0625 / 42.0).abs() < 1e-15);
         assert!((metrics[0].max_abs_error - 0.25).abs() < 1e-15);
@@ -199,8 +231,13 @@ mod tests {
     #[test]
     fn predictions_that_are_no_numbers_are_the_worst_and_figures_read_back() {
         let variable = |name: &str| Variable::new(name, "", "");
-        let run = Run { parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
-        let test = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs: vec![run] };
+        let run = Run { inputs: Vec::new(), parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
+        let test = Dataset {
+            inputs: Vec::new(),
+            parameters: vec![variable("p")],
+            outputs: vec![variable("y")],
+            runs: vec![run],
+        };
         for wrong in [f64::NAN, f64::INFINITY, 1e200] {
             let metrics = compare(&test, &[vec![1.0, wrong]], None).remove(0);
             assert_eq!((metrics.r2, metrics.mse), (Some(f64::MIN), f64::MAX));

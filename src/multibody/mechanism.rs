@@ -8,7 +8,7 @@ use super::{
     model::Model,
     reduced::{self, Reduced},
     review::{idle_parts, oddities},
-    simulate::simulate,
+    simulate::{Sample, simulate, simulate_from},
 };
 use crate::{
     Error, Result,
@@ -183,14 +183,61 @@ impl Mechanism {
         tolerance: f64,
         budget: &Budget,
     ) -> std::result::Result<Vec<f64>, String> {
+        let (model, measures) = self.driven(values, signals, tolerance)?;
+        self.rows(&model, &measures, &simulate(&model, times, budget)?)
+    }
+
+    /// Simulates one run with a signal for each input from a state: `coordinates` are named as in [`Mechanism::reduced`], and `state` is
+    /// their values and their rates.
+    ///
+    /// # Errors
+    /// A sentence, as [`Mechanism::reduced`] and [`Mechanism::simulate_driven`].
+    ///
+    /// # Panics
+    /// If there are more or fewer signals than inputs.
+    pub fn simulate_from(
+        &self,
+        values: &[f64],
+        (coordinates, state): (&[&str], [&[f64]; 2]),
+        signals: &[Signal],
+        times: &[f64],
+        (tolerance, budget): (f64, &Budget),
+    ) -> std::result::Result<Vec<f64>, String> {
+        let (model, measures) = self.driven(values, signals, tolerance)?;
+        let [s, rates] = state.map(DVector::from_column_slice);
+        let terms = self.reduced(values, coordinates)?.terms(&s)?;
+        let velocities = &terms.velocities * &rates;
+        self.rows(&model, &measures, &simulate_from(&model, (terms.q, velocities), times, budget)?)
+    }
+
+    /// The model with signals, and what its outputs measure.
+    fn driven(
+        &self,
+        values: &[f64],
+        signals: &[Signal],
+        tolerance: f64,
+    ) -> std::result::Result<(Model, Vec<Measure>), String> {
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
         assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
         model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
         model.tolerance = tolerance;
-        let mut rows = Vec::with_capacity(times.len() * measures.len());
-        for sample in simulate(&model, times, budget)? {
+        Ok((model, measures))
+    }
+
+    /// What the outputs measure, in their order, with a value for each parameter.
+    ///
+    /// # Errors
+    /// A sentence that says what cannot be built of these values.
+    pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, String> {
+        build(&self.description, values).map(|(_, measures)| measures).map_err(sentence)
+    }
+
+    /// The outputs of samples, row by row.
+    fn rows(&self, model: &Model, measures: &[Measure], samples: &[Sample]) -> std::result::Result<Vec<f64>, String> {
+        let mut rows = Vec::with_capacity(samples.len() * measures.len());
+        for sample in samples {
             for (measure, output) in measures.iter().zip(&self.outputs) {
-                let value = measure.value(&model, &sample);
+                let value = measure.value(model, sample);
                 if !value.is_finite() {
                     return Err(format!("output `{}` is {value} at t = {} s", output.name, sample.t));
                 }
