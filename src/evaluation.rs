@@ -1,12 +1,16 @@
 //! How good a surrogate is on runs it has not seen.
 
+mod roll_outs;
+
 use crate::{
     dataset::{Dataset, Run},
     layout::Point,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Drive, Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
+use roll_outs::RollOut;
+pub use roll_outs::{Horizon, RollOuts};
 use serde::{Deserialize, Serialize};
 
 /// What is to be thought of a surrogate.
@@ -70,6 +74,9 @@ pub struct Accuracy {
     pub test_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
+    /// How errors grow along roll-outs, of a surrogate with states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_outs: Option<RollOuts>,
     /// What is thought of it, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
@@ -90,6 +97,7 @@ impl Accuracy {
             test_runs: test.runs.len(),
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
+            roll_outs: (!surrogate.states().is_empty()).then(|| RollOuts::of(surrogate, test, predictions)),
             verdict: None,
         }
     }
@@ -99,7 +107,7 @@ impl Accuracy {
 /// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
     if !surrogate.states().is_empty() {
-        return roll_out(surrogate, evaluator, run);
+        return RollOut::along(surrogate, evaluator, run).predictions();
     }
     let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
@@ -107,33 +115,6 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     let mut point = Point::of(run);
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
         evaluator.evaluate(point.at(time), outputs, &mut scratch);
-    }
-    predictions
-}
-
-fn roll_out(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
-    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
-    let (width, inputs) = (surrogate.outputs().len(), run.inputs.len() / run.times.len().max(1));
-    let mut predictions = vec![f64::NAN; run.times.len() * width];
-    let mut point = run.parameters.clone();
-    point.resize(evaluator.columns(), 0.0);
-    evaluator.start(&mut point);
-    let driven = run.parameters.len()..run.parameters.len() + inputs;
-    let [mut rates, constant] = [vec![0.0; point.len()], vec![0.0; point.len()]];
-    let row = |index: usize| &run.inputs[index * inputs..][..inputs];
-    for (index, predictions) in predictions.chunks_mut(width).enumerate() {
-        if let Some(before) = index.checked_sub(1) {
-            let size = run.times[index] - run.times[before];
-            let change = rates[driven.clone()].iter_mut().zip(row(before).iter().zip(row(index)));
-            change.for_each(|(rate, (from, to))| *rate = (to - from) / size);
-            let drive = Drive { rates: [&rates, &constant], clamp: None };
-            if evaluator.advance(&mut point, (size, None, &[]), drive, &mut scratch).is_err() {
-                break;
-            }
-        }
-        point[driven.clone()].copy_from_slice(row(index));
-        evaluator.evaluate(&point, &mut results, &mut scratch);
-        predictions.copy_from_slice(&results[..width]);
     }
     predictions
 }

@@ -52,15 +52,15 @@ pub fn assemble_baseline(
     finish(metadata, Model::Response(Map::Regression(regression)))
 }
 
-/// The same of equations of motion, whose outputs have the ranges of the dataset's.
+/// The same of equations of motion, whose outputs have the ranges of the dataset's. `is_limited`: which coordinates the equations depend
+/// on; of the others every number is as good.
 ///
 /// # Errors
 /// As [`assemble`].
 pub fn assemble_motion(
     study: &Study,
-    dataset: &Dataset,
-    rows: usize,
-    driven: &Driven,
+    (dataset, rows): (&Dataset, usize),
+    (driven, is_limited): (&Driven, &[bool]),
     motion: Motion,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
@@ -82,7 +82,8 @@ pub fn assemble_motion(
         start: driver.start,
         encoding: Encoding::Plain,
     }));
-    let ranges = study.states.values().map(Some).chain(study.states.values().map(|_| None));
+    let limited = study.states.values().zip(is_limited).map(|(options, is_limited)| is_limited.then_some(options));
+    let ranges = limited.chain(study.states.values().map(|_| None));
     metadata.states =
         driven.states().into_iter().zip(ranges).map(|(state, options)| of_state(state, options)).collect();
     metadata.stop_time = Some(study.time.stop);

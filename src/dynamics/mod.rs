@@ -78,6 +78,21 @@ pub struct Fitted {
     pub error: f64,
 }
 
+impl Fitted {
+    /// Whether any learned function has a term with a coordinate or parameter, by its position among both. One that none has may be any
+    /// number.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.dynamics.law().terms().chain(self.positions.terms()).any(|term| term.exponents[column] != 0)
+    }
+
+    /// Whether the equations have a term with an input.
+    pub fn is_driven_by(&self, input: usize) -> bool {
+        let (n, m) = (self.dynamics.coordinates(), self.dynamics.inputs());
+        let first = Dynamics::functions(n, m) - n * m;
+        self.dynamics.law().terms().any(|term| (0..n).any(|row| term.coefficients[first + row * m + input] != 0.0))
+    }
+}
+
 /// An error at which a higher order is not worth its cost: rounding begins to dominate.
 const EXACT: f64 = 1e-12;
 

@@ -12,7 +12,8 @@ pub(super) struct Outputs {
     pub positions: Vec<Coordinate>,
     /// What each output is.
     pub shown: Vec<Shown>,
-    /// Turns of each position in a turn of each coordinate, shape `[positions, coordinates]`.
+    /// Turns of each position in a turn of each coordinate that is an angle, and change of each for each metre of the others where that
+    /// is a whole number: shape `[positions, coordinates]`.
     pub windings: Vec<f64>,
 }
 
@@ -54,22 +55,23 @@ impl Outputs {
         })
     }
 
-    /// Finds how often each position turns in a turn of each coordinate that is an angle: the whole number that is left of it after a
-    /// turn. A coordinate that cannot go around is not followed.
+    /// Finds how often each position turns in a turn of each coordinate that is an angle, and which positions move along with the
+    /// others: the whole number that is left of the change after a turn or a metre. A coordinate that cannot go so far is not followed.
     pub(super) fn wind(&mut self, reduced: &Reduced) -> Result<(), String> {
         let s = reduced.start().0.clone();
         let n = s.len();
         self.windings = vec![0.0; self.positions.len() * n];
         let before = reduced.configuration(&s)?;
         for (k, coordinate) in reduced.coordinates().iter().enumerate() {
-            if !coordinate.is_angle() {
-                continue;
-            }
-            let turned = DVector::from_fn(n, |row, _| s[row] + if row == k { TAU } else { 0.0 });
-            let Ok(after) = reduced.configuration(&turned) else { continue };
-            for (index, position) in self.positions.iter().enumerate().filter(|(_, position)| position.is_angle()) {
-                let turns = (position.value(&after) - position.value(&before)) / TAU;
-                self.windings[index * n + k] = turns.round();
+            let step = if coordinate.is_angle() { TAU } else { 1.0 };
+            let moved = DVector::from_fn(n, |row, _| s[row] + if row == k { step } else { 0.0 });
+            let Ok(after) = reduced.configuration(&moved) else { continue };
+            let alike = self.positions.iter().enumerate();
+            for (index, position) in alike.filter(|(_, position)| position.is_angle() == coordinate.is_angle()) {
+                let change = (position.value(&after) - position.value(&before)) / step;
+                if (change - change.round()).abs() < 1e-9 {
+                    self.windings[index * n + k] = change.round();
+                }
             }
         }
         Ok(())

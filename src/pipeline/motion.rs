@@ -58,7 +58,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         outputs: study.outputs.keys().cloned().collect(),
     };
     let fitted = fit(mechanism, &region, study.seed).map_err(|message| study.refusal("states", message))?;
-    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| acts_on_nothing(&fitted, *index)) {
+    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !fitted.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }
     let rows = 3 * fitted.terms + 50;
@@ -99,13 +99,6 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
     Ok((surrogate, record))
 }
 
-/// Whether no term of the equations has the input.
-fn acts_on_nothing(fitted: &Fitted, input: usize) -> bool {
-    let (n, m) = (fitted.dynamics.coordinates(), fitted.dynamics.inputs());
-    let first = metafmu_runtime::Dynamics::functions(n, m) - n * m;
-    fitted.dynamics.law().terms().all(|term| (0..n).all(|row| term.coefficients[first + row * m + input] == 0.0))
-}
-
 fn assemble(
     project: &Project,
     dataset: &Dataset,
@@ -114,8 +107,9 @@ fn assemble(
     step: f64,
 ) -> Result<Surrogate> {
     let Fitted { dynamics, positions, windings, outputs, .. } = fitted.clone();
+    let is_limited: Vec<bool> = (0..dynamics.coordinates()).map(|column| fitted.depends_on(column)).collect();
     let motion = Motion { dynamics, positions, windings, outputs, step };
-    surrogate::assemble_motion(&project.study, dataset, rows, driven, motion)
+    surrogate::assemble_motion(&project.study, (dataset, rows), (driven, &is_limited), motion)
 }
 
 /// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error: what halving it again
