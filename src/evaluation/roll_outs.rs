@@ -18,8 +18,8 @@ pub struct RollOuts {
     /// dissipates or drives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub energy_drift: Option<f64>,
-    /// Number of runs that are still finite after ten times their length, their inputs being repeated.
-    pub finite_runs: usize,
+    /// Number of runs, and of those that are still finite, after ten times their length, their inputs being repeated.
+    pub long_runs: [usize; 2],
 }
 
 /// Relative root mean square errors up to a time, each the largest of the run's outputs: of the difference over that of the truth around
@@ -42,6 +42,8 @@ const OFF: f64 = 1e-9;
 const DIVERGED: f64 = 0.1;
 /// Lengths of a run after which it is to be finite.
 const LENGTHS: usize = 10;
+/// Runs that are rolled out so far.
+const LONG_RUNS: usize = 4;
 
 impl RollOuts {
     /// Measures the predictions of the test runs.
@@ -74,7 +76,10 @@ impl RollOuts {
             horizons: horizons.to_vec(),
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
-            finite_runs: test.runs.par_iter().filter(finite).count(),
+            long_runs: {
+                let runs = &test.runs[..test.runs.len().min(LONG_RUNS)];
+                [runs.len(), runs.par_iter().filter(finite).count()]
+            },
         }
     }
 }

@@ -268,6 +268,64 @@ impl Mechanism {
     }
 }
 
+/// A coordinate of a mechanism that is independent of its constraints and of the others, and where it may be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FreeCoordinate {
+    /// As in the mechanism file, for instance `hinge.angle`.
+    pub name: String,
+    /// Value at the start.
+    pub start: f64,
+    /// Its rate there.
+    pub rate: f64,
+    /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction.
+    pub reach: [f64; 2],
+}
+
+impl Mechanism {
+    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: the first independent ones of those
+    /// that the joints leave free, in the order of the file, then of the bodies.
+    ///
+    /// # Errors
+    /// A sentence, as [`Reduced::new`].
+    pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, String> {
+        let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
+        let (model, _) = build(&self.description, &values).map_err(sentence)?;
+        let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
+        let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
+        let joints = self.description.joints.keys().flat_map(of_joint);
+        let names = joints.chain(self.description.bodies.keys().flat_map(of_body));
+        // a joint has one of the two, or none
+        let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
+        let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();
+        let reduced = Reduced::new(model, &coordinates)?;
+        let (s, rates) = reduced.start();
+        let chosen = reduced.coordinates().iter().enumerate();
+        let free = chosen.filter_map(|(k, coordinate)| {
+            let name = names[coordinates.iter().position(|known| known == coordinate)?].clone();
+            let furthest = if coordinate.is_angle() { std::f64::consts::PI } else { 1.0 };
+            let reach = [-furthest, furthest].map(|end| s[k] + reach(&reduced, s, k, end));
+            Some(FreeCoordinate { name, start: s[k], rate: rates[k], reach })
+        });
+        Ok(free.collect())
+    }
+}
+
+/// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
+fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
+    const PARTS: u32 = 32;
+    let is_reached = |share: f64| {
+        let mut target = s.clone();
+        target[k] += share * end;
+        reduced.configuration(&target).is_ok()
+    };
+    let shares = (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS));
+    match shares.take_while(|share| is_reached(*share)).last() {
+        Some(1.0) => end,
+        Some(share) => 0.9 * share * end,
+        None => 0.0,
+    }
+}
+
 fn sentence(problems: Problems) -> String {
     let sentences = problems.into_iter().map(|KeyProblem { key, message }| format!("{key}: {message}"));
     sentences.collect::<Vec<_>>().join("; ")

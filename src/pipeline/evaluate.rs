@@ -88,7 +88,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
     if let Some(roll_outs) = &metrics.accuracy.roll_outs {
-        let _ = write!(text, "\n{}", roll_out_table(roll_outs, *test_runs));
+        let _ = write!(text, "\n{}", roll_out_table(roll_outs));
     }
     if outputs.values().any(|metrics| metrics.bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
@@ -99,7 +99,9 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
 }
 
 /// How errors grow along the roll-outs, for people.
-fn roll_out_table(RollOuts { horizons, divergence_time, energy_drift, finite_runs }: &RollOuts, runs: usize) -> String {
+fn roll_out_table(
+    RollOuts { horizons, divergence_time, energy_drift, long_runs: [runs, finite] }: &RollOuts,
+) -> String {
     let mut text =
         format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
@@ -113,6 +115,6 @@ fn roll_out_table(RollOuts { horizons, divergence_time, energy_drift, finite_run
     let energy = energy_drift.map_or(String::new(), |drift| {
         format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
     });
-    let _ = writeln!(text, "{diverges}{energy}; {finite_runs} of {runs} runs are finite after ten times their length");
+    let _ = writeln!(text, "{diverges}{energy}; {finite} of {runs} runs are finite after ten times their length");
     text
 }
