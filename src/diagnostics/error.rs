@@ -171,8 +171,8 @@ pub enum Error {
     },
     /// A surrogate that is not written as C source code.
     #[error(
-        "source code is written of a single network only: one for each instant (`network.structure = \"fixed\"`) would be \
-         hundreds of times as long, and other models have no C code yet"
+        "source code is written of a single network or of equations of motion only: one network for each instant \
+         (`network.structure = \"fixed\"`) would be hundreds of times as long, and other models have no C code yet"
     )]
     NoSources,
     /// A baseline that could not be fitted or cannot be exported.

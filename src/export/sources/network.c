@@ -1,5 +1,5 @@
-#include "network.h"
 #include "activation.h"
+#include "evaluator.h"
 
 /* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
 enum { GROUP = 4 };
@@ -15,7 +15,7 @@ static void standardise(const double point[COLUMN_COUNT], double z[WIDTH])
 {
     fill(z, WIDTH, 0.0);
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        z[i] = (point[i] - model_columns[i].mean) / model_columns[i].scale;
+        z[i] = (point[i] - model_input_scaling[i].mean) / model_input_scaling[i].scale;
     }
 }
 
@@ -23,14 +23,14 @@ static void standardise_rates(const double rates[COLUMN_COUNT], double z[WIDTH])
 {
     fill(z, WIDTH, 0.0);
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        z[i] = rates[i] / model_columns[i].scale;
+        z[i] = rates[i] / model_input_scaling[i].scale;
     }
 }
 
 static void rescale(double derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        derivative[i] *= model_outputs[i].scale;
+        derivative[i] *= model_output_scaling[i].scale;
     }
 }
 
@@ -127,7 +127,7 @@ static void last_transposed(const double y[OUTPUT_COUNT], double *restrict x)
     }
 }
 
-void network_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double outputs[OUTPUT_COUNT])
+void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double outputs[RESULT_COUNT])
 {
     double *current = scratch->value[0];
     double *next = scratch->value[1];
@@ -143,12 +143,12 @@ void network_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double
     }
     last_linear(current, outputs);
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        outputs[i] = (outputs[i] + model_last_bias[i]) * model_outputs[i].scale + model_outputs[i].mean;
+        outputs[i] = (outputs[i] + model_last_bias[i]) * model_output_scaling[i].scale + model_output_scaling[i].mean;
     }
 }
 
-void network_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
-                         double derivative[OUTPUT_COUNT])
+void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
+                       double derivative[RESULT_COUNT])
 {
     size_t current = 0;
     standardise(point, scratch->value[0]);
@@ -174,9 +174,9 @@ void network_directional(Scratch *scratch, const double point[COLUMN_COUNT], con
     rescale(derivative);
 }
 
-void network_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
-                         const double second_rates[COLUMN_COUNT], double first_derivative[OUTPUT_COUNT],
-                         double second_derivative[OUTPUT_COUNT])
+void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
+                       const double second_rates[COLUMN_COUNT], double first_derivative[RESULT_COUNT],
+                       double second_derivative[RESULT_COUNT])
 {
     size_t current = 0;
     standardise(point, scratch->value[0]);
@@ -228,7 +228,7 @@ static void record_slopes(Scratch *scratch, const double point[COLUMN_COUNT])
     }
 }
 
-void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[OUTPUT_COUNT],
+void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                      double gradient[COLUMN_COUNT])
 {
     double scaled[OUTPUT_COUNT];
@@ -240,7 +240,7 @@ void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const d
         slopes += model_hidden[i].blocks * BLOCK;
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        scaled[i] = weights[i] * model_outputs[i].scale;
+        scaled[i] = weights[i] * model_output_scaling[i].scale;
     }
     last_transposed(scaled, current);
     for (size_t i = model_hidden_count; i > 0; i--) {
@@ -256,6 +256,6 @@ void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const d
         next = before;
     }
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        gradient[i] = current[i] / model_columns[i].scale;
+        gradient[i] = current[i] / model_input_scaling[i].scale;
     }
 }
