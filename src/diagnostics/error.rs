@@ -183,15 +183,6 @@ pub enum Error {
         /// Why not.
         problem: String,
     },
-    /// Source code that is not written for such a parameter.
-    #[error(
-        "source code is written of plain parameters only: `{parameter}` has `values` or is `periodic`, and the C code has no \
-         one-hot columns, sine or cosine of inputs"
-    )]
-    NoEncodedSources {
-        /// The first such parameter.
-        parameter: String,
-    },
     /// A library that cannot go into an FMU.
     #[error("{}: {problem}", path.display())]
     Binary {

@@ -1,7 +1,7 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use super::Kind;
-use metafmu_runtime::{BuiltIn, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable};
+use metafmu_runtime::{BuiltIn, Encoding, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable};
 use std::fmt::Write;
 
 mod motion;
@@ -56,6 +56,9 @@ const EXTERNAL_NAMES: &[&str] = &[
     "model_variables",
     "snapshot_size",
 ];
+
+/// Of a column that has a range.
+const NO_VALUES: &str = "0, NULL";
 
 const NOTICE: &str = "/* Generated. */\n";
 
@@ -152,21 +155,31 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
 }
 
 fn columns(text: &mut String, surrogate: &Surrogate) {
+    for (index, input) in surrogate.inputs().iter().enumerate() {
+        if let Some(values) = input.nominal_values() {
+            array(text, &format!("static const double values_{index}"), values);
+        }
+    }
     text.push_str("\nconst Column model_columns[COLUMN_COUNT] = {\n");
     let everywhere = [f64::NEG_INFINITY, f64::INFINITY, 1.0];
     let valid = |[min, max]: [f64; 2]| [min, max, range_width(min, max)];
-    let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64| {
+    let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64, values: &str| {
         let [min, max, width] = valid;
         let numbers = [start, min, max, width, nominal].map(real).join(", ");
-        push(text, format_args!("    {{{}, {role}, {numbers}}},\n", string(name)));
+        push(text, format_args!("    {{{}, {role}, {numbers}, {values}}},\n", string(name)));
     };
-    for Input { name, min, max, start, role, .. } in surrogate.inputs() {
+    for (index, Input { name, min, max, start, role, encoding, .. }) in surrogate.inputs().iter().enumerate() {
         // as in the domain: the state that begins there has a range
-        let valid = if *role == Role::Start { everywhere } else { valid([*min, *max]) };
-        column(name, role_name(*role), *start, valid, 1.0);
+        let is_everywhere = *role == Role::Start || *encoding == Encoding::Periodic;
+        let valid = if is_everywhere { everywhere } else { valid([*min, *max]) };
+        let values = match encoding {
+            Encoding::Nominal(values) => format!("{}, values_{index}", values.len()),
+            Encoding::Plain | Encoding::Periodic => NO_VALUES.into(),
+        };
+        column(name, role_name(*role), *start, valid, 1.0, &values);
     }
     for State { name, range, nominal, .. } in surrogate.states() {
-        column(name, "ROLE_STATE", 0.0, range.map_or(everywhere, valid), *nominal);
+        column(name, "ROLE_STATE", 0.0, range.map_or(everywhere, valid), *nominal, NO_VALUES);
     }
     text.push_str("};\n");
 }

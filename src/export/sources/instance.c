@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+enum { VALID_SIZE = 200 }; /* of the words for what is valid */
+
 /* How far outside its range a value may be, relative to the range: hosts add up step sizes and convert units. */
 static const double TOLERANCE = 1e-9;
 
@@ -250,8 +252,8 @@ static Status not_finite(Instance *instance, const char *argument, double value)
 /* Distance of a value from the column's range, zero inside, relative to the width of the range. */
 static double column_distance(const Column *column, double value)
 {
-    const double below = (column->min - value) / column->width;
-    const double above = (value - column->max) / column->width;
+    const double below = (least_valid(column, value) - value) / column->width;
+    const double above = (value - largest_valid(column, value)) / column->width;
     const double outside = below > above ? below : above;
     return outside > 0.0 ? outside : 0.0;
 }
@@ -259,7 +261,7 @@ static double column_distance(const Column *column, double value)
 static bool contains(const Column *column, double value)
 {
     const double margin = TOLERANCE * column->width;
-    return column->min - margin <= value && value <= column->max + margin;
+    return least_valid(column, value) - margin <= value && value <= largest_valid(column, value) + margin;
 }
 
 /* The column that is farthest from its range. */
@@ -281,7 +283,8 @@ static size_t farthest_column(const Instance *instance)
 static double distance(const Instance *instance)
 {
     const size_t farthest = farthest_column(instance);
-    return column_distance(&model_columns[farthest], instance->now.columns[farthest]);
+    const double found = column_distance(&model_columns[farthest], instance->now.columns[farthest]);
+    return found < DBL_MAX ? found : DBL_MAX;
 }
 
 /* Derivative of domain_distance with respect to the farthest column, zero inside the domain. */
@@ -289,10 +292,10 @@ static double distance_slope(const Instance *instance, size_t farthest)
 {
     const Column *column = &model_columns[farthest];
     const double value = instance->now.columns[farthest];
-    if (value > column->max) {
+    if (value > largest_valid(column, value)) {
         return 1.0 / column->width;
     }
-    return value < column->min ? -1.0 / column->width : 0.0;
+    return value < least_valid(column, value) ? -1.0 / column->width : 0.0;
 }
 
 /*
@@ -324,6 +327,20 @@ static bool is_changed(const Instance *instance, size_t index, double value, dou
            !(value == instance->now.at_start[index]) && time_is_column();
 }
 
+/* Where the value of a column may be, in words. A list that is too long for a message is cut short. */
+static void describe_valid(const Column *column, char text[VALID_SIZE])
+{
+    if (column->value_count == 0) {
+        snprintf(text, VALID_SIZE, "the training range from %.10g to %.10g", column->min, column->max);
+        return;
+    }
+    size_t length = (size_t)snprintf(text, VALID_SIZE, "the trained values");
+    for (size_t i = 0; i < column->value_count && length < VALID_SIZE; i++) {
+        const char *comma = i == 0 ? "" : ",";
+        length += (size_t)snprintf(text + length, VALID_SIZE - length, "%s %.10g", comma, column->values[i]);
+    }
+}
+
 /* Whether the policy forbids a value at this time; the host is told, with the given status. */
 static bool forbids(Instance *instance, size_t index, double value, double time, Policy policy, Status status)
 {
@@ -332,10 +349,10 @@ static bool forbids(Instance *instance, size_t index, double value, double time,
         return false;
     }
     if (!contains(column, value)) {
-        instance_tell(instance, status,
-                      "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g, and domain_policy "
-                      "is 2",
-                      column->name, value, column->min, column->max);
+        char valid[VALID_SIZE];
+        describe_valid(column, valid);
+        instance_tell(instance, status, "variable `%.100s`: %.10g is outside %s, and domain_policy is 2", column->name,
+                      value, valid);
         return true;
     }
     if (is_changed(instance, index, value, time)) {
@@ -400,10 +417,11 @@ static Status note_value(Instance *instance, size_t index)
         return status;
     }
     instance->warned[index] = true;
+    char valid[VALID_SIZE];
+    describe_valid(column, valid);
     return instance_tell(instance, STATUS_WARNING,
-                         "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g; outputs are "
-                         "extrapolated (said once a run)",
-                         column->name, value, column->min, column->max);
+                         "variable `%.100s`: %.10g is outside %s; outputs are %s (said once a run)", column->name,
+                         value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
 }
 
 /* States are what they are: they cannot be clamped. */

@@ -72,8 +72,7 @@ enum Kind<'a> {
 /// `identifier` is the model identifier of the FMU.
 ///
 /// # Errors
-/// [`Error::NoSources`] if the surrogate is neither a single network with a linear last layer nor a motion,
-/// [`Error::NoEncodedSources`] if an input is nominal or periodic.
+/// [`Error::NoSources`] if the surrogate is neither a single network with a linear last layer nor a motion.
 pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
     // the C code has a linear last layer, as all networks trained here
     let is_linear =
@@ -82,9 +81,6 @@ pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Re
         Model::Motion(motion) => Kind::Motion(motion),
         _ => Kind::Network(surrogate.network().filter(is_linear).ok_or(Error::NoSources)?),
     };
-    if let Some(input) = surrogate.inputs().iter().find(|input| !input.encoding.is_plain()) {
-        return Err(Error::NoEncodedSources { parameter: input.name.clone() });
-    }
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, kind, identifier).into_bytes()));

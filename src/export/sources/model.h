@@ -53,8 +53,10 @@ typedef struct {
     double start;
     double min; /* training range; infinite where every number is as good */
     double max;
-    double width;   /* what distances from the range are relative to */
-    double nominal; /* of a state: its typical magnitude */
+    double width;       /* what distances from the range are relative to */
+    double nominal;     /* of a state: its typical magnitude */
+    size_t value_count; /* if it is not zero, only these values are valid */
+    const double *values;
 } Column;
 
 extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in FMI 3.0 */
@@ -64,13 +66,42 @@ extern const Variable model_variables[VARIABLE_COUNT];
 extern const Column model_columns[COLUMN_COUNT];
 extern const double model_bounds[OUTPUT_COUNT]; /* error bounds, where there are variables for them */
 
-/* The nearest value in the column's range. */
+/* Position of the column's value that is nearest; of two the first. */
+static inline size_t nearest(const Column *column, double x)
+{
+    size_t best = 0;
+    for (size_t i = 1; i < column->value_count; i++) {
+        const double value = column->values[i];
+        const double before = column->values[best];
+        /* by the middle between the two: far away, distances are equal up to rounding */
+        const double middle = before + 0.5 * (value - before);
+        if (value > before ? x > middle : x < middle) {
+            best = i;
+        }
+    }
+    return best;
+}
+
+/* Least and largest of the valid values around this one. */
+static inline double least_valid(const Column *column, double value)
+{
+    return column->value_count > 0 ? column->values[nearest(column, value)] : column->min;
+}
+
+static inline double largest_valid(const Column *column, double value)
+{
+    return column->value_count > 0 ? column->values[nearest(column, value)] : column->max;
+}
+
+/* The nearest valid value. */
 static inline double clamped(const Column *column, double value)
 {
-    if (value < column->min) {
-        return column->min;
+    const double min = least_valid(column, value);
+    const double max = largest_valid(column, value);
+    if (value < min) {
+        return min;
     }
-    return value > column->max ? column->max : value;
+    return value > max ? max : value;
 }
 
 #endif

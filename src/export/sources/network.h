@@ -12,6 +12,15 @@ typedef struct {
     double scale;
 } Scaling;
 
+/*
+ * How an input becomes columns of the network: as it is; one of a column's values as a column for each, 1 for the
+ * nearest and 0 for the others; or, if the period is not zero, as sine and cosine of 2 pi (x - start) / period.
+ */
+typedef struct {
+    double start;
+    double period;
+} Turn;
+
 typedef enum {
     ACTIVATION_TANH,
     ACTIVATION_SIGMOID,
@@ -34,7 +43,8 @@ typedef struct {
     Activation activation;
 } Layer;
 
-extern const Scaling model_input_scaling[COLUMN_COUNT];
+extern const Turn model_turns[COLUMN_COUNT];
+extern const Scaling model_input_scaling[FEATURE_COUNT];
 extern const Scaling model_output_scaling[OUTPUT_COUNT];
 extern const size_t model_hidden_count;
 extern const Layer model_hidden[];
@@ -44,6 +54,7 @@ extern const double model_last_bias[OUTPUT_COUNT];
 
 /* Working memory of one evaluation at a time; pairs of rows for a layer and the one after it. */
 typedef struct {
+    double features[FEATURE_COUNT]; /* columns of the network */
     double value[2][WIDTH];
     double first[2][WIDTH];  /* first derivatives along the curve */
     double second[2][WIDTH]; /* second derivatives along the curve */

@@ -165,6 +165,7 @@ fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
 }
 
 fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
+    // what is periodic or nominal has a scale of less than one
     let scaling = &surrogate.network().unwrap().scaling;
     let scale = scaling.output_scale.iter().copied().fold(1.0, f64::max);
     let steep = scaling.input_scale.iter().copied().fold(1.0, f64::min);
@@ -185,6 +186,13 @@ fn outputs_and_derivatives_are_those_of_the_evaluator() {
         (&[], Activation::Tanh),
     ] {
         compare_network(&example::with_network(hidden, activation), &[]);
+    }
+}
+
+#[test]
+fn nominal_and_periodic_inputs_become_the_columns_of_the_evaluator() {
+    for hidden in [&[24, 9][..], &[130], &[]] {
+        compare_network(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &SANITIZERS);
     }
 }
 
@@ -392,9 +400,43 @@ fn the_states_and_derivatives_of_a_motion_are_those_of_the_packed_library() {
     }
 }
 
+/// What is said and done outside of the valid values of an encoded input, by each policy.
+#[test]
+fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
+    let surrogate = seal(example::encoded(&example::surrogate())).unwrap();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+        let fmus = fmus.map(|path| Fmu::open(path).unwrap());
+        let (length, speed, policy, distance) = (0, 1, 5, 7);
+        for number in 0..3 {
+            for value in [0.14, 0.15, 0.2 + 1e-12, 0.19, -7.0] {
+                let [found, expected] = fmus.each_ref().map(|fmu| {
+                    let instance = fmu.instantiate("run", true).unwrap();
+                    instance.take_messages();
+                    instance.set_integer(&[policy], &[number]).unwrap();
+                    let refused = instance.set_real(&[length, speed], &[value, 1e3]).map_err(|error| error.to_string());
+                    let said: String = instance.take_messages().into_iter().map(|said| said.text).collect();
+                    let mut values = [0.0; 4];
+                    if refused.is_ok() {
+                        instance.enter_initialization_mode(0.0, None).unwrap();
+                        instance.get_real(&[3, 4, length, distance], &mut values).unwrap();
+                    }
+                    (refused, said, values)
+                });
+                assert_eq!((&found.0, &found.1), (&expected.0, &expected.1), "{number} {value}");
+                assert_close(&found.2, &expected.2, 6.0, &format!("{number} {value}"));
+                let says = found.1 + &found.0.err().unwrap_or_default();
+                let is_told = number != 1 && (value == 0.15 || value == 0.19 || value == -7.0);
+                assert_eq!(says.contains("is outside the trained values 0.14, 0.1, 0.2"), is_told, "{says}");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_validator_finds_nothing() {
-    for surrogate in [example::with_input(), example::crane()] {
+    for surrogate in [example::with_input(), example::crane(), example::encoded(&example::with_input())] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let folder = tempfile::tempdir().unwrap();
             let report = validate(c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version)).unwrap();

@@ -1,7 +1,7 @@
 //! Scaling and weights of a network.
 
 use super::{Part, array, push, real};
-use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Scaling, Surrogate};
+use metafmu_runtime::{Activation, Encoder, Encoding, Input, Layer, Numbers, ScaledNetwork, Scaling, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
 const BLOCK: usize = 16;
@@ -15,30 +15,44 @@ const NAMES: &[&str] = &[
     "model_last_bias",
     "model_last_weights",
     "model_output_scaling",
+    "model_turns",
 ];
 
 pub fn part(surrogate: &Surrogate, network: &ScaledNetwork) -> Part {
     let (last, hidden) = split(network);
     let slopes: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
-    let width = slopes.iter().copied().fold(padded(surrogate.inputs().len()), usize::max);
+    let features = Encoder::of(surrogate.inputs()).width();
+    let width = slopes.iter().copied().fold(padded(features), usize::max);
     Part {
         names: NAMES,
         sizes: vec![
+            ("FEATURE_COUNT", features, "columns of the network"),
             ("BLOCK", BLOCK, "rows of a layer that are computed together"),
             ("WIDTH", width, "of the widest layer, in whole blocks"),
             ("SLOPE_COUNT", slopes.iter().sum::<usize>().max(1), "of all hidden layers, in whole blocks"),
             ("LAST_COLUMNS", padded(last.inputs), "of the last layer, in whole blocks"),
         ],
         remark: String::new(),
-        data: data(network),
+        data: turns(surrogate.inputs()) + &data(network),
     }
+}
+
+/// Where periodic inputs begin, and how long a period is.
+fn turns(inputs: &[Input]) -> String {
+    let mut text = String::from("\nconst Turn model_turns[COLUMN_COUNT] = {\n");
+    for Input { min, max, encoding, .. } in inputs {
+        let [start, period] = if *encoding == Encoding::Periodic { [*min, max - min] } else { [0.0; 2] };
+        push(&mut text, format_args!("    {{{}, {}}},\n", real(start), real(period)));
+    }
+    text.push_str("};\n");
+    text
 }
 
 fn data(network: &ScaledNetwork) -> String {
     let mut text = String::new();
     let Scaling { input_mean, input_scale, output_mean, output_scale } = &network.scaling;
     for (declaration, means, scales) in [
-        ("model_input_scaling[COLUMN_COUNT]", input_mean, input_scale),
+        ("model_input_scaling[FEATURE_COUNT]", input_mean, input_scale),
         ("model_output_scaling[OUTPUT_COUNT]", output_mean, output_scale),
     ] {
         push(&mut text, format_args!("\nconst Scaling {declaration} = {{\n"));
