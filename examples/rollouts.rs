@@ -106,6 +106,7 @@ fn report<const STATES: usize>(case: &Case, mechanism: &Mechanism) -> Result<(),
     let region = Region {
         coordinates: case.coordinates.iter().map(|(name, min, max)| Range::new(name, *min, *max)).collect(),
         parameters: case.parameters.iter().map(range).collect(),
+        ..Region::default()
     };
     let began = Instant::now();
     let fitted = fit(mechanism, &region, 1)?;

@@ -133,6 +133,7 @@ mod tests {
             test_runs: 20,
             test_rows: 100,
             content_digest: String::new(),
+            roll_outs: None,
             verdict: None,
         };
         let models = vec![

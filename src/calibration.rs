@@ -67,7 +67,12 @@ mod tests {
         let runs = (0..count).map(|_| {
             let rows = 5 + (20.0 * uniform()) as usize;
             let times = (0..rows).map(|row| 0.01 * row as f64).collect();
-            let mut run = Run { parameters: vec![0.1 + 0.1 * uniform(), 5.0 * uniform()], times, outputs: Vec::new() };
+            let mut run = Run {
+                inputs: Vec::new(),
+                parameters: vec![0.1 + 0.1 * uniform(), 5.0 * uniform()],
+                times,
+                outputs: Vec::new(),
+            };
             let size = uniform();
             run.outputs = predict(&surrogate, &evaluator, &run);
             run.outputs.iter_mut().enumerate().for_each(|(i, y)| *y += if i % 3 == 0 { size } else { -2.0 * size });
@@ -75,6 +80,7 @@ mod tests {
         });
         let runs = runs.collect();
         Dataset {
+            inputs: Vec::new(),
             parameters: vec![variable("length"), variable("speed")],
             outputs: vec![variable("a"), variable("v")],
             runs,

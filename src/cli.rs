@@ -161,6 +161,10 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
+    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by the mechanism's inputs
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with_all = ["system", "fmu", "table"])]
+    #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics"]))]
+    pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", group = "source")]
     pub fmu: Option<PathBuf>,

@@ -1,6 +1,6 @@
 //! Runs of a source, and the table they are kept in.
 //!
-//! The table is CSV, one row per time of a run: `run,time,<parameters>,<outputs>`. Numbers are the shortest decimals that
+//! The table is CSV, one row per time of a run: `run,time,<parameters>,<inputs>,<outputs>`. Numbers are the shortest decimals that
 //! read back as the same doubles.
 
 use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::Variable};
@@ -20,6 +20,8 @@ pub struct Run {
     pub parameters: Vec<f64>,
     /// Times of the rows, ascending, in seconds.
     pub times: Arc<[f64]>,
+    /// Inputs, row by row: shape `[times, inputs]`. Between two rows they are linear.
+    pub inputs: Vec<f64>,
     /// Outputs, row by row: shape `[times, outputs]`.
     pub outputs: Vec<f64>,
 }
@@ -29,10 +31,31 @@ pub struct Run {
 pub struct Dataset {
     /// The parameters.
     pub parameters: Vec<Variable>,
+    /// What drives the runs.
+    pub inputs: Vec<Variable>,
     /// The outputs.
     pub outputs: Vec<Variable>,
     /// The runs.
     pub runs: Vec<Run>,
+}
+
+/// The variables of a table's columns.
+#[derive(Clone, Copy, Debug)]
+pub struct Columns<'a> {
+    /// The parameters.
+    pub parameters: &'a [Variable],
+    /// What drives the runs.
+    pub inputs: &'a [Variable],
+    /// The outputs.
+    pub outputs: &'a [Variable],
+}
+
+impl Columns<'_> {
+    /// A dataset of such columns that has no runs.
+    pub fn without_runs(self) -> Dataset {
+        let [parameters, inputs, outputs] = [self.parameters, self.inputs, self.outputs].map(<[Variable]>::to_vec);
+        Dataset { parameters, inputs, outputs, runs: Vec::new() }
+    }
 }
 
 impl Run {
@@ -56,14 +79,21 @@ impl Dataset {
             let rows = run.times.partition_point(|&time| time <= stop);
             if rows < run.times.len() {
                 run.times = run.times[..rows].into();
+                run.inputs.truncate(rows * self.inputs.len());
                 run.outputs.truncate(rows * width);
             }
         }
         self
     }
 
+    /// The variables of its columns.
+    pub fn variables(&self) -> Columns<'_> {
+        Columns { parameters: &self.parameters, inputs: &self.inputs, outputs: &self.outputs }
+    }
+
     fn columns(&self) -> Vec<String> {
-        let names = self.parameters.iter().chain(&self.outputs).map(|variable| variable.name.clone());
+        let names =
+            self.parameters.iter().chain(&self.inputs).chain(&self.outputs).map(|variable| variable.name.clone());
         ["run".to_owned(), "time".to_owned()].into_iter().chain(names).collect()
     }
 
@@ -95,8 +125,8 @@ impl Dataset {
     /// # Errors
     /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line of the first
     /// mistake.
-    pub fn read_csv(path: &Path, digest: &str, parameters: &[Variable], outputs: &[Variable]) -> Result<Self> {
-        let read = Self::parse_csv(path, parameters, outputs);
+    pub fn read_csv(path: &Path, digest: &str, columns: Columns) -> Result<Self> {
+        let read = Self::parse_csv(path, columns);
         let found = match &read {
             Ok((_, found)) => found.clone(),
             Err(Error::Table { .. }) => files::digest(path)?,
@@ -114,8 +144,9 @@ impl Dataset {
     }
 
     /// The table and the SHA-256 of its bytes.
-    fn parse_csv(path: &Path, parameters: &[Variable], outputs: &[Variable]) -> Result<(Self, String)> {
-        let mut dataset = Self { parameters: parameters.to_vec(), outputs: outputs.to_vec(), runs: Vec::new() };
+    fn parse_csv(path: &Path, variables: Columns) -> Result<(Self, String)> {
+        let mut dataset = variables.without_runs();
+        let Columns { parameters, inputs, .. } = variables;
         let mistake =
             |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
         let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
@@ -129,7 +160,7 @@ impl Dataset {
             let found = found.iter().map(String::from_utf8_lossy).collect::<Vec<_>>().join(",");
             return Err(mistake(1, format!("columns `{found}`, expected `{}`", columns.join(","))));
         }
-        let mut rows = RunReader::new(parameters.len());
+        let mut rows = RunReader::new([parameters.len(), inputs.len()]);
         let (mut line, mut block) = (2, Vec::new());
         while next_block(&mut file, &mut block).map_err(Error::io(path, "read"))? {
             let parse = || split_lines(&block).into_par_iter().map(|text| Piece::parse(text, &columns)).collect();
@@ -164,10 +195,12 @@ fn csv_lines(index: usize, run: &Run) -> Vec<u8> {
     };
     let (begin, mut parameters) = (format!("{index},"), Vec::new());
     run.parameters.iter().for_each(|&value| append(&mut parameters, value, b','));
-    for (time, outputs) in run.rows() {
+    let inputs = run.inputs.len() / run.times.len().max(1);
+    for (row, (time, outputs)) in run.rows().enumerate() {
         lines.extend_from_slice(begin.as_bytes());
         append(&mut lines, time, b',');
         lines.extend_from_slice(&parameters);
+        run.inputs[row * inputs..][..inputs].iter().for_each(|&value| append(&mut lines, value, b','));
         for (column, &value) in outputs.iter().enumerate() {
             append(&mut lines, value, if column + 1 == outputs.len() { b'\n' } else { b',' });
         }
@@ -257,25 +290,28 @@ fn number(field: &[u8]) -> std::result::Result<f64, String> {
 
 /// Collects rows into runs.
 struct RunReader {
-    parameter_count: usize,
+    /// Of parameters and inputs.
+    counts: [usize; 2],
     number: Option<f64>,
     parameters: Vec<f64>,
     times: Vec<f64>,
+    inputs: Vec<f64>,
     outputs: Vec<f64>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
 }
 
 impl RunReader {
-    fn new(parameter_count: usize) -> Self {
-        let (parameters, times, outputs) = (Vec::new(), Vec::new(), Vec::new());
-        Self { parameter_count, number: None, parameters, times, outputs, shared_times: Arc::new([]) }
+    fn new(counts: [usize; 2]) -> Self {
+        let [parameters, times, inputs, outputs] = std::array::from_fn(|_| Vec::new());
+        Self { counts, number: None, parameters, times, inputs, outputs, shared_times: Arc::new([]) }
     }
 
     /// Takes the values of a row; returns the run before it if the row begins a new one.
     fn push(&mut self, row: &[f64]) -> std::result::Result<Option<Run>, String> {
         let (number, time) = (row[0], row[1]);
-        let (parameters, outputs) = row[2..].split_at(self.parameter_count);
+        let (parameters, rest) = row[2..].split_at(self.counts[0]);
+        let (inputs, outputs) = rest.split_at(self.counts[1]);
         let mut finished = None;
         if self.number != Some(number) {
             finished = self.finish();
@@ -287,6 +323,7 @@ impl RunReader {
             return Err(format!("run {number}: time {time} does not come after the row before"));
         }
         self.times.push(time);
+        self.inputs.extend_from_slice(inputs);
         self.outputs.extend_from_slice(outputs);
         Ok(finished)
     }
@@ -297,8 +334,9 @@ impl RunReader {
             self.shared_times = self.times.as_slice().into();
         }
         self.times.clear();
-        let (parameters, outputs) = (std::mem::take(&mut self.parameters), std::mem::take(&mut self.outputs));
-        Some(Run { parameters, times: Arc::clone(&self.shared_times), outputs })
+        let [parameters, inputs, outputs] =
+            [&mut self.parameters, &mut self.inputs, &mut self.outputs].map(std::mem::take);
+        Some(Run { parameters, times: Arc::clone(&self.shared_times), inputs, outputs })
     }
 }
 
@@ -313,21 +351,31 @@ mod tests {
     fn example() -> Dataset {
         let times: Arc<[f64]> = Arc::new([0.0, 0.1, 0.30000000000000004]);
         let run = |p: f64| Run {
+            inputs: Vec::new(),
             parameters: vec![p, -p],
             times: Arc::clone(&times),
             outputs: vec![1e-300, p, 1.0 / 3.0, 2e22, -0.0, 5e-324],
         };
         let outputs = vec![variable("u"), variable("v")];
-        Dataset { parameters: vec![variable("a"), variable("b")], outputs, runs: vec![run(0.1), run(7.0)] }
+        Dataset {
+            inputs: Vec::new(),
+            parameters: vec![variable("a"), variable("b")],
+            outputs,
+            runs: vec![run(0.1), run(7.0)],
+        }
     }
 
     #[test]
     fn rows_after_the_end_are_left_out() {
-        let run =
-            Run { parameters: vec![1.0], times: [0.0, 0.5, 1.0, 1.5].into(), outputs: (0..8).map(f64::from).collect() };
+        let run = Run {
+            inputs: Vec::new(),
+            parameters: vec![1.0],
+            times: [0.0, 0.5, 1.0, 1.5].into(),
+            outputs: (0..8).map(f64::from).collect(),
+        };
         let variable = |name: &str| Variable::new(name, "", "");
         let (parameters, outputs) = (vec![variable("p")], vec![variable("a"), variable("b")]);
-        let dataset = Dataset { parameters, outputs, runs: vec![run] };
+        let dataset = Dataset { inputs: Vec::new(), parameters, outputs, runs: vec![run] };
         let short = dataset.clone().until(1.0);
         assert_eq!(short.runs[0].times[..], [0.0, 0.5, 1.0]);
         assert_eq!(short.runs[0].outputs, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
@@ -341,7 +389,7 @@ mod tests {
         let dataset = example();
         let digest = dataset.write_csv(&path).unwrap();
         assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
         assert_eq!(dataset.row_count(), 6);
     }
 
@@ -354,7 +402,7 @@ mod tests {
         dataset.outputs[1].name = "der(\"x\"; y)".into();
         let digest = dataset.write_csv(&path).unwrap();
         assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
     }
 
     #[test]
@@ -366,14 +414,13 @@ mod tests {
         dataset.runs = (0..4000).map(|i| Run { parameters: vec![f64::from(i), 0.5], ..run.clone() }).collect();
         let digest = dataset.write_csv(&path).unwrap();
         assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap(), dataset);
+        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
         let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(String::from).collect();
         for wrong in [11_998, 7_003, 5, 1] {
             lines[wrong] = lines[wrong].replacen("0.5", "half", 1);
             std::fs::write(&path, lines.join("\n")).unwrap();
             let digest = files::digest(&path).unwrap();
-            let message =
-                Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
+            let message = Dataset::read_csv(&path, &digest, dataset.variables()).unwrap_err().to_string();
             assert!(message.contains(&format!("t.csv:{}: column `b`: `half`", wrong + 1)), "{message}");
         }
     }
@@ -395,8 +442,7 @@ mod tests {
         ] {
             std::fs::write(&path, text).unwrap();
             let digest = files::digest(&path).unwrap();
-            let message =
-                Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs).unwrap_err().to_string();
+            let message = Dataset::read_csv(&path, &digest, dataset.variables()).unwrap_err().to_string();
             assert!(message.contains(says), "{message} should contain {says}");
         }
     }
@@ -414,7 +460,7 @@ mod tests {
         });
         for changed in changed.filter(|changed| *changed != bytes) {
             std::fs::write(&path, &changed).unwrap();
-            let refused = Dataset::read_csv(&path, &digest, &dataset.parameters, &dataset.outputs);
+            let refused = Dataset::read_csv(&path, &digest, dataset.variables());
             let message = refused.unwrap_err().to_string();
             assert!(message.contains("t.csv: was changed or damaged after the sampling"), "{message}");
         }

@@ -1,5 +1,7 @@
 //! How good a surrogate is on runs it has not seen.
 
+mod roll_outs;
+
 use crate::{
     dataset::{Dataset, Run},
     layout::Point,
@@ -7,6 +9,8 @@ use crate::{
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
+use roll_outs::RollOut;
+pub use roll_outs::{Horizon, RollOuts};
 use serde::{Deserialize, Serialize};
 
 /// What is to be thought of a surrogate.
@@ -70,6 +74,9 @@ pub struct Accuracy {
     pub test_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
+    /// How errors grow along roll-outs, of a surrogate with states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_outs: Option<RollOuts>,
     /// What is thought of it, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
@@ -90,13 +97,18 @@ impl Accuracy {
             test_runs: test.runs.len(),
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
+            roll_outs: (!surrogate.states().is_empty()).then(|| RollOuts::of(surrogate, test, predictions)),
             verdict: None,
         }
     }
 }
 
-/// Predictions of the surrogate for a run: shape `[times, outputs]`.
+/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
+/// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    if !surrogate.states().is_empty() {
+        return RollOut::along(surrogate, evaluator, run).predictions();
+    }
     let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
@@ -174,7 +186,7 @@ mod tests {
         let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
             .map(|parameters| {
                 let times: std::sync::Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
-                let mut run = Run { parameters: parameters.to_vec(), times, outputs: Vec::new() };
+                let mut run = Run { inputs: Vec::new(), parameters: parameters.to_vec(), times, outputs: Vec::new() };
                 run.outputs = predict(&surrogate, &evaluator, &run);
                 run
             })
@@ -182,7 +194,8 @@ mod tests {
         runs[1].outputs[2 * 7] += 0.25; // output 0 of run 1 at t = 0.7
         let (parameters, outputs) =
             (vec![variable("length"), variable("speed")], vec![variable("angle"), variable("velocity")]);
-        let accuracy = Accuracy::of(&surrogate, &Dataset { parameters, outputs, runs: runs.clone() });
+        let accuracy =
+            Accuracy::of(&surrogate, &Dataset { inputs: Vec::new(), parameters, outputs, runs: runs.clone() });
         let metrics: Vec<OutputMetrics> = accuracy.outputs.into_values().collect();
         assert!((metrics[0].mse - 0.0625 / 42.0).abs() < 1e-15);
         assert!((metrics[0].max_abs_error - 0.25).abs() < 1e-15);
@@ -199,8 +212,13 @@ mod tests {
     #[test]
     fn predictions_that_are_no_numbers_are_the_worst_and_figures_read_back() {
         let variable = |name: &str| Variable::new(name, "", "");
-        let run = Run { parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
-        let test = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs: vec![run] };
+        let run = Run { inputs: Vec::new(), parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
+        let test = Dataset {
+            inputs: Vec::new(),
+            parameters: vec![variable("p")],
+            outputs: vec![variable("y")],
+            runs: vec![run],
+        };
         for wrong in [f64::NAN, f64::INFINITY, 1e200] {
             let metrics = compare(&test, &[vec![1.0, wrong]], None).remove(0);
             assert_eq!((metrics.r2, metrics.mse), (Some(f64::MIN), f64::MAX));

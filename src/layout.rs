@@ -91,7 +91,8 @@ mod tests {
     fn rows_are_encoded_parameters_then_the_time_or_without_it() {
         let nominal = Encoding::Nominal(vec![3.0, 1.0]);
         let encoder = Encoder::new([(&Encoding::Plain, 0.0, 1.0), (&nominal, 1.0, 3.0)].into_iter());
-        let run = Run { parameters: vec![0.5, 1.0], times: [0.0, 2.0].into(), outputs: vec![7.0, 8.0] };
+        let run =
+            Run { inputs: Vec::new(), parameters: vec![0.5, 1.0], times: [0.0, 2.0].into(), outputs: vec![7.0, 8.0] };
         let rows = |layout: &RowLayout| {
             let mut rows = Vec::new();
             layout.for_each(&run, |columns, outputs| rows.push((columns.to_vec(), outputs.to_vec())));

@@ -69,10 +69,13 @@ pub fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
 impl Plan {
     /// The plan of a study whose runs are simulated; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
-        let parameters: Vec<&ParameterOptions> = study.parameters.values().collect();
+        let parameters: Vec<&ParameterOptions> = study.sampled().map(|(_, options)| options).collect();
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
         let (generator, faces) = (random(study.seed, Stream::Train), study.faces());
         let train = match study.sampling.method {
+            None if study.has_states() => {
+                place(&parameters, 0.0, uniform(count, generator)).take(study.train_runs() as usize).collect()
+            }
             None => Vec::new(),
             Some(Method::Mesh) => mesh(&parameters, study.sampling.levels),
             Some(Method::Random) => place(&parameters, faces, uniform(count, generator)).take(runs).collect(),

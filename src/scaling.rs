@@ -132,12 +132,14 @@ mod tests {
     fn standardised_columns_have_mean_zero_and_deviation_one() {
         let variable = |name: &str| Variable::new(name, "", "");
         let run = |p: f64| Run {
+            inputs: Vec::new(),
             parameters: vec![p],
             times: Arc::new([0.0, 0.5, 1.0, 1.5]),
             outputs: vec![1e6 + p, 3.0, 1e6 - p, 3.0, 1e6, 3.0, 1e6 + 2.0 * p, 3.0],
         };
         let outputs = vec![variable("u"), variable("constant")];
-        let dataset = Dataset { parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
+        let dataset =
+            Dataset { inputs: Vec::new(), parameters: vec![variable("p")], outputs, runs: vec![run(1.0), run(2.0)] };
         let encoder = Encoder::new([(&Encoding::Plain, 1.0, 2.0)].into_iter());
         let layout = RowLayout::new(encoder.clone());
         let scaling = fit(&dataset, &layout, dataset.runs.iter());
@@ -168,9 +170,17 @@ mod tests {
     #[test]
     fn outputs_that_cannot_be_computed_with_are_named() {
         let dataset = |values: [f64; 3]| Dataset {
+            inputs: Vec::new(),
             parameters: vec![Variable::new("p", "", "")],
             outputs: vec![Variable::new("y", "", ""), Variable::new("z", "", "")],
-            runs: values.map(|y| Run { parameters: vec![1.0], times: Arc::new([0.0]), outputs: vec![y, 1.0] }).to_vec(),
+            runs: values
+                .map(|y| Run {
+                    inputs: Vec::new(),
+                    parameters: vec![1.0],
+                    times: Arc::new([0.0]),
+                    outputs: vec![y, 1.0],
+                })
+                .to_vec(),
         };
         for good in [[0.0; 3], [3.0; 3], [1e99, -1e99, 0.0], [1e-99, 2e-98, 1e-97]] {
             assert!(problems(&dataset(good)).is_empty(), "{good:?}");

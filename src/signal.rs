@@ -96,6 +96,11 @@ impl Knots {
 }
 
 impl Signal {
+    /// Whether it has instants at which it is not smooth.
+    pub fn has_knots(&self) -> bool {
+        matches!(self, Self::Held(_) | Self::Linear(_))
+    }
+
     /// Its value at a time in s.
     pub fn value(&self, t: f64) -> f64 {
         match self {

@@ -6,15 +6,16 @@ use crate::{
     dataset::Dataset,
     files::write_whole,
     layout,
-    study::{self, ParameterOptions, Study},
+    source::driven::Driven,
+    study::{self, ParameterOptions, StateOptions, Study, is_angle},
     variable::Variable,
 };
 use metafmu_runtime::{
-    Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, Surrogate,
-    Variability,
+    Bounds, Encoding, Input, Map, Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Role, State,
+    Surrogate, Variability,
     regression::{Function, Regression},
 };
-use std::path::Path;
+use std::{f64::consts::TAU, path::Path};
 
 /// Puts a trained model and what is known about its columns together.
 ///
@@ -51,12 +52,63 @@ pub fn assemble_baseline(
     finish(metadata, Model::Response(Map::Regression(regression)))
 }
 
+/// The same of equations of motion, whose outputs have the ranges of the dataset's. `is_limited`: which coordinates the equations depend
+/// on; of the others every number is as good.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn assemble_motion(
+    study: &Study,
+    (dataset, rows): (&Dataset, usize),
+    (driven, is_limited): (&Driven, &[bool]),
+    motion: Motion,
+) -> Result<Surrogate> {
+    let mut metadata = metadata(study, dataset, rows);
+    let parameters = study.parameters.len();
+    // the time is no input of a motion
+    metadata.inputs.pop();
+    for (input, start) in metadata.inputs[parameters..].iter_mut().zip(driven.start()) {
+        input.role = Role::Start;
+        input.start = *start;
+        (input.min, input.max) = (input.min.min(*start), input.max.max(*start));
+    }
+    metadata.inputs.extend(driven.drivers().iter().map(|driver| Input {
+        name: driver.variable.name.clone(),
+        role: Role::Input,
+        unit: driver.variable.unit.clone(),
+        description: driver.variable.description.clone(),
+        min: driver.min,
+        max: driver.max,
+        start: driver.start,
+        encoding: Encoding::Plain,
+    }));
+    let limited = study.states.values().zip(is_limited).map(|(options, is_limited)| is_limited.then_some(options));
+    let ranges = limited.chain(study.states.values().map(|_| None));
+    metadata.states =
+        driven.states().into_iter().zip(ranges).map(|(state, options)| of_state(state, options)).collect();
+    metadata.stop_time = Some(study.time.stop);
+    finish(metadata, Model::Motion(Box::new(motion)))
+}
+
+/// A coordinate has options, its velocity none: it enters exactly, whatever it is.
+fn of_state(Variable { name, unit, description, .. }: Variable, options: Option<&StateOptions>) -> State {
+    let rate_unit = match unit.strip_suffix("/s") {
+        Some(unit) => format!("{unit}/s2"),
+        None => format!("{unit}/s"),
+    };
+    let goes_around = |options: &&StateOptions| is_angle(&name) && options.max - options.min > TAU - 1e-6;
+    let range = options.filter(|options| !goes_around(options)).map(|options| [options.min, options.max]);
+    let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));
+    State { name, unit, rate_unit, description, range, nominal }
+}
+
 fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
     seal(Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?)
 }
 
 fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
-    let parameters = dataset.parameters.iter().zip(study.parameters.values()).map(|(variable, range)| {
+    let ranges = study.sampled().map(|(_, range)| range);
+    let parameters = dataset.parameters.iter().zip(ranges).map(|(variable, range)| {
         let valid = |start: &f64| match range.is_nominal() {
             true => range.values.contains(start),
             false => (range.min..=range.max).contains(start),

@@ -42,9 +42,15 @@ mod tests {
     #[test]
     fn rows_are_standardised_and_fewer_are_the_first_of_more() {
         let variable = |name: &str| Variable::new(name, "", "");
-        let run = |p: f64| Run { parameters: vec![p], times: [0.0, 1.0].into(), outputs: vec![p, 2.0 * p] };
+        let run = |p: f64| Run {
+            inputs: Vec::new(),
+            parameters: vec![p],
+            times: [0.0, 1.0].into(),
+            outputs: vec![p, 2.0 * p],
+        };
         let runs: Vec<Run> = (0..50).map(|i| run(f64::from(i))).collect();
-        let dataset = Dataset { parameters: vec![variable("p")], outputs: vec![variable("y")], runs };
+        let dataset =
+            Dataset { inputs: Vec::new(), parameters: vec![variable("p")], outputs: vec![variable("y")], runs };
         let encoder = Encoder::new([(&Encoding::Plain, 0.0, 49.0)].into_iter());
         let rows = rows(&dataset, &RowLayout::new(encoder), &dataset.runs.iter().collect::<Vec<_>>());
         assert_eq!((rows.len(), rows.inputs, rows.outputs), (100, 2, 1));

@@ -41,8 +41,9 @@ fn files(project: &Project, built: &Built) -> String {
         let what = format!("FMI {version} co-simulation and model exchange, {} kB", bytes.div_ceil(1000));
         (fmu.clone(), what)
     };
+    let model = if project.study.has_states() { "equations of motion" } else { "network, scaling" };
     let others = [
-        (project.model(), "network, scaling, variables: opens with safetensors in Python".into()),
+        (project.model(), format!("{model}, variables: opens with safetensors in Python")),
         (project.report(), "surrogate beside truth: opens in a browser".into()),
         (project.metrics(), "accuracy on the test runs".into()),
         (project.comparison(), "the network beside simpler models".into()),
@@ -50,6 +51,10 @@ fn files(project: &Project, built: &Built) -> String {
         (project.table("train"), "training and validation runs".into()),
         (project.table("test"), "test runs".into()),
     ];
+    // of a surrogate with states there are neither epochs nor baselines
+    let others = others
+        .into_iter()
+        .filter(|(path, _)| !project.study.has_states() || ![project.comparison(), project.history()].contains(path));
     let calibration = project.study.bounds.map(|_| (project.table("calibration"), "runs for the error bounds".into()));
     let rows: Vec<(PathBuf, String)> = built.fmus.iter().map(fmu).chain(others).chain(calibration).collect();
     let width = rows.iter().map(|(path, _)| path.display().to_string().len()).max().unwrap_or(0);

@@ -1,5 +1,6 @@
 //! `metafmu new`: writes a commented study file.
 
+mod dynamics;
 mod fmu;
 mod table;
 
@@ -22,6 +23,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         return Err(Error::Stale { path, message });
     }
     let text = match (&args.mechanism, &args.fmu, &args.table) {
+        (Some(file), _, _) if args.structure == "dynamics" => dynamics::study(name, file)?,
         (Some(file), _, _) => of_mechanism(name, file)?,
         (None, Some(file), _) => fmu::study(name, file)?,
         (None, None, Some(file)) => table::study(name, file, args)?,

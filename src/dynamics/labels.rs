@@ -1,6 +1,6 @@
 //! What a mechanism's equations of motion are in a configuration.
 
-use super::{Range, Region};
+use super::{Range, Region, outputs::Outputs};
 use crate::multibody::{Mechanism, reduced::Reduced};
 use metafmu_runtime::{Dynamics, dictionary::Factor};
 use nalgebra::DVector;
@@ -16,6 +16,7 @@ pub(super) struct Labels<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
+    outputs: Outputs,
 }
 
 impl<'a> Labels<'a> {
@@ -32,11 +33,17 @@ impl<'a> Labels<'a> {
             known.get_index_of(&range.name).ok_or_else(unknown)
         };
         let varied = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
-        let defaults = known.values().map(|parameter| parameter.default).collect();
-        let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new() };
+        let mut defaults: Vec<f64> = known.values().map(|parameter| parameter.default).collect();
+        for (name, value) in &region.constants {
+            let unknown = || format!("the mechanism has no parameter `{name}`");
+            defaults[known.get_index_of(name).ok_or_else(unknown)?] = *value;
+        }
+        let outputs = Outputs::new(mechanism, &defaults, &region.outputs)?;
+        let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new(), outputs };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
+        labels.outputs.wind(&reduced)?;
         Ok(labels)
     }
 
@@ -53,8 +60,18 @@ impl<'a> Labels<'a> {
         self.mechanism.inputs().len()
     }
 
-    pub(super) fn functions(&self) -> usize {
+    /// Of the equations of motion.
+    pub(super) fn functions_of_equations(&self) -> usize {
         Dynamics::functions(self.coordinates(), self.inputs())
+    }
+
+    /// Of the equations and of the positions that the outputs need.
+    pub(super) fn functions(&self) -> usize {
+        self.functions_of_equations() + self.outputs.positions.len()
+    }
+
+    pub(super) fn outputs(&self) -> &Outputs {
+        &self.outputs
     }
 
     /// Angles are periodic; everything else is a power in its range.
@@ -90,10 +107,21 @@ impl<'a> Labels<'a> {
             group.fill(if scale > 0.0 { scale } else { 1.0 });
             begin += count;
         }
+        // all lengths are measured by the longest; an angle without its turns may be nothing but rounding
+        let positions = &self.outputs.positions;
+        let lengths = positions.iter().zip(&largest[begin..]).filter(|(position, _)| !position.is_angle());
+        let longest = lengths.fold(0.0f64, |longest, (_, length)| longest.max(*length));
+        for (position, scale) in positions.iter().zip(&mut largest[begin..]) {
+            *scale = match position.is_angle() {
+                true => scale.max(1.0),
+                false if longest > 0.0 => longest,
+                false => 1.0,
+            };
+        }
         largest
     }
 
-    /// The functions at a point, in the order of [`Dynamics`].
+    /// The functions at a point, in the order of [`Dynamics`], then the positions.
     pub(super) fn at(&self, point: &Point) -> Result<Vec<f64>, String> {
         let explain = |message: String| {
             let values: Vec<String> =
@@ -128,6 +156,7 @@ impl<'a> Labels<'a> {
         for row in 0..n {
             functions.extend(terms.input_map.row(row).iter());
         }
+        functions.extend(self.outputs.labels(&terms.q, &point[..n]));
         Ok(functions)
     }
 }

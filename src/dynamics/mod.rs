@@ -10,6 +10,7 @@
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
 mod labels;
+mod outputs;
 mod terms;
 
 #[cfg(test)]
@@ -18,20 +19,25 @@ mod tests;
 use crate::multibody::Mechanism;
 use labels::{Labels, Point};
 use metafmu_runtime::{
-    Dynamics,
+    Dynamics, Shown,
     dictionary::{Dictionary, Factor, Term},
 };
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
+use std::ops;
 
 /// Where the equations are learned.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Region {
     /// Independent coordinates by the measure that names each (`JOINT.angle`, `BODY.x`), one for each degree of freedom.
     pub coordinates: Vec<Range>,
-    /// Parameters that vary; the others keep their defaults.
+    /// Parameters that vary; the others keep their defaults, unless they are among the constants.
     pub parameters: Vec<Range>,
+    /// Names and values of parameters that are not those of the mechanism file.
+    pub constants: Vec<(String, f64)>,
+    /// Outputs of the mechanism that are learned as well.
+    pub outputs: Vec<String>,
 }
 
 /// A quantity and its range.
@@ -57,6 +63,12 @@ impl Range {
 pub struct Fitted {
     /// The equations: coordinates and parameters are in the order of the region, inputs in that of the mechanism file.
     pub dynamics: Dynamics,
+    /// The positions that the outputs need, in whole turns `windings`, shape `[positions, coordinates]`, beside a dictionary.
+    pub positions: Dictionary,
+    /// See there.
+    pub windings: Vec<f64>,
+    /// What the outputs of the region are.
+    pub outputs: Vec<Shown>,
     /// Highest harmonic of the angles, and highest power of the others.
     pub order: [usize; 2],
     /// Terms that were tried; those without any coefficient are not in the equations.
@@ -64,6 +76,21 @@ pub struct Fitted {
     /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
+}
+
+impl Fitted {
+    /// Whether any learned function has a term with a coordinate or parameter, by its position among both. One that none has may be any
+    /// number.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.dynamics.law().terms().chain(self.positions.terms()).any(|term| term.exponents[column] != 0)
+    }
+
+    /// Whether the equations have a term with an input.
+    pub fn is_driven_by(&self, input: usize) -> bool {
+        let (n, m) = (self.dynamics.coordinates(), self.dynamics.inputs());
+        let first = Dynamics::functions(n, m) - n * m;
+        self.dynamics.law().terms().any(|term| (0..n).any(|row| term.coefficients[first + row * m + input] != 0.0))
+    }
 }
 
 /// An error at which a higher order is not worth its cost: rounding begins to dominate.
@@ -161,7 +188,7 @@ fn solve(
     samples: &Samples,
     unseen: &Samples,
 ) -> Result<Fitted, String> {
-    let functions = labels.functions();
+    let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let rows = rows(exponents);
     let matrix = terms::values(factors, exponents, &samples.points[..rows]).map_err(|error| error.to_string())?;
     let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
@@ -174,22 +201,30 @@ fn solve(
         .solve_upper_triangular(&sides)
         .filter(|solution| solution.iter().all(|value| value.is_finite()))
         .ok_or("the terms depend on each other in these configurations")?;
-    let law = |coefficients: &DMatrix<f64>| {
+    // the functions of some columns of the coefficients
+    let law = |coefficients: &DMatrix<f64>, columns: ops::Range<usize>| {
         let rows = exponents.iter().zip(coefficients.row_iter());
         let terms: Vec<Term> = rows
-            .map(|(exponents, row)| Term { exponents: exponents.clone(), coefficients: row.iter().copied().collect() })
+            .map(|(exponents, row)| Term {
+                exponents: exponents.clone(),
+                coefficients: row.columns_range(columns.clone()).iter().copied().collect(),
+            })
             .collect();
-        Dictionary::new(factors, functions, &terms).map_err(|error| error.to_string())
+        Dictionary::new(factors, columns.len(), &terms).map_err(|error| error.to_string())
     };
     // coefficients that together are far below the error cost time and are worth nothing
-    let negligible = (0.1 * error_of(&law(&coefficients)?, unseen, &scales) / exponents.len() as f64).max(1e-14);
+    let error = error_of(&law(&coefficients, 0..functions)?, unseen, &scales);
+    let negligible = (0.1 * error / exponents.len() as f64).max(1e-14);
     for (mut column, scale) in coefficients.column_iter_mut().zip(&scales) {
         column.iter_mut().filter(|value| value.abs() < negligible * scale).for_each(|value| *value = 0.0);
     }
-    let law = law(&coefficients)?;
-    let error = error_of(&law, unseen, &scales);
-    let dynamics = Dynamics::new(labels.coordinates(), labels.inputs(), law).map_err(|error| error.to_string())?;
-    Ok(Fitted { dynamics, order, terms: exponents.len(), error })
+    let error = error_of(&law(&coefficients, 0..functions)?, unseen, &scales);
+    let equations = law(&coefficients, 0..of_equations)?;
+    let dynamics =
+        Dynamics::new(labels.coordinates(), labels.inputs(), equations).map_err(|error| error.to_string())?;
+    let positions = law(&coefficients, of_equations..functions)?;
+    let (windings, outputs) = (labels.outputs().windings.clone(), labels.outputs().shown.clone());
+    Ok(Fitted { dynamics, positions, windings, outputs, order, terms: exponents.len(), error })
 }
 
 /// Largest error of any function at unseen points, relative to its scale.

@@ -292,6 +292,7 @@ mod tests {
             test_runs: 20,
             test_rows: 4020,
             content_digest: String::new(),
+            roll_outs: None,
             verdict: Some(Verdict::of(Vec::new())),
         };
         let figure =

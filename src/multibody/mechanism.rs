@@ -8,7 +8,7 @@ use super::{
     model::Model,
     reduced::{self, Reduced},
     review::{idle_parts, oddities},
-    simulate::simulate,
+    simulate::{Sample, simulate, simulate_from},
 };
 use crate::{
     Error, Result,
@@ -183,14 +183,61 @@ impl Mechanism {
         tolerance: f64,
         budget: &Budget,
     ) -> std::result::Result<Vec<f64>, String> {
+        let (model, measures) = self.driven(values, signals, tolerance)?;
+        self.rows(&model, &measures, &simulate(&model, times, budget)?)
+    }
+
+    /// Simulates one run with a signal for each input from a state: `coordinates` are named as in [`Mechanism::reduced`], and `state` is
+    /// their values and their rates.
+    ///
+    /// # Errors
+    /// A sentence, as [`Mechanism::reduced`] and [`Mechanism::simulate_driven`].
+    ///
+    /// # Panics
+    /// If there are more or fewer signals than inputs.
+    pub fn simulate_from(
+        &self,
+        values: &[f64],
+        (coordinates, state): (&[&str], [&[f64]; 2]),
+        signals: &[Signal],
+        times: &[f64],
+        (tolerance, budget): (f64, &Budget),
+    ) -> std::result::Result<Vec<f64>, String> {
+        let (model, measures) = self.driven(values, signals, tolerance)?;
+        let [s, rates] = state.map(DVector::from_column_slice);
+        let terms = self.reduced(values, coordinates)?.terms(&s)?;
+        let velocities = &terms.velocities * &rates;
+        self.rows(&model, &measures, &simulate_from(&model, (terms.q, velocities), times, budget)?)
+    }
+
+    /// The model with signals, and what its outputs measure.
+    fn driven(
+        &self,
+        values: &[f64],
+        signals: &[Signal],
+        tolerance: f64,
+    ) -> std::result::Result<(Model, Vec<Measure>), String> {
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
         assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
         model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
         model.tolerance = tolerance;
-        let mut rows = Vec::with_capacity(times.len() * measures.len());
-        for sample in simulate(&model, times, budget)? {
+        Ok((model, measures))
+    }
+
+    /// What the outputs measure, in their order, with a value for each parameter.
+    ///
+    /// # Errors
+    /// A sentence that says what cannot be built of these values.
+    pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, String> {
+        build(&self.description, values).map(|(_, measures)| measures).map_err(sentence)
+    }
+
+    /// The outputs of samples, row by row.
+    fn rows(&self, model: &Model, measures: &[Measure], samples: &[Sample]) -> std::result::Result<Vec<f64>, String> {
+        let mut rows = Vec::with_capacity(samples.len() * measures.len());
+        for sample in samples {
             for (measure, output) in measures.iter().zip(&self.outputs) {
-                let value = measure.value(&model, &sample);
+                let value = measure.value(model, sample);
                 if !value.is_finite() {
                     return Err(format!("output `{}` is {value} at t = {} s", output.name, sample.t));
                 }
@@ -218,6 +265,64 @@ impl Mechanism {
             return Err(format!("{found} coordinates, expected {expected}: one for each degree of freedom"));
         };
         Reduced::new(model, &candidates)
+    }
+}
+
+/// A coordinate of a mechanism that is independent of its constraints and of the others, and where it may be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FreeCoordinate {
+    /// As in the mechanism file, for instance `hinge.angle`.
+    pub name: String,
+    /// Value at the start.
+    pub start: f64,
+    /// Its rate there.
+    pub rate: f64,
+    /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction.
+    pub reach: [f64; 2],
+}
+
+impl Mechanism {
+    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: the first independent ones of those
+    /// that the joints leave free, in the order of the file, then of the bodies.
+    ///
+    /// # Errors
+    /// A sentence, as [`Reduced::new`].
+    pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, String> {
+        let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
+        let (model, _) = build(&self.description, &values).map_err(sentence)?;
+        let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
+        let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
+        let joints = self.description.joints.keys().flat_map(of_joint);
+        let names = joints.chain(self.description.bodies.keys().flat_map(of_body));
+        // a joint has one of the two, or none
+        let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
+        let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();
+        let reduced = Reduced::new(model, &coordinates)?;
+        let (s, rates) = reduced.start();
+        let chosen = reduced.coordinates().iter().enumerate();
+        let free = chosen.filter_map(|(k, coordinate)| {
+            let name = names[coordinates.iter().position(|known| known == coordinate)?].clone();
+            let furthest = if coordinate.is_angle() { std::f64::consts::PI } else { 1.0 };
+            let reach = [-furthest, furthest].map(|end| s[k] + reach(&reduced, s, k, end));
+            Some(FreeCoordinate { name, start: s[k], rate: rates[k], reach })
+        });
+        Ok(free.collect())
+    }
+}
+
+/// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
+fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
+    const PARTS: u32 = 32;
+    let is_reached = |share: f64| {
+        let mut target = s.clone();
+        target[k] += share * end;
+        reduced.configuration(&target).is_ok()
+    };
+    let shares = (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS));
+    match shares.take_while(|share| is_reached(*share)).last() {
+        Some(1.0) => end,
+        Some(share) => 0.9 * share * end,
+        None => 0.0,
     }
 }
 

@@ -19,7 +19,7 @@ pub mod reduced;
 pub mod review;
 pub mod simulate;
 
-pub use mechanism::{Mechanism, json_schema};
+pub use mechanism::{FreeCoordinate, Mechanism, json_schema};
 
 #[cfg(test)]
 mod tests;

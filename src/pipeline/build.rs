@@ -64,7 +64,8 @@ fn compare_in_build(
     sets: &Sets<Dataset>,
 ) -> Result<Option<Comparison>> {
     let kinds = &project.study.baselines.build;
-    if kinds.is_empty() {
+    // baselines are functions of parameters and time
+    if kinds.is_empty() || project.study.has_states() {
         return Ok(None);
     }
     let network = compare::network_row(surrogate, accuracy, training, &sets.test);

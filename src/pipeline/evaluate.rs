@@ -7,8 +7,7 @@ use super::{
 use crate::{
     Result,
     baseline::Comparison,
-    evaluation::Verdict,
-    evaluation::{Accuracy, OutputMetrics},
+    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict},
     files,
 };
 use metafmu_runtime::Surrogate;
@@ -88,10 +87,34 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
         let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
+    if let Some(roll_outs) = &metrics.accuracy.roll_outs {
+        let _ = write!(text, "\n{}", roll_out_table(roll_outs));
+    }
     if outputs.values().any(|metrics| metrics.bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
         let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
     }
+    text
+}
+
+/// How errors grow along the roll-outs, for people.
+fn roll_out_table(
+    RollOuts { horizons, divergence_time, energy_drift, long_runs: [runs, finite] }: &RollOuts,
+) -> String {
+    let mut text =
+        format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
+    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
+        let time = format!("{seconds} s");
+        let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");
+    }
+    let diverges = match divergence_time {
+        Some(time) => format!("half of the runs differ by a tenth of a standard deviation within {time} s"),
+        None => "more than half of the runs never differ by a tenth of a standard deviation".into(),
+    };
+    let energy = energy_drift.map_or(String::new(), |drift| {
+        format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
+    });
+    let _ = writeln!(text, "{diverges}{energy}; {finite} of {runs} runs are finite after ten times their length");
     text
 }

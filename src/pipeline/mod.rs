@@ -8,6 +8,7 @@ pub mod build;
 pub mod compare;
 pub mod evaluate;
 pub mod export;
+pub mod motion;
 pub mod observer;
 mod parallel;
 mod per_instant;

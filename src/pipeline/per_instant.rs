@@ -68,6 +68,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
+        motion: None,
     };
     project.finish(format_args!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",

@@ -95,7 +95,7 @@ pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline
     let (training_runs, held_out) = split(&dataset.runs, &study.training, study.seed);
     let Dataset { parameters, outputs, .. } = dataset;
     let runs = held_out.into_iter().cloned().collect();
-    let held_out = Dataset { parameters: parameters.clone(), outputs: outputs.clone(), runs };
+    let held_out = Dataset { inputs: Vec::new(), parameters: parameters.clone(), outputs: outputs.clone(), runs };
     (baseline::rows(dataset, &RowLayout::new(study.encoder()), &training_runs), held_out)
 }
 
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn the_split_is_by_run_complete_and_repeats_for_a_seed_only() {
-        let run = |p: f64| Run { parameters: vec![p], times: [0.0].into(), outputs: vec![p] };
+        let run = |p: f64| Run { inputs: Vec::new(), parameters: vec![p], times: [0.0].into(), outputs: vec![p] };
         let runs: Vec<Run> = (0..100).map(|i| run(f64::from(i))).collect();
         let with = |validation| TrainingOptions { validation, ..TrainingOptions::default() };
         let (training, validation) = split(&runs, &with(0.1), 1);

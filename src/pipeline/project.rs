@@ -361,15 +361,15 @@ impl<'a> Project<'a> {
     /// [`Error::Stale`] if it is missing, of another study or changed, [`Error::Study`] if it cannot be scaled.
     pub fn load_table(&self, set: &str) -> Result<Dataset> {
         let record = self.load_samples_record()?;
-        let (parameters, outputs) = (self.source.parameters(), self.source.outputs());
+        let columns = self.source.columns();
         if set == "calibration" && self.study.bounds.is_none() {
-            return Ok(Dataset { parameters: parameters.into(), outputs: outputs.into(), runs: Vec::new() });
+            return Ok(columns.without_runs());
         }
         let digest = record.tables.get(set).ok_or_else(|| {
             let message = format!("has no digest of {set}.csv: run `metafmu sample` again");
             Error::Stale { path: self.samples_record(), message }
         })?;
-        let dataset = Dataset::read_csv(&self.table(set), digest, parameters, outputs)?;
+        let dataset = Dataset::read_csv(&self.table(set), digest, columns)?;
         self.study.refuse(scaling::problems(&dataset))?;
         Ok(dataset)
     }

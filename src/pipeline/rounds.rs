@@ -105,9 +105,8 @@ pub fn stage(
 /// before.
 fn simulate(round: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let (path, digest) = (round.table("added"), round.folder().join("added.sha256"));
-    let (parameters, outputs) = (round.source.parameters(), round.source.outputs());
     if let Ok(digest) = std::fs::read_to_string(&digest)
-        && let Ok(kept) = Dataset::read_csv(&path, &digest, parameters, outputs)
+        && let Ok(kept) = Dataset::read_csv(&path, &digest, round.source.columns())
         && !kept.runs.is_empty()
         && failures(points.to_vec(), &kept).len() + kept.runs.len() == points.len()
     {

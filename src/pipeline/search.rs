@@ -339,9 +339,11 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
     let (status, message) = match outcome.reason {
         StopReason::Interrupted => (Status::Paused, ""),
         StopReason::Diverged => (Status::Failed, "the loss became infinite"),
-        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
-            (Status::Finished, "")
-        }
+        StopReason::Finished
+        | StopReason::Patience
+        | StopReason::Enough
+        | StopReason::TooFewLeft
+        | StopReason::Solved => (Status::Finished, ""),
     };
     Ok(Record {
         status,
@@ -367,9 +369,11 @@ fn train_instants(
     let (status, message) = match per_instant::reason(&outcomes) {
         StopReason::Interrupted => (Status::Paused, ""),
         StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
-        StopReason::Finished | StopReason::Patience | StopReason::Enough | StopReason::TooFewLeft => {
-            (Status::Finished, "")
-        }
+        StopReason::Finished
+        | StopReason::Patience
+        | StopReason::Enough
+        | StopReason::TooFewLeft
+        | StopReason::Solved => (Status::Finished, ""),
     };
     let columns = prepared.iter().zip(&outcomes).map(|(prepared, outcome)| {
         let Prepared { validation, scaling, .. } = prepared;

@@ -1,6 +1,7 @@
 //! Trains the network on the sampled runs and writes the surrogate.
 
 use super::{
+    motion::{self, MotionRecord},
     observer::{Event, Work},
     per_instant,
     prepare::{Prepared, held_out, prepare},
@@ -50,6 +51,9 @@ pub struct TrainingRecord {
     /// Whether the study's target was met, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_met: Option<bool>,
+    /// What was found by least squares, of a surrogate with states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionRecord>,
 }
 
 impl TrainingRecord {
@@ -110,6 +114,9 @@ pub(super) fn once(
 ) -> Result<(Surrogate, TrainingRecord)> {
     if resume && let Some(finished) = finished(project)? {
         return Ok(finished);
+    }
+    if project.study.has_states() {
+        return motion::train(project, dataset);
     }
     let trained = match project.study.network.structure {
         Structure::Full => train(project, dataset, added, start, resume)?,
@@ -172,6 +179,7 @@ fn train(
         train_seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
         added_runs: added,
         target_met: None,
+        motion: None,
     };
     project.finish(format_args!(
         "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",

@@ -13,10 +13,11 @@ pub fn exact() -> (Surrogate, Dataset) {
     let times: Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
     let run = |i: u32| {
         let parameters = vec![0.1 + 0.1 * (f64::from(i) * 0.618).fract(), 5.0 * (f64::from(i) * 0.381 + 0.1).fract()];
-        Run { parameters, times: Arc::clone(&times), outputs: Vec::new() }
+        Run { inputs: Vec::new(), parameters, times: Arc::clone(&times), outputs: Vec::new() }
     };
     let variable = |name: &str, unit: &str| Variable::new(name, unit, "");
     let mut test = Dataset {
+        inputs: Vec::new(),
         parameters: vec![variable("length", "m"), variable("speed", "rad/s")],
         outputs: vec![variable("angle", "rad"), variable("velocity", "rad/s")],
         runs: (0..12).map(run).collect(),

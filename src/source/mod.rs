@@ -1,5 +1,6 @@
 //! Sources of training data.
 
+pub mod driven;
 pub mod fmu;
 mod journal;
 mod point;
@@ -10,6 +11,7 @@ pub mod systems;
 
 use crate::{
     Result,
+    dataset::Columns,
     diagnostics::{KeyProblem, Problems},
     study::{Draft, Study},
     variable::Variable,
@@ -77,6 +79,19 @@ impl Source {
             Self::Simulation(simulation) => simulation.outputs(),
             Self::Recorded(recorded) => recorded.outputs(),
         }
+    }
+
+    /// What drives the runs, in the source's order.
+    pub fn inputs(&self) -> &[Variable] {
+        match self {
+            Self::Simulation(simulation) => simulation.inputs(),
+            Self::Recorded(_) => &[],
+        }
+    }
+
+    /// The columns of its tables.
+    pub fn columns(&self) -> Columns<'_> {
+        Columns { parameters: self.parameters(), inputs: self.inputs(), outputs: self.outputs() }
     }
 
     /// Points whose paths follow from the outputs: those that the system declares, outputs `P.x` and `P.y` of a mechanism, and

@@ -154,7 +154,9 @@ impl Recorded {
             };
             set.push(run);
         }
-        sets.try_map(|runs| Ok(Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs }))
+        sets.try_map(|runs| {
+            Ok(Dataset { inputs: Vec::new(), parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
+        })
     }
 
     fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {
@@ -297,7 +299,7 @@ test_runs = 1
     }
 
     fn run(a: f64, b: f64, times: &[f64], outputs: &[f64]) -> Run {
-        Run { parameters: vec![a, b], times: times.into(), outputs: outputs.to_vec() }
+        Run { inputs: Vec::new(), parameters: vec![a, b], times: times.into(), outputs: outputs.to_vec() }
     }
 
     fn expected() -> Vec<Run> {

@@ -2,6 +2,7 @@
 
 use super::{
     Journal, Point,
+    driven::Driven,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
     list,
@@ -36,6 +37,7 @@ const MAX_FAILED: f64 = 0.1;
 pub struct Simulation {
     model: Model,
     parameters: Vec<Variable>,
+    inputs: Vec<Variable>,
     outputs: Vec<Variable>,
     times: Arc<[f64]>,
     /// Share of the runs that may fail.
@@ -72,10 +74,33 @@ impl Simulation {
         };
         if let Some(file) = fmu {
             let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-            return Ok(Self { model: Model::Fmu(model), parameters, outputs, times, max_failed, source });
+            let inputs = Vec::new();
+            return Ok(Self { model: Model::Fmu(model), parameters, inputs, outputs, times, max_failed, source });
         }
         let (equations, parameters, outputs) = Equations::new(study)?;
-        Ok(Self { model: Model::Equations(equations), parameters, outputs, times, max_failed, source })
+        let inputs = equations.driven.as_ref().map_or(Vec::new(), Driven::variables);
+        Ok(Self { model: Model::Equations(equations), parameters, inputs, outputs, times, max_failed, source })
+    }
+
+    /// What drives the runs, in the source's order.
+    pub fn inputs(&self) -> &[Variable] {
+        &self.inputs
+    }
+
+    /// Runs from states, driven by inputs, if the study wants states.
+    pub fn driven(&self) -> Option<&Driven> {
+        match &self.model {
+            Model::Equations(equations) => equations.driven.as_ref(),
+            Model::Fmu(_) => None,
+        }
+    }
+
+    /// Values of the quantities of the mechanism or system; those of parameters are overwritten for each run.
+    pub fn quantities(&self) -> &[f64] {
+        match &self.model {
+            Model::Equations(equations) => &equations.quantities,
+            Model::Fmu(_) => &[],
+        }
     }
 
     /// The parameters, in the study's order.
@@ -134,7 +159,8 @@ impl Simulation {
 
     /// A run from its outputs, row by row.
     pub fn run_of(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
-        Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), outputs }
+        let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(parameters, &self.times));
+        Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), inputs, outputs }
     }
 
     /// The journal of a sampling of the study, in a file.
@@ -256,7 +282,8 @@ impl Simulation {
     /// Runs with the names of their columns; those that failed are left out.
     pub fn dataset(&self, outcomes: Vec<Outcome>) -> Dataset {
         let runs = outcomes.into_iter().filter_map(std::result::Result::ok).collect();
-        Dataset { parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs }
+        let (parameters, inputs) = (self.parameters.clone(), self.inputs.clone());
+        Dataset { parameters, inputs, outputs: self.outputs.clone(), runs }
     }
 }
 
@@ -276,6 +303,8 @@ struct Equations {
     parameter_positions: Vec<usize>,
     /// Position of each output among those of a simulation's rows.
     output_positions: Vec<usize>,
+    /// How runs start and what drives them, if the study wants states.
+    driven: Option<Driven>,
 }
 
 /// What solves the equations.
@@ -366,11 +395,28 @@ impl Equations {
         let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
         let tolerance = study.source.tolerance.unwrap_or(TOLERANCE);
         let time_limit = study.source.time_limit();
-        let mut equations =
-            Self { name, simulator, tolerance, time_limit, quantities, parameter_positions, output_positions };
+        let mut equations = Self {
+            name,
+            simulator,
+            tolerance,
+            time_limit,
+            quantities,
+            parameter_positions,
+            output_positions,
+            driven: None,
+        };
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
+        if let (true, Simulator::Mechanism(mechanism)) = (study.has_states(), &equations.simulator) {
+            match Driven::new(study, mechanism, &equations.quantities) {
+                Ok(driven) => {
+                    parameters.extend(driven.starts());
+                    equations.driven = Some(driven);
+                }
+                Err(more) => problems.extend(more),
+            }
+        }
         study.refuse(problems)?;
         Ok((equations, parameters, outputs))
     }
@@ -382,7 +428,12 @@ impl Equations {
             quantities[position] = value;
         }
         let budget = Budget::new(stops, self.time_limit);
-        let rows = self.simulator.simulate(&quantities, times, self.tolerance, &budget)?;
+        let rows = match (&self.driven, &self.simulator) {
+            (Some(driven), Simulator::Mechanism(mechanism)) => {
+                driven.simulate(mechanism, &quantities, parameters, times, (self.tolerance, &budget))?
+            }
+            _ => self.simulator.simulate(&quantities, times, self.tolerance, &budget)?,
+        };
         let rows = rows.chunks(self.simulator.output_count());
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }

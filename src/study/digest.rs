@@ -2,8 +2,8 @@
 //! key that is added does not compile before that is said.
 
 use super::{
-    BoundsOptions, ExportOptions, NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions, SourceOptions,
-    Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
+    BoundsOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions,
+    SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -22,6 +22,16 @@ struct Samples<'a> {
     outputs: &'a IndexMap<String, OutputOptions>,
     sampling: Plan<'a>,
     calibration_runs: usize,
+    /// Of a surrogate with states.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    motion: Option<Motion<'a>>,
+}
+
+/// What a surrogate with states has beside the others.
+#[derive(Serialize)]
+struct Motion<'a> {
+    states: &'a IndexMap<String, StateOptions>,
+    inputs: &'a IndexMap<String, InputOptions>,
 }
 
 /// Of the source: files count by their content, not by their names.
@@ -96,6 +106,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
+        motion: study.has_states().then_some(Motion { states: &study.states, inputs: &study.inputs }),
     })
 }
 
@@ -161,8 +172,12 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         source: _,
         time: _,
         parameters: _,
+        structure: _,
+        states: _,
+        inputs: _,
         outputs: _,
         sampling: _,
+        starts: _,
         mechanism: _,
         points: _,
         source_files: _,

@@ -37,6 +37,16 @@
 //! test_runs = 200
 //! ```
 //!
+//! With `structure = "dynamics"` the surrogate has states and is driven by inputs, and there are further sections:
+//!
+//! ```toml
+//! [states]                              # a coordinate for each degree of freedom of a mechanism
+//! "rail.position" = { min = -5.0, max = 5.0 }
+//!
+//! [inputs]                              # those of the mechanism
+//! force = { bandwidth = 1.0 }
+//! ```
+//!
 //! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
 //! those that it has by itself, its `problems_beside` those that it has beside the others.
 
@@ -44,6 +54,7 @@ mod accept;
 mod bounds;
 mod digest;
 mod export;
+mod inputs;
 mod network;
 mod outputs;
 mod parameters;
@@ -52,6 +63,7 @@ mod sampling;
 mod search;
 mod size;
 mod source;
+mod states;
 mod target;
 mod time;
 mod training;
@@ -71,6 +83,7 @@ pub use accept::AcceptOptions;
 pub use bounds::BoundsOptions;
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
+pub use inputs::{Excitation, InputOptions};
 use metafmu_baselines::{BaselineKind, Baselines, OptionProblem};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
@@ -81,8 +94,9 @@ pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
 pub(crate) use search::set;
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 pub use source::SourceOptions;
+pub use states::{StateOptions, is_angle, velocity_name};
 use std::{
     path::{Path, PathBuf},
     sync::{Arc, LazyLock},
@@ -105,12 +119,22 @@ pub struct Study {
     /// Everything random follows from it.
     #[serde(default = "default_seed")]
     pub seed: u64,
+    /// What the surrogate is a function of.
+    #[serde(default)]
+    pub structure: StudyStructure,
     /// What is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
     pub source: SourceOptions,
     /// The rows of a run: `0, step, ..., stop`.
     pub time: TimeOptions,
-    /// Parameters by name: the surrogate's inputs beside the time. Each has `min` and `max`, or `values`.
+    /// Parameters by name: the surrogate's inputs beside the time. Each has `min` and `max`, or `values`. With states there may be none.
+    #[serde(default)]
     pub parameters: IndexMap<String, ParameterOptions>,
+    /// Independent coordinates by name, one for each degree of freedom, of the structure "dynamics".
+    #[serde(default)]
+    pub states: IndexMap<String, StateOptions>,
+    /// Inputs by name, all that the mechanism has, of the structure "dynamics"; those that are not named have the mechanism's ranges.
+    #[serde(default)]
+    pub inputs: IndexMap<String, InputOptions>,
     /// Outputs by name.
     pub outputs: IndexMap<String, OutputOptions>,
     /// Outputs of one unit that an FMI 3.0 FMU also offers as an array, by the array's name.
@@ -118,6 +142,7 @@ pub struct Study {
     #[schemars(extend("examples" = [{"angles": ["theta1", "theta2"]}]))]
     pub arrays: IndexMap<String, Vec<String>>,
     /// Where in the parameters' ranges runs are placed.
+    #[serde(default)]
     pub sampling: SamplingOptions,
     /// The feed-forward network.
     #[serde(default)]
@@ -141,6 +166,9 @@ pub struct Study {
     pub baselines: Baselines,
     /// Studies like this one that are tried in search of the best.
     pub search: Option<SearchOptions>,
+    /// Values of the states at the start, sampled like parameters.
+    #[serde(skip)]
+    starts: IndexMap<String, ParameterOptions>,
     #[serde(skip)]
     origin: Origin,
     #[serde(skip)]
@@ -152,6 +180,20 @@ pub struct Study {
     #[serde(skip)]
     source_files: Option<String>,
 }
+
+/// What a surrogate is a function of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum StudyStructure {
+    /// Of parameters and time: it plays back the runs of its source.
+    #[default]
+    Response,
+    /// Of states, inputs and parameters: equations of motion, learned by their structure from a mechanism.
+    Dynamics,
+}
+
+/// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
+const MOTION_RUNS: usize = 8;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
 const MAX_NAME: usize = 100;
@@ -198,6 +240,9 @@ impl Draft {
         replace(&mut root, &damaged);
         let mut study: Study = origin.deserialize(root)?;
         study.origin = origin.clone();
+        if study.structure == StudyStructure::Dynamics {
+            study.starts = states::starts(&study.states);
+        }
         // what a damaged section says is unknown: the other ones are checked without it
         let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);
         let of_section = |problem: &KeyProblem| problem.key.split('.').next().unwrap_or_default().to_owned();
@@ -416,7 +461,9 @@ impl Study {
         let mut problems = self.name_problems();
         problems.extend(self.source.problems());
         problems.add_section("time", self.time.problems());
-        problems.extend(parameters::problems(&self.parameters));
+        problems.extend(parameters::problems(&self.parameters, self.structure));
+        problems.extend(states::problems(&self.states));
+        problems.extend(inputs::problems(&self.inputs));
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));
         problems.extend(self.sampling.problems());
@@ -438,6 +485,8 @@ impl Study {
         let mut problems = self.source.problems_beside(self);
         problems.add_section("time", self.time.problems_beside(self));
         problems.extend(parameters::problems_beside(self));
+        problems.extend(states::problems_beside(self));
+        problems.extend(inputs::problems_beside(self));
         problems.extend(outputs::problems_beside(self));
         problems.extend(self.sampling.problems_beside(self));
         problems.extend(size::problems(self));
@@ -447,6 +496,21 @@ impl Study {
         // the time is an input, too
         problems.add_section("baselines", of_baselines(self.baselines.problems_beside(self.encoder().width() + 1)));
         problems
+    }
+
+    /// What is sampled, in order: the parameters, then the values of the states at the start.
+    pub fn sampled(&self) -> impl Iterator<Item = (&String, &ParameterOptions)> {
+        self.parameters.iter().chain(&self.starts)
+    }
+
+    /// The values of the states at the start: of the coordinates, then of the velocities.
+    pub fn starts(&self) -> &IndexMap<String, ParameterOptions> {
+        &self.starts
+    }
+
+    /// Whether the surrogate has states.
+    pub fn has_states(&self) -> bool {
+        self.structure == StudyStructure::Dynamics
     }
 
     /// How the parameters' values become columns of the network.
@@ -467,6 +531,7 @@ impl Study {
     /// Number of training runs that are simulated, those held out for validation included.
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
+            None if self.has_states() => self.sampling.runs.unwrap_or(MOTION_RUNS) as u64,
             Some(Method::Mesh) => {
                 let levels = |parameter: &ParameterOptions| match parameter.values.len() {
                     0 => parameter.levels.or(self.sampling.levels).unwrap_or(0),

@@ -1,6 +1,6 @@
 //! `[parameters]`: inputs of the surrogate beside the time.
 
-use super::{Method, Study, outputs::check_variable_name};
+use super::{Method, Study, StudyStructure, outputs::check_variable_name};
 use crate::{diagnostics::Problems, scaling::LARGEST};
 use indexmap::IndexMap;
 use metafmu_runtime::Encoding;
@@ -95,6 +95,21 @@ impl From<ParameterEntry> for ParameterOptions {
 }
 
 impl ParameterOptions {
+    /// What has nothing but a range.
+    pub(super) fn range(min: f64, max: f64) -> Self {
+        Self {
+            min,
+            max,
+            values: Vec::new(),
+            periodic: false,
+            unit: None,
+            description: None,
+            levels: None,
+            variability: None,
+            problem: None,
+        }
+    }
+
     /// How its value becomes columns of the network.
     pub fn encoding(&self) -> Encoding {
         if self.is_nominal() {
@@ -178,9 +193,10 @@ fn twice(values: &[f64]) -> Option<f64> {
 }
 
 /// Every mistake in `[parameters]`, by dotted key.
-pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>) -> Problems {
+pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, structure: StudyStructure) -> Problems {
     let mut problems = Problems::default();
-    if parameters.is_empty() {
+    let is_motion = structure == StudyStructure::Dynamics;
+    if parameters.is_empty() && !is_motion {
         problems.add("parameters", "no parameter, expected at least one");
     }
     for (name, parameter) in parameters {
@@ -188,6 +204,14 @@ pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>) -> Probl
         check_variable_name(&mut problems, &key, name);
         if let Some(problem) = parameter.problem() {
             problems.add(key, problem);
+        } else if is_motion {
+            let message = "belongs to the structure \"response\": expected `min` and `max`";
+            problems.expect_absent(parameter.is_nominal(), format!("{key}.values"), message);
+            problems.expect_absent(parameter.periodic, format!("{key}.periodic"), message);
+            let is_driven = parameter.variability == Some(Variability::Continuous);
+            let message =
+                "\"continuous\", expected \"fixed\" or \"tunable\": what changes all the time is one of the `inputs`";
+            problems.expect_absent(is_driven, format!("{key}.variability"), message);
         }
     }
     problems

@@ -15,7 +15,8 @@ pub struct SamplingOptions {
     /// Of the method "mesh": levels of each parameter, both ends of its range included.
     #[schemars(range(min = 2))]
     pub levels: Option<usize>,
-    /// Number of training runs of the methods that have neither levels nor a file.
+    /// Number of training runs of the methods that have neither levels nor a file. Of the structure "dynamics": runs from which the
+    /// ranges of the outputs and the steps of the solver are known, 8 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
     /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
@@ -29,6 +30,12 @@ pub struct SamplingOptions {
     #[serde(default = "default_test_runs")]
     #[schemars(range(min = 1, max = MAX_RUNS))]
     pub test_runs: usize,
+}
+
+impl Default for SamplingOptions {
+    fn default() -> Self {
+        Self { method: None, levels: None, runs: None, file: None, faces: None, test_runs: default_test_runs() }
+    }
 }
 
 fn default_test_runs() -> usize {
@@ -91,6 +98,15 @@ impl SamplingOptions {
             let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
                 problems.add("sampling", "recorded runs are where they are: expected `test_runs` only");
+            }
+        } else if study.has_states() {
+            let message = "belongs to the structure \"response\": a motion is learned from configurations";
+            problems.expect_absent(method.is_some(), "sampling.method", message);
+            problems.expect_absent(levels.is_some(), "sampling.levels", message);
+            problems.expect_absent(file.is_some(), "sampling.file", message);
+            problems.expect_absent(faces.is_some(), "sampling.faces", message);
+            if runs.is_some_and(|runs| runs < 2) {
+                problems.add("sampling.runs", "expected at least 2 runs");
             }
         } else if method.is_none() && study.source.count() == 1 {
             problems.add("sampling", "expected a `method`");

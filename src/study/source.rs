@@ -122,6 +122,10 @@ impl SourceOptions {
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
+        if study.has_states() && self.count() == 1 && self.mechanism.is_none() {
+            let message = "the structure \"dynamics\" is learned from a mechanism, expected `mechanism`";
+            problems.add("source", message);
+        }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
         let steps = study.time.stop / step;
         if study.time.step > 0.0 && !divides(step, study.time.step) {

@@ -108,6 +108,9 @@ pub enum StopReason {
     /// The observer asked for it.
     #[serde(rename = "stopped by Ctrl-C")]
     Interrupted,
+    /// The coefficients of a dictionary have no epochs: they are the solution of one least-squares problem.
+    #[serde(rename = "least squares solved")]
+    Solved,
     /// A loss was infinite or not a number.
     #[serde(rename = "the loss became infinite: lower the learning rate")]
     Diverged,

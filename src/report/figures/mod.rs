@@ -30,7 +30,8 @@ pub fn sections(material: &Material) -> Vec<Section> {
         Some(responses::section(material.evaluated)),
         motion::section(material),
         Some(errors::section(material.evaluated)),
-        Some(sensitivity::section(material.evaluated)),
+        // its numbers are of parameters and time alone
+        material.evaluated.surrogate.states().is_empty().then(|| sensitivity::section(material.evaluated)),
         coverage::section(material.evaluated),
         material.comparison.map(comparison::section),
         beside::section(material),

@@ -110,7 +110,7 @@ impl<'a> Runs<'a> {
         if *self.shared_times != *times {
             self.shared_times = times.into();
         }
-        self.finished.push(Run { parameters, times: Arc::clone(&self.shared_times), outputs });
+        self.finished.push(Run { inputs: Vec::new(), parameters, times: Arc::clone(&self.shared_times), outputs });
         Ok(())
     }
 }

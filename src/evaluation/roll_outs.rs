@@ -1,0 +1,246 @@
+//! Roll-outs of surrogates with states: how their errors grow with time.
+
+use crate::dataset::{Dataset, Run};
+use metafmu_runtime::{Drive, Dynamics, Evaluator, Model, Scratch, Surrogate};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// How errors grow along the test runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RollOuts {
+    /// At a sixth of the runs' length, and at their end.
+    pub horizons: Vec<Horizon>,
+    /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
+    /// than half of the runs never come to that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub divergence_time: Option<f64>,
+    /// Largest change of the energy without inputs over the length of a run, relative to the largest kinetic energy; none if something
+    /// dissipates or drives it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub energy_drift: Option<f64>,
+    /// Number of runs, and of those that are still finite, after ten times their length, their inputs being repeated.
+    pub long_runs: [usize; 2],
+}
+
+/// Relative root mean square errors up to a time, each the largest of the run's outputs: of the difference over that of the truth around
+/// its mean.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Horizon {
+    /// Time since the start.
+    pub seconds: f64,
+    /// Median over the runs.
+    pub median: f64,
+    /// 90 % quantile.
+    pub q90: f64,
+    /// The same of what a start that is off by 1e-9 in every state changes: the motion's own sensitivity.
+    pub sensitivity: [f64; 2],
+}
+
+/// What a start is off by.
+const OFF: f64 = 1e-9;
+/// Part of its standard deviation that an error of an output has when a roll-out has diverged.
+const DIVERGED: f64 = 0.1;
+/// Lengths of a run after which it is to be finite.
+const LENGTHS: usize = 10;
+/// Runs that are rolled out so far.
+const LONG_RUNS: usize = 4;
+
+impl RollOuts {
+    /// Measures the predictions of the test runs.
+    pub(super) fn of(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
+        let evaluator = Evaluator::new(surrogate);
+        let width = test.outputs.len();
+        let off = |run: &Run| {
+            let mut roll_out = RollOut::along(surrogate, &evaluator, run);
+            roll_out.point[run.parameters.len() + roll_out.inputs..].iter_mut().for_each(|state| *state += OFF);
+            roll_out.predictions()
+        };
+        let pairs = || test.runs.par_iter().zip(predictions);
+        let off: Vec<Vec<f64>> = test.runs.par_iter().map(off).collect();
+        let rows = test.runs.iter().map(|run| run.times.len()).max().unwrap_or(0);
+        let horizon = |rows: usize| {
+            let errors =
+                quantiles(pairs().map(|(run, found)| relative_error(&run.outputs, found, width, rows)).collect());
+            let changes = predictions.par_iter().zip(&off);
+            let changes = quantiles(changes.map(|(one, other)| relative_error(one, other, width, rows)).collect());
+            let times = test.runs.iter().filter_map(|run| run.times.get(rows - 1));
+            let seconds = times.copied().fold(0.0, f64::max);
+            Horizon { seconds, median: errors[0], q90: errors[1], sensitivity: changes }
+        };
+        let horizons = [rows.saturating_sub(1) / 6 + 1, rows].map(|rows| horizon(rows.max(1)));
+        let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, width)).collect();
+        times.sort_by(f64::total_cmp);
+        let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
+        let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
+        Self {
+            horizons: horizons.to_vec(),
+            divergence_time,
+            energy_drift: energy_drift(surrogate, &evaluator, test),
+            long_runs: {
+                let runs = &test.runs[..test.runs.len().min(LONG_RUNS)];
+                [runs.len(), runs.par_iter().filter(finite).count()]
+            },
+        }
+    }
+}
+
+/// Median and 90 % quantile. What is too large for a number counts as the largest one.
+fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get(((values.len() as f64) * share) as usize).copied().unwrap_or(0.0);
+    [at(0.5), at(0.9)].map(|value| if value.is_nan() { f64::MAX } else { value.min(f64::MAX) })
+}
+
+/// The largest of the outputs' relative errors in the first rows.
+fn relative_error(truth: &[f64], found: &[f64], width: usize, rows: usize) -> f64 {
+    let of = |column: usize| {
+        let values = |of: &[f64]| of.iter().skip(column).step_by(width).take(rows).copied().collect::<Vec<_>>();
+        let (truth, found) = (values(truth), values(found));
+        let spread = deviations(&truth).iter().map(|value| value * value).sum::<f64>();
+        let error: f64 = truth.iter().zip(&found).map(|(a, b)| (a - b).powi(2)).sum();
+        if spread > 0.0 { (error / spread).sqrt() } else { 0.0 }
+    };
+    // a maximum would leave out what is not a number
+    (0..width).map(of).fold(0.0, |largest, error| if error > largest || error.is_nan() { error } else { largest })
+}
+
+fn deviations(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    values.iter().map(|value| value - mean).collect()
+}
+
+/// When a roll-out has diverged; infinite if it has not.
+fn divergence(run: &Run, found: &[f64], width: usize) -> f64 {
+    let of = |column: usize| {
+        let truth: Vec<f64> = run.outputs.iter().skip(column).step_by(width).copied().collect();
+        let deviations = deviations(&truth);
+        let deviation = (deviations.iter().map(|value| value * value).sum::<f64>() / truth.len().max(1) as f64).sqrt();
+        let rows = truth.iter().zip(found.iter().skip(column).step_by(width));
+        // written so that what is not a number has diverged
+        let first = rows.zip(run.times.iter()).find(|((a, b), _)| !((*a - *b).abs() <= DIVERGED * deviation));
+        first.map_or(f64::INFINITY, |(_, time)| *time)
+    };
+    (0..width).map(of).fold(f64::INFINITY, f64::min)
+}
+
+/// Change of the energy along the test runs without their inputs.
+fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) -> Option<f64> {
+    let Model::Motion(motion) = surrogate.model() else { return None };
+    let dynamics = &motion.dynamics;
+    let (n, m) = (dynamics.coordinates(), dynamics.inputs());
+    let forces = n * (n + 1) / 2 + 1..Dynamics::functions(n, m) - n * m;
+    let is_conservative =
+        dynamics.law().terms().all(|term| term.coefficients[forces.clone()].iter().all(|value| *value == 0.0));
+    if !is_conservative {
+        return None;
+    }
+    let drift = |run: &Run| {
+        let undriven = Run { inputs: vec![0.0; run.inputs.len()], ..run.clone() };
+        let mut roll_out = RollOut::along(surrogate, evaluator, &undriven);
+        let mut scratch = dynamics.scratch();
+        let (mut low, mut high, mut kinetic) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
+        for row in 0..run.times.len() {
+            if roll_out.go_to(row).is_none() {
+                return f64::INFINITY;
+            }
+            let [total, moving] = roll_out.energies(dynamics, &mut scratch);
+            (low, high, kinetic) = (low.min(total), high.max(total), kinetic.max(moving));
+        }
+        (high - low) / kinetic.max(f64::MIN_POSITIVE)
+    };
+    Some(test.runs.par_iter().map(drift).reduce(|| 0.0, f64::max).min(f64::MAX))
+}
+
+/// A surrogate that follows a run: from its start, by its inputs, which are linear between two rows.
+pub(super) struct RollOut<'a> {
+    surrogate: &'a Surrogate,
+    evaluator: &'a Evaluator,
+    run: &'a Run,
+    /// Number of inputs.
+    inputs: usize,
+    /// Parameters, starts, inputs, states.
+    point: Vec<f64>,
+    rates: Vec<f64>,
+    constant: Vec<f64>,
+    scratch: Scratch,
+}
+
+impl<'a> RollOut<'a> {
+    pub(super) fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
+        let mut point = run.parameters.clone();
+        point.resize(evaluator.columns(), 0.0);
+        evaluator.start(&mut point);
+        let zeros = vec![0.0; point.len()];
+        Self {
+            surrogate,
+            evaluator,
+            run,
+            inputs: run.inputs.len() / run.times.len().max(1),
+            point,
+            rates: zeros.clone(),
+            constant: zeros,
+            scratch: evaluator.scratch(),
+        }
+    }
+
+    /// The outputs at all rows: shape `[times, outputs]`. What cannot be computed is not a number.
+    pub(super) fn predictions(mut self) -> Vec<f64> {
+        let width = self.surrogate.outputs().len();
+        let mut results = vec![0.0; self.evaluator.results()];
+        let mut predictions = vec![f64::NAN; self.run.times.len() * width];
+        for (row, predictions) in predictions.chunks_mut(width).enumerate() {
+            if self.go_to(row).is_none() {
+                break;
+            }
+            self.evaluator.evaluate(&self.point, &mut results, &mut self.scratch);
+            predictions.copy_from_slice(&results[..width]);
+        }
+        predictions
+    }
+
+    /// From the row before to a row; none if the motion cannot be computed.
+    fn go_to(&mut self, row: usize) -> Option<()> {
+        if let Some(before) = row.checked_sub(1) {
+            let size = self.run.times[row] - self.run.times[before];
+            self.go_from(before, row, size)?;
+        }
+        self.set_inputs(row);
+        Some(())
+    }
+
+    /// The whole run so many times; none if the motion cannot be computed to the end.
+    fn repeated(mut self, count: usize) -> Option<()> {
+        for _ in 0..count {
+            for row in 0..self.run.times.len() {
+                self.go_to(row)?;
+            }
+        }
+        Some(())
+    }
+
+    fn go_from(&mut self, before: usize, row: usize, size: f64) -> Option<()> {
+        let first = self.run.parameters.len();
+        let value = |row: usize, input: usize| self.run.inputs[row * self.inputs + input];
+        for input in 0..self.inputs {
+            self.rates[first + input] = (value(row, input) - value(before, input)) / size;
+        }
+        let drive = Drive { rates: [&self.rates, &self.constant], clamp: None };
+        self.evaluator.advance(&mut self.point, (size, None, &[]), drive, &mut self.scratch).ok()
+    }
+
+    fn set_inputs(&mut self, row: usize) {
+        let first = self.run.parameters.len();
+        let inputs = &self.run.inputs[row * self.inputs..][..self.inputs];
+        self.point[first..first + self.inputs].copy_from_slice(inputs);
+    }
+
+    /// All energy, and the kinetic one.
+    fn energies(&self, dynamics: &Dynamics, scratch: &mut metafmu_runtime::DynamicsScratch) -> [f64; 2] {
+        let n = dynamics.coordinates();
+        let (q, v) = self.point[self.point.len() - 2 * n..].split_at(n);
+        let point = |v| metafmu_runtime::StatePoint { q, v, u: &[], p: &self.run.parameters[..dynamics.parameters()] };
+        let rest = vec![0.0; n];
+        let total = dynamics.energy(point(v), scratch);
+        [total, total - dynamics.energy(point(&rest), scratch)]
+    }
+}

@@ -1,0 +1,251 @@
+//! Runs of a mechanism from states, driven by inputs: how its surrogate with states is used.
+
+use super::wrong_unit;
+use crate::{
+    diagnostics::{Problems, names::expected_one_of},
+    integrate::Budget,
+    multibody::Mechanism,
+    signal::{Knots, Signal, Sine},
+    study::{Excitation, Study, is_angle, velocity_name},
+    variable::Variable,
+};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::f64::consts::{PI, TAU};
+
+/// A quantity that acts on the mechanism.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    /// Name, unit, description; the value at the start.
+    pub variable: Variable,
+    /// Smallest value.
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+    /// Value before a host sets one.
+    pub start: f64,
+    bandwidth: f64,
+    excitations: Vec<Excitation>,
+}
+
+/// How runs start and what drives them.
+#[derive(Clone, Debug)]
+pub struct Driven {
+    coordinates: Vec<String>,
+    drivers: Vec<Driver>,
+    /// Values at the start as the mechanism file has them: coordinates, then velocities.
+    start: Vec<f64>,
+    seed: u64,
+}
+
+impl Driven {
+    /// Finds the study's states and inputs in the mechanism, `values` being those of its parameters.
+    ///
+    /// # Errors
+    /// Every name that the mechanism does not know, every unit that is not its own, every range that is empty, by dotted key.
+    pub fn new(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Result<Self, Problems> {
+        let mut problems = Problems::default();
+        let known: Vec<&str> = mechanism.inputs().keys().map(String::as_str).collect();
+        for name in study.inputs.keys().filter(|name| !known.contains(&name.as_str())) {
+            let message = format!("the mechanism has no input `{name}`, {}", expected_one_of(name, &known));
+            problems.add(format!("inputs.{name}"), message);
+        }
+        let mut drivers = Vec::new();
+        for (name, own) in mechanism.inputs() {
+            let options = study.inputs.get(name).cloned().unwrap_or_default();
+            let key = format!("inputs.{name}");
+            problems.extend(wrong_unit(&key, options.unit.as_deref(), &own.unit));
+            let (min, max) = (options.min.unwrap_or(own.min), options.max.unwrap_or(own.max));
+            let start = options.start.unwrap_or_else(|| own.start.clamp(min.min(max), max.max(min)));
+            if min >= max {
+                problems.add(&key, format!("range is empty: min {min} is not below max {max}"));
+            } else if !(min..=max).contains(&start) {
+                problems.add(format!("{key}.start"), format!("{start} is outside the range from {min} to {max}"));
+            }
+            let description = options.description.as_deref().unwrap_or(&own.description);
+            drivers.push(Driver {
+                variable: Variable::new(name, &own.unit, description),
+                min,
+                max,
+                start,
+                bandwidth: options.bandwidth(study.time.step),
+                excitations: options.excitations().to_vec(),
+            });
+        }
+        let coordinates: Vec<String> = study.states.keys().cloned().collect();
+        let names: Vec<&str> = coordinates.iter().map(String::as_str).collect();
+        let start = match mechanism.reduced(values, &names) {
+            Ok(reduced) => reduced.start().0.iter().chain(reduced.start().1).copied().collect(),
+            Err(message) => {
+                let key = names.iter().find(|name| message.contains(**name));
+                problems.add(key.map_or("states".into(), |name| format!("states.{name}")), message);
+                Vec::new()
+            }
+        };
+        if problems.is_empty() { Ok(Self { coordinates, drivers, start, seed: study.seed }) } else { Err(problems) }
+    }
+
+    /// Names of the independent coordinates.
+    pub fn coordinates(&self) -> &[String] {
+        &self.coordinates
+    }
+
+    /// What acts on the mechanism, in the order of its file.
+    pub fn drivers(&self) -> &[Driver] {
+        &self.drivers
+    }
+
+    /// The states as the mechanism file has them at the start: coordinates, then velocities.
+    pub fn start(&self) -> &[f64] {
+        &self.start
+    }
+
+    /// The inputs.
+    pub fn variables(&self) -> Vec<Variable> {
+        self.drivers.iter().map(|driver| driver.variable.clone()).collect()
+    }
+
+    /// The states: coordinates, then velocities.
+    pub fn states(&self) -> Vec<Variable> {
+        let coordinates = self.coordinates.iter().map(|name| {
+            let unit = if is_angle(name) { "rad" } else { "m" };
+            Variable::new(name, unit, &format!("coordinate {name}"))
+        });
+        let velocities = self.coordinates.iter().map(|name| {
+            let unit = if is_angle(name) { "rad/s" } else { "m/s" };
+            Variable::new(&velocity_name(name).unwrap_or_default(), unit, &format!("derivative of {name}"))
+        });
+        coordinates.chain(velocities).collect()
+    }
+
+    /// The parameters that are the states' values at the start.
+    pub fn starts(&self) -> impl Iterator<Item = Variable> {
+        self.states().into_iter().map(|Variable { name, unit, .. }| {
+            let description = format!("{name} at the start");
+            Variable::new(&metafmu_runtime::State::start_name(&name), &unit, &description)
+        })
+    }
+
+    /// Values of the inputs in the run with these parameters, the starts being the last of them: shape `[times, inputs]`. They follow
+    /// from the parameters and the study's seed, so that a run that is repeated has the same ones.
+    pub fn inputs(&self, parameters: &[f64], times: &[f64]) -> Vec<f64> {
+        let point = parameters.iter().fold(self.seed, |hash, value| {
+            (hash.rotate_left(17) ^ value.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        });
+        let mut random = ChaCha8Rng::seed_from_u64(point);
+        let columns: Vec<Vec<f64>> = self.drivers.iter().map(|driver| driver.values(times, &mut random)).collect();
+        (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
+    }
+
+    /// Outputs of the mechanism in the run with these parameters, row by row.
+    ///
+    /// # Errors
+    /// A sentence, as [`Mechanism::simulate_from`].
+    pub fn simulate(
+        &self,
+        mechanism: &Mechanism,
+        values: &[f64],
+        parameters: &[f64],
+        times: &[f64],
+        integration: (f64, &Budget),
+    ) -> Result<Vec<f64>, String> {
+        let count = self.coordinates.len();
+        let (_, starts) = parameters.split_at(parameters.len() - 2 * count);
+        let (coordinates, velocities) = starts.split_at(count);
+        let inputs = self.inputs(parameters, times);
+        let signal = |column: usize| {
+            let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
+            Ok(Signal::Linear(Knots::new(times.to_vec(), values)?))
+        };
+        let signals = (0..self.drivers.len()).map(signal).collect::<Result<Vec<_>, String>>()?;
+        let names: Vec<&str> = self.coordinates.iter().map(String::as_str).collect();
+        mechanism.simulate_from(values, (&names, [coordinates, velocities]), &signals, times, integration)
+    }
+}
+
+impl Driver {
+    /// A signal at some times, within the range.
+    fn values(&self, times: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
+        let kind = self.excitations[random.random_range(0..self.excitations.len())];
+        let (middle, half) = (0.5 * (self.min + self.max), 0.5 * (self.max - self.min));
+        let stop = times.last().copied().unwrap_or(0.0);
+        let mut shares = self.signal(kind, stop, random);
+        times.iter().map(|&time| (middle + half * shares(time)).clamp(self.min, self.max)).collect()
+    }
+
+    /// A signal from -1 to 1, in the course of time.
+    fn signal(&self, kind: Excitation, stop: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
+        let bandwidth = self.bandwidth;
+        let half_period = 0.5 / bandwidth;
+        let level = |random: &mut ChaCha8Rng| 2.0 * random.random::<f64>() - 1.0;
+        // times at which levels begin, random with this mean
+        let instants = |random: &mut ChaCha8Rng| {
+            let mut instants = vec![0.0];
+            while instants[instants.len() - 1] < stop {
+                let duration = half_period * (0.5 + random.random::<f64>());
+                instants.push(instants[instants.len() - 1] + duration);
+            }
+            instants
+        };
+        match kind {
+            Excitation::Multisine => sines(10, 0.05 * bandwidth, bandwidth, random),
+            Excitation::Random => sines(100, 0.0, bandwidth, random),
+            Excitation::Chirp => {
+                let phase = TAU * random.random::<f64>();
+                Box::new(move |t| (phase + PI * bandwidth * t * t / stop.max(f64::MIN_POSITIVE)).sin())
+            }
+            Excitation::Steps => {
+                let instants = instants(random);
+                let levels: Vec<f64> = instants.iter().map(|_| level(random)).collect();
+                Box::new(move |t| levels[instants.partition_point(|instant| *instant <= t) - 1])
+            }
+            Excitation::Binary => {
+                let mut instants = vec![0.0];
+                while instants[instants.len() - 1] < stop {
+                    let periods = f64::from(random.random_range(1..=6u32));
+                    instants.push(instants[instants.len() - 1] + periods * half_period);
+                }
+                let first = if random.random::<bool>() { 1.0 } else { -1.0 };
+                Box::new(move |t| {
+                    let passed = instants.partition_point(|instant| *instant <= t);
+                    if passed % 2 == 1 { first } else { -first }
+                })
+            }
+            Excitation::Ramps => {
+                let instants = instants(random);
+                let levels: Vec<f64> = instants.iter().map(|_| level(random)).collect();
+                let knots = Knots::new(instants, levels).map(Signal::Linear);
+                let signal = knots.unwrap_or(Signal::Constant(0.0));
+                Box::new(move |t| signal.value(t))
+            }
+            Excitation::Spline => {
+                let count = (stop / half_period).ceil() as usize + 4;
+                let levels: Vec<f64> = (0..count).map(|_| level(random)).collect();
+                // a uniform cubic B-spline stays within its levels
+                Box::new(move |t| {
+                    let place = (t / half_period).clamp(0.0, (levels.len() - 4) as f64);
+                    let index = (place as usize).min(levels.len() - 4);
+                    let s = place - index as f64;
+                    let weights = [
+                        (1.0 - s).powi(3),
+                        3.0 * s.powi(3) - 6.0 * s * s + 4.0,
+                        -3.0 * s.powi(3) + 3.0 * s * s + 3.0 * s + 1.0,
+                        s.powi(3),
+                    ];
+                    weights.iter().zip(&levels[index..]).map(|(weight, level)| weight * level).sum::<f64>() / 6.0
+                })
+            }
+        }
+    }
+}
+
+/// A sum of sines of random frequencies and phases, of one amplitude, which is such that the sum rarely leaves -1 to 1.
+fn sines(count: usize, from: f64, to: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
+    let amplitude = (2.0 / count as f64).sqrt() * 0.45;
+    let sines = (0..count).map(|_| Sine {
+        amplitude,
+        frequency: from + (to - from) * random.random::<f64>(),
+        phase: TAU * random.random::<f64>(),
+    });
+    let signal = Signal::Multisine { offset: 0.0, sines: sines.collect() };
+    Box::new(move |t| signal.value(t))
+}

@@ -1,0 +1,102 @@
+//! `[inputs]`: what acts on a surrogate with states while it runs.
+
+use super::{Study, outputs::check_variable_name};
+use crate::diagnostics::Problems;
+use indexmap::IndexMap;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// An entry of `[inputs]`. All keys have defaults.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(extend("examples" = [{"min": -10.0, "max": 10.0, "bandwidth": 1.0}]))]
+pub struct InputOptions {
+    /// Smallest value; the source's unless given.
+    #[schemars(extend("x-unit" = "the input's"))]
+    pub min: Option<f64>,
+    /// Largest value; the source's unless given.
+    #[schemars(extend("x-unit" = "the input's"))]
+    pub max: Option<f64>,
+    /// Value before a host sets one; the source's unless given.
+    #[schemars(extend("x-unit" = "the input's"))]
+    pub start: Option<f64>,
+    /// Highest frequency in test runs; a twentieth of the rows' frequency, `0.05 / time.step`, unless given.
+    #[schemars(extend("x-unit" = "Hz", "exclusiveMinimum" = 0))]
+    pub bandwidth: Option<f64>,
+    /// Kinds of signals of test runs, one of which is drawn for each run.
+    pub excitation: Option<Vec<Excitation>>,
+    /// Unit; must be the source's own, which it is unless given.
+    pub unit: Option<String>,
+    /// One sentence for people; the source's unless given.
+    pub description: Option<String>,
+}
+
+/// A kind of signal. All are within the range, and linear between two rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Excitation {
+    /// Ten sines of random frequencies up to the bandwidth and random phases.
+    Multisine,
+    /// Levels that are held for random times, on average half a period of the bandwidth.
+    Steps,
+    /// Straight lines between random levels at random times.
+    Ramps,
+    /// A sine whose frequency grows to the bandwidth during the run.
+    Chirp,
+    /// Pseudo-random binary: the ends of the range, in turn, for random multiples of half a period of the bandwidth.
+    Binary,
+    /// Random with a flat spectrum up to the bandwidth: a hundred sines of random phases.
+    Random,
+    /// A smooth curve through random levels, half a period of the bandwidth apart.
+    Spline,
+}
+
+impl InputOptions {
+    /// The kinds of signals that are drawn from.
+    pub fn excitations(&self) -> &[Excitation] {
+        self.excitation.as_deref().unwrap_or(&[Excitation::Multisine])
+    }
+
+    /// The bandwidth of signals whose rows are so far apart, in Hz.
+    pub fn bandwidth(&self, step: f64) -> f64 {
+        self.bandwidth.unwrap_or(0.05 / step)
+    }
+}
+
+/// Every mistake in `[inputs]`, by dotted key.
+pub(super) fn problems(inputs: &IndexMap<String, InputOptions>) -> Problems {
+    let mut problems = Problems::default();
+    for (name, InputOptions { min, max, start, bandwidth, excitation, .. }) in inputs {
+        let key = format!("inputs.{name}");
+        check_variable_name(&mut problems, &key, name);
+        for (field, value) in [("min", min), ("max", max), ("start", start)] {
+            if let Some(value) = value.filter(|value| !value.is_finite()) {
+                problems.add(format!("{key}.{field}"), format!("{value}, expected a finite number"));
+            }
+        }
+        if let Some(bandwidth) = bandwidth {
+            problems.expect_positive(&format!("{key}.bandwidth"), *bandwidth);
+        }
+        if excitation.as_ref().is_some_and(Vec::is_empty) {
+            problems.add(format!("{key}.excitation"), "no kind of signal, expected at least one");
+        }
+    }
+    problems
+}
+
+/// What is wrong beside the other sections.
+pub(super) fn problems_beside(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    for (name, input) in &study.inputs {
+        let key = format!("inputs.{name}");
+        if study.parameters.contains_key(name) || study.outputs.contains_key(name) {
+            problems.add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
+        }
+        let nyquist = 0.5 / study.time.step;
+        if let Some(bandwidth) = input.bandwidth.filter(|bandwidth| *bandwidth > nyquist) {
+            let message = format!("{bandwidth} Hz, expected at most half of the rows' frequency, {nyquist} Hz");
+            problems.add(format!("{key}.bandwidth"), message);
+        }
+    }
+    problems
+}

@@ -1,0 +1,115 @@
+//! `[states]`: the independent coordinates of a surrogate with states.
+
+use super::{NetworkOptions, ParameterOptions, Study, StudyStructure, TrainingOptions};
+use crate::diagnostics::Problems;
+use indexmap::IndexMap;
+use metafmu_runtime::{Precision, State};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// An entry of `[states]`: an independent coordinate, by the measure that names it, and its velocity.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
+pub struct StateOptions {
+    /// Lower end of the range in which the functions of the configuration are learned.
+    #[schemars(extend("x-unit" = "rad or m"))]
+    pub min: f64,
+    /// Upper end; of an angle that goes around, a turn above `min`.
+    #[schemars(extend("x-unit" = "rad or m"))]
+    pub max: f64,
+    /// Where runs start that the surrogate is tested with; the middle fifth of the range unless given.
+    #[schemars(extend("x-unit" = "rad or m"))]
+    pub start: Option<[f64; 2]>,
+    /// The velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
+    #[schemars(extend("x-unit" = "rad/s or m/s"))]
+    pub velocity: Option<[f64; 2]>,
+}
+
+/// What an independent coordinate may be, and its velocity.
+const MEASURES: [(&str, &str); 4] = [("angle", "angular_velocity"), ("position", "velocity"), ("x", "vx"), ("y", "vy")];
+
+/// The name of a coordinate's velocity, in the terms of a mechanism file; none if it is no coordinate.
+pub fn velocity_name(coordinate: &str) -> Option<String> {
+    let (part, measure) = coordinate.rsplit_once('.')?;
+    let (_, velocity) = MEASURES.iter().find(|(known, _)| *known == measure)?;
+    Some(format!("{part}.{velocity}"))
+}
+
+/// Whether a coordinate is an angle.
+pub fn is_angle(coordinate: &str) -> bool {
+    coordinate.ends_with(".angle")
+}
+
+impl StateOptions {
+    fn start(&self) -> [f64; 2] {
+        let (middle, tenth) = (0.5 * (self.min + self.max), 0.1 * (self.max - self.min));
+        self.start.unwrap_or([middle - tenth, middle + tenth])
+    }
+}
+
+/// The values of the states at the start of a run, which are sampled like parameters: those of the coordinates, then those of the
+/// velocities.
+pub(super) fn starts(states: &IndexMap<String, StateOptions>) -> IndexMap<String, ParameterOptions> {
+    let range = |name: &str, [min, max]: [f64; 2]| (State::start_name(name), ParameterOptions::range(min, max));
+    let coordinates = states.iter().map(|(name, state)| range(name, state.start()));
+    let velocities = states
+        .iter()
+        .map(|(name, state)| range(&velocity_name(name).unwrap_or_default(), state.velocity.unwrap_or_default()));
+    coordinates.chain(velocities).collect()
+}
+
+/// Every mistake in `[states]`, by dotted key.
+pub(super) fn problems(states: &IndexMap<String, StateOptions>) -> Problems {
+    let mut problems = Problems::default();
+    for (name, StateOptions { min, max, start, velocity }) in states {
+        let key = format!("states.{name}");
+        if velocity_name(name).is_none() {
+            let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
+            problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
+        }
+        if !(min.is_finite() && max.is_finite() && min < max) {
+            problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
+            continue;
+        }
+        for (field, range) in [("start", start), ("velocity", velocity)] {
+            let Some([low, high]) = range else { continue };
+            if !(low.is_finite() && high.is_finite() && low <= high) {
+                let expected = "expected two finite numbers, the second at least as large as the first";
+                problems.add(format!("{key}.{field}"), format!("[{low}, {high}], {expected}"));
+            } else if field == "start" && !(min <= low && high <= max) {
+                let message = format!("from {low} to {high}, expected a part of the range from {min} to {max}");
+                problems.add(format!("{key}.{field}"), message);
+            }
+        }
+    }
+    problems
+}
+
+/// What is wrong beside the other sections.
+pub(super) fn problems_beside(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    let Study { states, inputs, structure, .. } = study;
+    if *structure == StudyStructure::Response {
+        let message = "belongs to the structure \"dynamics\"";
+        problems.expect_absent(!states.is_empty(), "states", message);
+        problems.expect_absent(!inputs.is_empty(), "inputs", message);
+        return problems;
+    }
+    if states.is_empty() {
+        problems.add("states", "no state, expected a coordinate for each degree of freedom");
+    }
+    for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
+        problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
+    }
+    let of_network = "belongs to the structure \"response\"";
+    problems.expect_absent(study.network != NetworkOptions::default(), "network", of_network);
+    problems.expect_absent(study.training != TrainingOptions::default(), "training", of_network);
+    problems.expect_absent(study.target.is_some(), "target", of_network);
+    problems.expect_absent(study.bounds.is_some(), "bounds", of_network);
+    problems.expect_absent(study.search.is_some(), "search", of_network);
+    problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);
+    let is_single = study.export.precision == Precision::Single;
+    problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks");
+    problems
+}
