@@ -17,6 +17,7 @@ from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.simulation import instantiate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
+from test_hosts import run_fmutool, run_python_host
 
 STOP, STEP = 5.0, 0.05
 ROWS = np.linspace(0.0, STOP, 101)
@@ -221,6 +222,32 @@ def test_a_tolerance_makes_co_simulation_more_exact(crane, version, solution_hel
 
     plain, exact = largest(), largest(relative_tolerance=1e-10)
     assert exact < 1e-9 and exact < 0.1 * plain, (plain, exact)
+
+
+@pytest.mark.parametrize(("host", "version"), [("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3)])
+def test_another_host_drives_it_as_fmpy_does(crane, host, version):
+    steps = ROWS.size - 1
+    request = {
+        "fmu": str(crane.fmu(version)),
+        "start_values": PARAMETERS | STARTS,
+        "inputs": {"force": [linear(time, None) for time in ROWS[:-1]]},
+        "outputs": STATES,
+        "step": STEP,
+        "steps": steps,
+    }
+    # the first row is not the start's in libcosimpy, if it goes step by step
+    times, *states = run_python_host(host, request)[1:].T
+    result, expected = simulate(crane.fmu(version), input=LINEAR)
+    np.testing.assert_allclose(times, result["time"][1:], rtol=0, atol=1e-9)
+    # ecospy adds up the times of its steps
+    np.testing.assert_allclose(np.transpose(states), expected[1:], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmutool_finds_no_problem(crane, version):
+    result = run_fmutool(crane.fmu(version))
+    report = result.stdout + result.stderr
+    assert result.returncode == 0 and "ERROR" not in report and "WARNING" not in report, report
 
 
 @pytest.mark.parametrize("version,interface", KINDS)
