@@ -43,6 +43,27 @@ RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,
 PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
 CRANK = (ROOT / "examples" / "mechanisms" / "slider-crank.toml").read_text()
 LINKAGE = (ROOT / "examples" / "mechanisms" / "four-bar.toml").read_text()
+TROLLEY = (ROOT / "examples" / "dynamics" / "crane.toml").read_text()
+DYNAMICS = """name = "crane"
+structure = "dynamics"
+[source]
+mechanism = "crane.toml"
+[time]
+stop = 1
+step = 0.05
+[states]
+"rail.position" = { min = -5, max = 5 }
+"rope.angle" = { min = -1, max = 1, start = [-0.5, 0.5] }
+[inputs]
+force = { bandwidth = 1.0, excitation = ["steps"] }
+[parameters]
+l = { min = 1, max = 2 }
+[outputs]
+x = {}
+theta = {}
+[sampling]
+test_runs = 2
+"""
 
 
 OSCILLATOR = (ROOT / "examples" / "fmu-source" / "van-der-pol" / "modelDescription.xml").read_text()
@@ -79,6 +100,16 @@ def study(old, new, text=STUDY):
 def mechanism(old, new, text=PENDULUM, about=MECHANISM):
     assert old in text, old
     return {"study.toml": about, "m.toml": text.replace(old, new, 1)}
+
+
+def dynamics(*changes, more="", **of_mechanism):
+    """A study with states, some lines changed, and of its mechanism."""
+    texts = {"study.toml": DYNAMICS + more, "crane.toml": TROLLEY}
+    for name, pairs in [("study.toml", changes), ("crane.toml", of_mechanism.get("trolley", []))]:
+        for old, new in pairs:
+            assert old in texts[name], old
+            texts[name] = texts[name].replace(old, new, 1)
+    return texts
 
 
 def runs(old, new):
@@ -217,6 +248,79 @@ SECTIONS = {
         "bars that do not reach": mechanism("default = 0.5, unit", "default = 5.5, unit", LINKAGE, FOUR_BAR),
         "a rod shorter than its driven crank": mechanism("default = 3.0, min = 2.5", "default = 0.6, min = 0.5", CRANK, CRANK_STUDY),
         "a motion that ends": mechanism("time/tau - sin(tau*time)/tau^2", "sqrt(2 - time)", CRANK, CRANK_STUDY),
+    },
+    "Surrogates with states": {
+        "a coordinate that is not there": dynamics(('"rope.angle"', '"rod.angle"')),
+        "a coordinate that the part has not": dynamics(('"rope.angle"', '"rope.position"')),
+        "a velocity for a coordinate": dynamics(('"rope.angle"', '"rope.angular_velocity"')),
+        "an empty range": dynamics(("min = -5, max = 5", "min = 5, max = -5")),
+        "not a number": dynamics(("min = -5, max = 5", "min = nan, max = 5")),
+        "a start outside the range": dynamics(("[-0.5, 0.5]", "[-0.5, 1.5]")),
+        "a start that is no range": dynamics(("[-0.5, 0.5]", "[0.5, -0.5]")),
+        "a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity = [1, inf] ")),
+        "a start of one number": dynamics(("[-0.5, 0.5]", "0.5")),
+        "no state": dynamics(('"rail.position" = { min = -5, max = 5 }\n"rope.angle" = { min = -1, max = 1, start = [-0.5, 0.5] }\n', "")),
+        "too few coordinates": dynamics(('"rail.position" = { min = -5, max = 5 }\n', "")),
+        "too many coordinates": dynamics(("[inputs]", '"load.x" = { min = -5, max = 5 }\n[inputs]')),
+        "coordinates that are not independent": dynamics(('"rope.angle" = { min = -1, max = 1, start = [-0.5, 0.5] }', '"trolley.x" = { min = -5, max = 5 }')),
+        "a coordinate twice": dynamics(("[inputs]", '"rope.angle" = { min = -5, max = 5 }\n[inputs]')),
+        "a coordinate without quotes": dynamics(('"rail.position" =', "rail.position =")),
+        "an unknown key of a coordinate": dynamics(("start = [", "starts = [")),
+        "an input that is not there": dynamics(("force = {", "torque = {")),
+        "an input that is nearly the mechanism's": dynamics(("force = {", "Force = {")),
+        "another unit than the input's": dynamics(("bandwidth = 1.0", 'unit = "kN"')),
+        "an empty range of an input": dynamics(("bandwidth = 1.0", "min = 20")),
+        "a start outside the input's range": dynamics(("bandwidth = 1.0", "start = 11")),
+        "an input that is not finite": dynamics(("bandwidth = 1.0", "max = inf")),
+        "a bandwidth above half the rows' frequency": dynamics(("bandwidth = 1.0", "bandwidth = 11")),
+        "a bandwidth that is not positive": dynamics(("bandwidth = 1.0", "bandwidth = 0")),
+        "a signal that is not there": dynamics(('["steps"]', '["step"]')),
+        "no signal": dynamics(('["steps"]', "[]")),
+        "a signal that is no list": dynamics(('["steps"]', '"steps"')),
+        "a network": dynamics(more="[network]\nhidden = [8]\n"),
+        "a training": dynamics(more="[training]\nepochs = 10\n"),
+        "bounds": dynamics(more="[bounds]\ncoverage = 0.9\n"),
+        "a target": dynamics(more="[target]\nr2 = 0.9\nruns = 8\nmax_runs = 100\n"),
+        "a search": dynamics(more='[search]\ntrials = 2\n[search.space]\n"training.batch" = [64]\n'),
+        "arrays": dynamics(more='[arrays]\nboth = ["x", "theta"]\n'),
+        "single precision": dynamics(more='[export]\nprecision = "single"\n'),
+        "a margin": dynamics(("stop = 1\n", "stop = 1\nmargin = 0.1\n")),
+        "a parameter with values": dynamics(("l = { min = 1, max = 2 }", "l = { values = [1, 2] }")),
+        "a parameter that varies during a run": dynamics(("max = 2 }", 'max = 2, variability = "continuous" }')),
+        "a periodic parameter": dynamics(("max = 2 }", "max = 2, periodic = true }")),
+        "a parameter with the name of a start": dynamics(("[outputs]", '"rope.angle_start" = { min = 0, max = 1 }\n[outputs]')),
+        "an input for a parameter": dynamics(("[outputs]", "force = { min = 0, max = 1 }\n[outputs]")),
+        "a method": dynamics(("[sampling]\n", '[sampling]\nmethod = "sobol"\n')),
+        "no test runs": dynamics(("test_runs = 2", "test_runs = 0")),
+        "a system": dynamics(('mechanism = "crane.toml"', 'system = "single-pendulum"')),
+        "states without the structure": dynamics(('structure = "dynamics"\n', "")),
+        "another structure": dynamics(('"dynamics"', '"dynamic"')),
+        "an output that is not there": dynamics(("theta = {}", "omega = {}")),
+        "a motion that is prescribed": dynamics(
+            ('"rail.position" = { min = -5, max = 5 }\n', ""),
+            trolley=[
+                ('rail.position = "x0"\nrail.velocity = 0\n', ""),
+                ("[actuators", '[drivers.push]\ncoordinate = "rail.position"\nmotion = "x0 + time"\n[actuators'),
+            ],
+        ),
+        "a table for a mechanism": {**dynamics(('mechanism = "crane.toml"', 'table = "runs.csv"')), "runs.csv": "run,time,l,x,theta\na,0,1,2,3\n"},
+        "a method and a file": dynamics(("[sampling]\n", '[sampling]\nmethod = "list"\nfile = "points.csv"\nlevels = 3\nfaces = 0.1\n')),
+        "an input's range in the mechanism": dynamics(trolley=[("min = -10.0, max = 10.0", "min = 10.0, max = -10.0")]),
+        "a force that depends on time": dynamics(trolley=[('effort = "force"', 'effort = "force + sin(time)"')]),
+        "mistakes in five sections": dynamics(
+            ("step = 0.05", "step = 0.03"),
+            ('"rail.position" = { min = -5', '"rail.position" = { min = 7'),
+            ("bandwidth = 1.0, excitation = [\"steps\"]", "bandwidth = 100, excitation = []"),
+            ("l = { min = 1", "l = { min = 3"),
+            more="[network]\nhidden = [8]\n",
+        ),
+        "keys that are not known in three sections": dynamics(
+            ("max = 5 }", "max = 5, unit = \"m\" }"), ("bandwidth = 1.0", "frequency = 1.0"), ("test_runs", "tests")
+        ),
+        "names that the mechanism does not know": dynamics(
+            ('"rope.angle"', '"rod.angle"'), ("force = {", "torque = {"), ("l = {", "length = {"), ("theta = {", "omega = {")
+        ),
+        "a study and its mechanism": dynamics(("bandwidth = 1.0", "bandwidth = -1"), trolley=[('mass = "m"', 'mass = "m*"')]),
     },
     "Tables": {
         "no file": {"study.toml": RECORDED},

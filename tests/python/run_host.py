@@ -1,7 +1,7 @@
 """Runs an FMU or SSP in a host and prints every row as JSON, in a process of its own: a host that crashes takes no test along.
 
 Usage: run_host.py HOST REQUEST, the request being the JSON of the arguments of the host's function below.
-A row is the time and the outputs; the first is that of the start time.
+A row is the time and the outputs; the first is that of the start time. `inputs` has the values of an input in each step, by its name.
 """
 
 import ctypes
@@ -18,14 +18,15 @@ def load_ecospy():
     return ecospy
 
 
-def run_ecospy(fmu, start_values, outputs, step, steps):
+def run_ecospy(fmu, start_values, outputs, step, steps, inputs={}):
     """One FMU."""
     ecospy = load_ecospy()
     with ecospy.EcosSimulationStructure() as structure:
         structure.add_model("fmu", fmu)
         structure.add_parameter_set("start", {f"fmu::{name}": value for name, value in start_values.items()})
         with ecospy.EcosSimulation(structure=structure, step_size=step) as simulation:
-            return step_ecospy(simulation, "start", [f"fmu::{output}" for output in outputs], steps)
+            inputs = {f"fmu::{name}": values for name, values in inputs.items()}
+            return step_ecospy(simulation, "start", [f"fmu::{output}" for output in outputs], steps, inputs)
 
 
 def run_ecospy_ssp(ssp, outputs, step, steps):
@@ -34,24 +35,27 @@ def run_ecospy_ssp(ssp, outputs, step, steps):
         return step_ecospy(simulation, None, outputs, steps)
 
 
-def step_ecospy(simulation, parameter_set, outputs, steps):
+def step_ecospy(simulation, parameter_set, outputs, steps, inputs={}):
     """Everything is initialized before the first step; the time is added up step by step."""
     assert simulation.init(parameter_set=parameter_set)
     rows = []
     for index in range(steps + 1):
         rows.append([simulation.get_time(), *(simulation.get_real(output) for output in outputs)])
         if index < steps:
+            for name, values in inputs.items():
+                simulation.set_real(name, values[index])
             simulation.step()
     simulation.terminate()
     return rows
 
 
-def run_libcosimpy(fmu, start_values, outputs, step, steps):
+def run_libcosimpy(fmu, start_values, outputs, step, steps, inputs={}):
     """Initializes with the first step; the outputs before it come from an observer. Times are whole nanoseconds."""
     from fmpy import read_model_description
     from libcosimpy.CosimEnums import CosimVariableType
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimManipulator import CosimManipulator
     from libcosimpy.CosimObserver import CosimObserver
     from libcosimpy.CosimSlave import CosimLocalSlave
 
@@ -67,6 +71,13 @@ def run_libcosimpy(fmu, start_values, outputs, step, steps):
     execution.add_observer(observer)
     for output in outputs:
         assert observer.start_time_series(slave, references[output], CosimVariableType.REAL)
+    if inputs:
+        manipulator = CosimManipulator.create_override()
+        execution.add_manipulator(manipulator)
+        for index in range(steps):
+            values = [values[index] for values in inputs.values()]
+            assert manipulator.slave_real_values(slave, [references[name] for name in inputs], values)
+            assert execution.step()
     assert execution.simulate_until(nanoseconds * steps)
     columns = []
     for output in outputs:

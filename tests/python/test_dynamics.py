@@ -1,0 +1,346 @@
+"""Surrogates with states: a crane that a motor pushes, in fmpy, against scipy's solution of its equations."""
+
+import json
+import os
+import re
+import subprocess
+from ctypes import c_double, c_int, c_uint32
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copy
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import METAFMU, OTHER_THREADS, ROOT, changed, fmu_of, metafmu
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.simulation import instantiate_fmu
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+from test_hosts import run_fmutool, run_python_host
+
+STOP, STEP = 5.0, 0.05
+ROWS = np.linspace(0.0, STOP, 101)
+PARAMETERS = {"l": 1.3, "m": 0.8, "b": 0.7}
+STARTS = {
+    "rail.position_start": 0.4,
+    "rope.angle_start": 0.5,
+    "rail.velocity_start": -0.3,
+    "rope.angular_velocity_start": 0.6,
+}
+STATES = [name.removesuffix("_start") for name in STARTS]
+OUTPUTS = ["x", "theta"]
+KINDS = [(version, interface) for version in (2, 3) for interface in ("CoSimulation", "ModelExchange")]
+# in N, at the ends of ten equal parts of the run
+FORCES = np.array([2.0, -7.0, 8.0, 3.0, -4.0, -9.0, 5.0, 6.0, -2.0, 7.0, -6.0])
+KNOTS = np.linspace(0.0, STOP, FORCES.size)
+
+
+@dataclass
+class Crane:
+    study: Path
+    folder: Path
+
+    def fmu(self, version):
+        return fmu_of(self.folder, "crane", version)
+
+
+def build(folder, **environment):
+    """The example's crane with a few short runs."""
+    folder.mkdir(parents=True)
+    study = changed("dynamics/crane-study.toml", ("stop = 60.0", f"stop = {STOP}"), ("test_runs = 20", "test_runs = 4"))
+    (folder / "crane-study.toml").write_text(study)
+    copy(ROOT / "examples" / "dynamics" / "crane.toml", folder)
+    crane = Crane(folder / "crane-study.toml", folder / "out")
+    command = [METAFMU, "build", crane.study, "--out", crane.folder, "--fmi", "both"]
+    subprocess.run(command, check=True, capture_output=True, env=os.environ | environment)
+    return crane
+
+
+@pytest.fixture(scope="module")
+def crane(tmp_path_factory):
+    """Tests write nothing into its folder."""
+    return build(tmp_path_factory.mktemp("dynamics") / "crane")
+
+
+def solution(force, knots=ROWS):
+    """The states at the rows, by scipy; `force` of a time and the knot before it, smooth between two knots."""
+    l, m, b = PARAMETERS.values()
+
+    def derivative(t, state, knot):
+        _, theta, v, omega = state
+        masses = [[2 + m, m * l * np.cos(theta)], [np.cos(theta), l]]
+        forces = [force(t, knot) - b * v + m * l * omega**2 * np.sin(theta), -9.81 * np.sin(theta)]
+        return [v, omega, *np.linalg.solve(masses, forces)]
+
+    rows = [list(STARTS.values())]
+    for start, end in zip(knots[:-1], knots[1:]):
+        times = ROWS[(ROWS > start + 1e-9) & (ROWS < end + 1e-9)].clip(max=end)
+        run = solve_ivp(derivative, (start, end), rows[-1], "DOP853", times, rtol=1e-11, atol=1e-12, args=(start,))
+        rows.extend(run.y.T)
+    return np.array(rows)
+
+
+def linear(time, _):
+    return np.interp(time, KNOTS, FORCES)
+
+
+def held_in_steps(_, row):
+    """As fmpy gives a linear input to an FMU for co-simulation: the value at the beginning of each step."""
+    return np.interp(row, KNOTS, FORCES)
+
+
+def held_in_parts(_, knot):
+    """A jump at each knot."""
+    return FORCES[round(knot / KNOTS[1])]
+
+
+@pytest.fixture(scope="module")
+def linear_solution():
+    return solution(linear, KNOTS)
+
+
+@pytest.fixture(scope="module")
+def solution_held_in_steps():
+    return solution(held_in_steps)
+
+
+def signal(*points):
+    return np.array(list(points), dtype=[("time", float), ("force", float)])
+
+
+LINEAR = signal(*zip(KNOTS, FORCES))
+# two points at one time are a jump, an event in model exchange
+JUMPS = signal(*(point for start, end, force in zip(KNOTS, KNOTS[1:], FORCES) for point in ((start, force), (end, force))))
+
+
+def simulate(fmu, interface="CoSimulation", **options):
+    """A run in fmpy, and its states as a table."""
+    options = {"start_values": PARAMETERS | STARTS, "stop_time": STOP, "output_interval": STEP} | options
+    if interface == "ModelExchange":
+        options = {"solver": "CVode", "relative_tolerance": 1e-9} | options
+    result = simulate_fmu(fmu, fmi_type=interface, output=[*STATES, *OUTPUTS, "in_domain"], **options)
+    states = np.column_stack([result[state] for state in STATES])
+    return result, states
+
+
+class Running:
+    """An FMU that fmpy has loaded and initialized, to be called function by function."""
+
+    def __init__(self, fmu, interface, folder):
+        self.description = read_model_description(fmu)
+        self.is_fmi3 = self.description.fmiVersion.startswith("3")
+        self.references = {variable.name: variable.valueReference for variable in self.description.modelVariables}
+        self.fmu = instantiate_fmu(extract(fmu, folder), self.description, interface)
+        if not self.is_fmi3:
+            self.fmu.setupExperiment(startTime=0.0)
+        for name, value in (PARAMETERS | STARTS).items():
+            self.set(name, value)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        if interface == "ModelExchange":
+            self.fmu.enterContinuousTimeMode()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+    def set(self, name, value):
+        (self.fmu.setFloat64 if self.is_fmi3 else self.fmu.setReal)([self.references[name]], [value])
+
+    def get(self, names):
+        get = self.fmu.getFloat64 if self.is_fmi3 else self.fmu.getReal
+        return list(get([self.references[name] for name in names]))
+
+    def set_slope(self, slope):
+        """The first derivative of the force, which FMI 2.0 has; fmpy's own way needs nine inputs."""
+        reference = (c_uint32 * 1)(self.references["force"])
+        self.fmu.fmi2SetRealInputDerivatives(self.fmu.component, reference, 1, (c_int * 1)(1), (c_double * 1)(slope))
+
+    def step(self, row):
+        """A communication step with the force that fmpy would hold, and the states after it."""
+        self.set("force", linear(ROWS[row], None))
+        self.fmu.doStep(currentCommunicationPoint=ROWS[row], communicationStepSize=ROWS[row + 1] - ROWS[row])
+        return self.get(STATES)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_co_simulation_with_a_driven_input_is_the_solution(crane, version, solution_held_in_steps):
+    result, states = simulate(crane.fmu(version), input=LINEAR)
+    np.testing.assert_allclose(states, solution_held_in_steps, rtol=0, atol=1e-7)
+    assert result["in_domain"].all()
+    for output, state in zip(OUTPUTS, STATES):
+        np.testing.assert_allclose(result[output], result[state], rtol=0, atol=1e-12)
+
+
+def test_co_simulation_with_the_inputs_derivative_follows_a_linear_input(crane, linear_solution, tmp_path):
+    with Running(crane.fmu(2), "CoSimulation", tmp_path) as running:
+        rows = [running.get(STATES)]
+        for row, time in enumerate(ROWS[:-1]):
+            part = min(int((time + 1e-9) / KNOTS[1]), KNOTS.size - 2)
+            running.set_slope((FORCES[part + 1] - FORCES[part]) / KNOTS[1])
+            rows.append(running.step(row))
+    np.testing.assert_allclose(rows, linear_solution, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_with_jumps_of_the_input_is_the_solution(crane, version):
+    """fmpy's CVode holds an input between events: it is given jumps, each an event."""
+    result, states = simulate(crane.fmu(version), "ModelExchange", input=JUMPS)
+    # events are rows too
+    _, rows = np.unique(np.round(result["time"], 9), return_index=True)
+    np.testing.assert_allclose(states[rows], solution(held_in_parts, KNOTS), rtol=0, atol=1e-5)
+    assert result["in_domain"].all()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_with_a_linear_input_is_the_solution(crane, version, linear_solution, tmp_path):
+    """scipy integrates the FMU's derivatives, with the input of each instant."""
+    with Running(crane.fmu(version), "ModelExchange", tmp_path) as running:
+        names = [f"der({state})" for state in STATES]
+
+        def derivative(time, states):
+            running.fmu.setTime(time)
+            running.fmu.setContinuousStates((c_double * 4)(*states), 4)
+            running.set("force", linear(time, None))
+            return running.get(names)
+
+        rows = [running.get(STATES)]
+        for start, end in zip(KNOTS[:-1], KNOTS[1:]):
+            rows.append(solve_ivp(derivative, (start, end), rows[-1], "DOP853", rtol=1e-10, atol=1e-11).y[:, -1])
+    every = round(KNOTS[1] / STEP)
+    np.testing.assert_allclose(rows, linear_solution[::every], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_tolerance_makes_co_simulation_more_exact(crane, version, solution_held_in_steps):
+    def largest(**options):
+        return np.max(np.abs(simulate(crane.fmu(version), input=LINEAR, **options)[1] - solution_held_in_steps))
+
+    plain, exact = largest(), largest(relative_tolerance=1e-10)
+    assert exact < 1e-9 and exact < 0.1 * plain, (plain, exact)
+
+
+@pytest.mark.parametrize(("host", "version"), [("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3)])
+def test_another_host_drives_it_as_fmpy_does(crane, host, version):
+    steps = ROWS.size - 1
+    request = {
+        "fmu": str(crane.fmu(version)),
+        "start_values": PARAMETERS | STARTS,
+        "inputs": {"force": [linear(time, None) for time in ROWS[:-1]]},
+        "outputs": STATES,
+        "step": STEP,
+        "steps": steps,
+    }
+    # the first row is not the start's in libcosimpy, if it goes step by step
+    times, *states = run_python_host(host, request)[1:].T
+    result, expected = simulate(crane.fmu(version), input=LINEAR)
+    np.testing.assert_allclose(times, result["time"][1:], rtol=0, atol=1e-9)
+    # ecospy adds up the times of its steps
+    np.testing.assert_allclose(np.transpose(states), expected[1:], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmutool_finds_no_problem(crane, version):
+    result = run_fmutool(crane.fmu(version))
+    report = result.stdout + result.stderr
+    assert result.returncode == 0 and "ERROR" not in report and "WARNING" not in report, report
+
+
+@pytest.mark.parametrize("version,interface", KINDS)
+def test_the_start_parameters_are_what_the_states_begin_with(crane, version, interface):
+    """Also where none is set: those of the mechanism file."""
+    given, states = simulate(crane.fmu(version), interface, stop_time=STEP)
+    assert list(states[0]) == list(STARTS.values())
+    assert [given[output][0] for output in OUTPUTS] == [0.4, 0.5]
+    _, states = simulate(crane.fmu(version), interface, stop_time=STEP, start_values={})
+    assert list(states[0]) == [0.0, 0.3, 0.0, 0.0]
+    for name, value in STARTS.items():
+        _, states = simulate(crane.fmu(version), interface, stop_time=STEP, start_values={name: value})
+        expected = {"rail.position": 0.0, "rope.angle": 0.3, "rail.velocity": 0.0, "rope.angular_velocity": 0.0}
+        assert list(states[0]) == list((expected | {name.removesuffix("_start"): value}).values())
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_saved_state_goes_on_to_the_same_bits(crane, version, tmp_path):
+    """Set back in the instance, and as bytes in another one that has gone elsewhere."""
+    with Running(crane.fmu(version), "CoSimulation", tmp_path / "one") as running:
+        state_of = running.fmu.getFMUState if running.is_fmi3 else running.fmu.getFMUstate
+        set_state = running.fmu.setFMUState if running.is_fmi3 else running.fmu.setFMUstate
+        free = running.fmu.freeFMUState if running.is_fmi3 else running.fmu.freeFMUstate
+        serialize = running.fmu.serializeFMUState if running.is_fmi3 else running.fmu.serializeFMUstate
+        for row in range(40):
+            before = running.step(row)
+        saved = state_of()
+        content = serialize(saved)
+        expected = [running.step(row) for row in range(40, 80)]
+        set_state(saved)
+        assert running.get(STATES) == before
+        assert [running.step(row) for row in range(40, 80)] == expected
+        free(saved)
+    with Running(crane.fmu(version), "CoSimulation", tmp_path / "other") as running:
+        deserialize = running.fmu.deserializeFMUState if running.is_fmi3 else running.fmu.deSerializeFMUstate
+        set_state = running.fmu.setFMUState if running.is_fmi3 else running.fmu.setFMUstate
+        for row in range(5):
+            running.step(row)
+        set_state(deserialize(content))
+        assert running.get(STATES) == before
+        assert [running.step(row) for row in range(40, 80)] == expected
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_validation_has_no_finding(crane, version):
+    assert validate_fmu(crane.fmu(version)) == []
+    report = json.loads(metafmu("validate", crane.fmu(version), "--json").stdout)
+    assert report["problems"] == []
+
+
+def test_the_same_study_gives_the_same_bytes_whatever_the_number_of_threads(crane, tmp_path):
+    content = lambda crane: {
+        path.name: path.read_bytes() for path in crane.folder.iterdir() if path.suffix in (".fmu", ".safetensors", ".csv")
+    }
+    expected = content(crane)
+    assert {"crane.fmu", "crane-fmi3.fmu", "crane.safetensors", "test.csv", "train.csv"} <= set(expected)
+    assert content(build(tmp_path / "again")) == expected
+    assert content(build(tmp_path / "threads", **OTHER_THREADS)) == expected
+
+
+def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
+    copy(ROOT / "examples" / "dynamics" / "crane.toml", tmp_path)
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("new", "crane-study", "--mechanism", "crane.toml", "--structure", "dynamics")
+    assert result.returncode == 0, result.stderr
+    study = tmp_path / "crane-study.toml"
+    text = study.read_text()
+    assert "\nstop = 10.0 " in text and "\ntest_runs = 20 " in text
+    study.write_text(text.replace("stop = 10.0", "stop = 2.0").replace("test_runs = 20", "test_runs = 2"))
+    result = run("build", "crane-study.toml", "--out", "out")
+    assert result.returncode == 0, result.stderr
+    table = result.stdout.splitlines()
+    (first,) = (number for number, line in enumerate(table) if line.startswith("roll-out "))
+    assert re.match(r"2 s +\d\.\de-\d+ +\d\.\de-\d+ ", table[first + 2]), table
+    horizons = json.loads((tmp_path / "out" / "metrics.json").read_text())["roll_outs"]["horizons"]
+    assert [horizon["seconds"] for horizon in horizons] == pytest.approx([0.32, 2.0])
+    assert all(0 < horizon["median"] < 1e-5 for horizon in horizons), horizons
+
+
+def test_a_mechanism_does_not_get_overwritten_by_the_study_of_its_name(tmp_path):
+    copy(ROOT / "examples" / "dynamics" / "crane.toml", tmp_path)
+    command = [METAFMU, "new", "crane", "--mechanism", "crane.toml", "--structure", "dynamics"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 2 and "crane.toml" in result.stderr, result.stderr
+    assert (tmp_path / "crane.toml").read_text() == (ROOT / "examples" / "dynamics" / "crane.toml").read_text()
+
+
+def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
+    table = pd.read_csv(crane.folder / "test.csv")
+    assert list(table) == ["run", "time", *PARAMETERS, *STARTS, "force", *OUTPUTS]
+    assert table["run"].nunique() == 4 and len(table) == 4 * ROWS.size
+    assert table["force"].between(-10, 10).all() and table.groupby("run")["force"].std().gt(1).all()
+    firsts = table.groupby("run").first()
+    for output, start in zip(OUTPUTS, STARTS):
+        np.testing.assert_allclose(firsts[output], firsts[start], rtol=0, atol=1e-15)
+    assert "crane" in (crane.folder / "report.html").read_text()
