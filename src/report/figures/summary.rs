@@ -22,7 +22,7 @@ pub fn summary(material: &Material) -> Section {
         states => {
             let parameters = evaluated.test.parameters.len() - states;
             (
-                format!("{states} states, {} inputs and {parameters} parameters", evaluated.test.inputs.len()),
+                format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len()),
                 "configurations",
             )
         }
@@ -59,7 +59,7 @@ pub fn summary(material: &Material) -> Section {
             Role::Input if !evaluated.surrogate.states().is_empty() => "input",
             Role::Input | Role::Parameter(_) => "parameter",
         };
-        (&input.name, kind, input.min, input.max, &input.unit, input_description(input))
+        (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))
     });
     let outputs = evaluated.surrogate.outputs().iter();
     let outputs = outputs.map(|o| (&o.name, "output", o.min, o.max, &o.unit, o.description.clone()));
