@@ -8,6 +8,9 @@ use nalgebra::DVector;
 /// Coordinates, then parameters.
 pub(super) type Point = Vec<f64>;
 
+/// A length that is one: less is rounding, in m.
+const SHORTEST: f64 = 1e-9;
+
 /// A mechanism whose equations are asked for in a region.
 pub(super) struct Labels<'a> {
     mechanism: &'a Mechanism,
@@ -107,16 +110,17 @@ impl<'a> Labels<'a> {
             group.fill(if scale > 0.0 { scale } else { 1.0 });
             begin += count;
         }
-        // all lengths are measured by the longest; an angle without its turns may be nothing but rounding
+        // other forces are differences: where there are none, rounding is left of the potential's
+        let (potential, forces) = (largest[n * (n + 1) / 2], n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + n);
+        largest[forces].iter_mut().for_each(|scale| *scale = scale.max(1e-3 * potential));
+        // all lengths are measured by the longest; of a position without what moves along with a coordinate rounding may be left
         let positions = &self.outputs.positions;
         let lengths = positions.iter().zip(&largest[begin..]).filter(|(position, _)| !position.is_angle());
-        let longest = lengths.fold(0.0f64, |longest, (_, length)| longest.max(*length));
+        let ranges = self.region.coordinates.iter().zip(&self.is_angle).filter(|(_, is_angle)| !**is_angle);
+        let longest = ranges.map(|(range, _)| range.max - range.min).fold(SHORTEST, f64::max);
+        let longest = lengths.fold(longest, |longest, (_, length)| longest.max(*length));
         for (position, scale) in positions.iter().zip(&mut largest[begin..]) {
-            *scale = match position.is_angle() {
-                true => scale.max(1.0),
-                false if longest > 0.0 => longest,
-                false => 1.0,
-            };
+            *scale = if position.is_angle() { scale.max(1.0) } else { longest };
         }
         largest
     }
@@ -149,6 +153,13 @@ impl<'a> Labels<'a> {
         let is_finite = found.iter().chain(&linear).all(|value| value.is_finite());
         if !is_finite || (&found - &linear).amax() > 1e-9 * (found.amax() + linear.amax() + terms.force.amax()) {
             return Err(explain("the forces are not linear in the velocities".into()));
+        }
+        let inputs: Vec<f64> = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
+        let together = &terms.force - &linear + &terms.input_map * DVector::from_column_slice(&inputs);
+        let found = reduced.force(&terms, &rates, &inputs);
+        let is_finite = found.iter().all(|value| value.is_finite());
+        if !is_finite || (&found - &together).amax() > 1e-9 * (found.amax() + together.amax() + terms.force.amax()) {
+            return Err(explain("a force is a product of an input and a velocity, expected a sum".into()));
         }
         for row in 0..n {
             functions.extend(columns.iter().map(|column| column[row]));

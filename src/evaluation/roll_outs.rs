@@ -43,7 +43,7 @@ const DIVERGED: f64 = 0.1;
 /// Lengths of a run after which it is to be finite.
 const LENGTHS: usize = 10;
 /// Runs that are rolled out so far.
-const LONG_RUNS: usize = 4;
+const LONG_RUNS: usize = 2;
 
 impl RollOuts {
     /// Measures the predictions of the test runs.

@@ -36,14 +36,24 @@ const TIMED_RUNS: usize = 50;
 /// The network beside the baselines `kinds`, if there is a network: without one its row says why.
 ///
 /// # Errors
-/// [`Error::Io`]; a model that fails has a row that says so.
+/// [`Error::Study`] of a surrogate with states, [`Error::Io`]; a model that fails has a row that says so.
 pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
+    refuse_states(project)?;
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
         Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
         Err(error) => Network { content_digest: None, row: row(NETWORK, Status::Failed, error.to_string()) },
     };
     stage(project, kinds, network, train, test)
+}
+
+/// There are no baselines of a surrogate with states.
+pub(super) fn refuse_states(project: &Project) -> Result<()> {
+    if !project.study.has_states() {
+        return Ok(());
+    }
+    let message = "baselines are functions of parameters and time, expected the structure \"response\"";
+    Err(project.study.refusal("structure", message))
 }
 
 /// Does the task on stdin and writes its answer to stdout: what a process with the argument [`FIT_BASELINE`] does.

@@ -1,6 +1,6 @@
 //! Packages the surrogate, or a baseline, as FMUs.
 
-use super::{prepare::baseline_rows, project::Project};
+use super::{compare, prepare::baseline_rows, project::Project};
 use crate::{
     Error, Result, acceptance,
     baseline::{BaselineKind, Fitted, choose_rows},
@@ -106,6 +106,7 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
 /// # Errors
 /// [`Error::Baseline`] if it cannot be fitted or exported, [`Error::Stale`] if there are no runs of this study, [`Error::Io`].
 pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Result<Vec<Written>> {
+    compare::refuse_states(project)?;
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;

@@ -73,7 +73,7 @@ impl Driven {
         }
         let coordinates: Vec<String> = study.states.keys().cloned().collect();
         let names: Vec<&str> = coordinates.iter().map(String::as_str).collect();
-        let start = match mechanism.reduced(values, &names) {
+        let start: Vec<f64> = match mechanism.reduced(values, &names) {
             Ok(reduced) => reduced.start().0.iter().chain(reduced.start().1).copied().collect(),
             Err(message) => {
                 let key = names.iter().find(|name| message.contains(**name));
