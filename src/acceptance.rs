@@ -2,7 +2,7 @@
 
 use crate::{
     baseline::{Comparison, ModelRow, Status, comparison::NETWORK},
-    evaluation::{Accuracy, OutputMetrics},
+    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts},
     study::{AcceptOptions, Study},
 };
 use metafmu_runtime::{Output, Surrogate};
@@ -18,9 +18,12 @@ pub fn problems(
 ) -> Vec<String> {
     let baselines: Vec<&ModelRow> = comparison.map_or(Vec::new(), |comparison| of_build(study, comparison));
     let outputs = surrogate.outputs().iter().filter_map(|output| Some((output, accuracy.outputs.get(&output.name)?)));
+    // of a motion that is chaotic nothing is explained in the end: what counts is a sixth of the runs' length
+    let is_motion = accuracy.roll_outs.is_some();
+    let off_course = accuracy.roll_outs.as_ref().and_then(|roll_outs| strayed(&study.accept, roll_outs, runs));
     let of_output = |(output, metrics): (&Output, &OutputMetrics)| {
         [
-            unexplained(&study.accept, metrics, runs),
+            unexplained(&study.accept, metrics, runs).filter(|_| !is_motion),
             missed(study, metrics, runs),
             beaten(&study.accept, output, metrics, &baselines),
             far_off(&study.accept, metrics),
@@ -30,7 +33,7 @@ pub fn problems(
         .map(|problem| format!("{}: {problem}", output.name))
         .collect::<Vec<String>>()
     };
-    outputs.flat_map(of_output).collect()
+    off_course.into_iter().chain(outputs.flat_map(of_output)).collect()
 }
 
 fn of_build<'a>(study: &Study, comparison: &'a Comparison) -> Vec<&'a ModelRow> {
@@ -43,6 +46,18 @@ fn unexplained(options: &AcceptOptions, metrics: &OutputMetrics, runs: &str) -> 
     let r2 = metrics.r2.filter(|&r2| r2 < options.r2)?;
     let mean = if r2 < 0.0 { ": its mean would be better" } else { "" };
     Some(format!("R² {} on the {runs}, expected at least {} (accept.r2){mean}", short(r2), options.r2))
+}
+
+/// The relative error `e` of the median run is an R² of `1 - e²`.
+fn strayed(options: &AcceptOptions, roll_outs: &RollOuts, runs: &str) -> Option<String> {
+    let Horizon { seconds, median, sensitivity: [sensitivity, _], .. } = roll_outs.horizons.first()?;
+    let r2 = 1.0 - median * median;
+    if r2 >= options.r2 {
+        return None;
+    }
+    let (r2, least) = (short(r2.max(f64::MIN)), options.r2);
+    let chaos = if *sensitivity > 1e-3 { ": the motion is chaotic, a shorter `time.stop` can be judged" } else { "" };
+    Some(format!("R² {r2} in the median of the {runs} up to {seconds} s, expected at least {least} (accept.r2){chaos}"))
 }
 
 /// A target was met on few runs: what is left unexplained on others may be off by half, but not by more.

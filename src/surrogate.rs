@@ -214,7 +214,7 @@ pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
 }
 
 /// The text about an input, with what its limits and its variability do not tell.
-pub fn input_description(input: &Input) -> String {
+pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     let Input { description, role, min, max, encoding, .. } = input;
     let values = match encoding {
         Encoding::Plain => None,
@@ -224,7 +224,9 @@ pub fn input_description(input: &Input) -> String {
         }
         Encoding::Periodic => Some(format!("any number: values that differ by {} are the same", max - min)),
     };
-    let change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable)).then(|| {
+    let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
+    // what has states follows every change
+    let change = (may_change && surrogate.states().is_empty()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()
     });
     let more: Vec<String> = values.into_iter().chain(change).collect();

@@ -171,8 +171,8 @@ pub enum Error {
     },
     /// A surrogate that is not written as C source code.
     #[error(
-        "source code is written of a single network only: one for each instant (`network.structure = \"fixed\"`) would be \
-         hundreds of times as long, and other models have no C code yet"
+        "source code is written of a single network or of equations of motion only: one network for each instant \
+         (`network.structure = \"fixed\"`) would be hundreds of times as long, and other models have no C code yet"
     )]
     NoSources,
     /// A baseline that could not be fitted or cannot be exported.
@@ -182,15 +182,6 @@ pub enum Error {
         model: &'static str,
         /// Why not.
         problem: String,
-    },
-    /// Source code that is not written for such a parameter.
-    #[error(
-        "source code is written of plain parameters only: `{parameter}` has `values` or is `periodic`, and the C code has no \
-         one-hot columns, sine or cosine of inputs"
-    )]
-    NoEncodedSources {
-        /// The first such parameter.
-        parameter: String,
     },
     /// A library that cannot go into an FMU.
     #[error("{}: {problem}", path.display())]

@@ -116,8 +116,9 @@ fn divergence(run: &Run, found: &[f64], width: usize) -> f64 {
         let deviations = deviations(&truth);
         let deviation = (deviations.iter().map(|value| value * value).sum::<f64>() / truth.len().max(1) as f64).sqrt();
         let rows = truth.iter().zip(found.iter().skip(column).step_by(width));
-        // written so that what is not a number has diverged
-        let first = rows.zip(run.times.iter()).find(|((a, b), _)| !((*a - *b).abs() <= DIVERGED * deviation));
+        // what is not a number has diverged
+        let follows = |(a, b): (&f64, &f64)| (a - b).abs() <= DIVERGED * deviation;
+        let first = rows.zip(run.times.iter()).find(|((a, b), _)| !follows((*a, *b)));
         first.map_or(f64::INFINITY, |(_, time)| *time)
     };
     (0..width).map(of).fold(f64::INFINITY, f64::min)

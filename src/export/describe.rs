@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    BuiltIn, DomainPolicy, Encoding, Input, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Quantity, Role,
-    State, Surrogate, Variable,
+    BuiltIn, DomainPolicy, Encoding, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Quantity, Role, State,
+    Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -99,7 +99,7 @@ fn variable(
     fmi_version: FmiVersion,
 ) -> ScalarVariable {
     let Described { description, what: (causality, variability, initial), kind, dimensions } = match variable.quantity {
-        Quantity::Input(index) => input(&surrogate.inputs()[index], fmi_version),
+        Quantity::Input(index) => input(surrogate, index, fmi_version),
         Quantity::Output(index) => output(&surrogate.outputs()[index]),
         Quantity::State(index) => state(&surrogate.states()[index]),
         Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
@@ -136,7 +136,8 @@ impl Described {
     }
 }
 
-fn input(input: &Input, fmi_version: FmiVersion) -> Described {
+fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Described {
+    let input = &surrogate.inputs()[index];
     let what = match input.role {
         Role::Parameter(metafmu_runtime::Variability::Fixed) | Role::Start => {
             (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
@@ -162,7 +163,7 @@ fn input(input: &Input, fmi_version: FmiVersion) -> Described {
         start: (input.role != Role::Time).then_some(input.start),
         ..Real::default()
     };
-    Described::scalar(&input_description(input), what, VariableType::Real(real))
+    Described::scalar(&input_description(input, surrogate), what, VariableType::Real(real))
 }
 
 /// Its value at the start is a parameter, so it is calculated.

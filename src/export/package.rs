@@ -100,7 +100,8 @@ fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
     let ExportOptions { author, copyright, license, .. } = contents.about.clone();
     let mut description = ModelDescription::of_surrogate(surrogate, contents.version);
     if contents.sources && contents.version == FmiVersion::V2 {
-        let files: Vec<String> = sources::compiled(contents.version).into_iter().map(str::to_owned).collect();
+        let files: Vec<String> =
+            sources::compiled(surrogate, contents.version).into_iter().map(str::to_owned).collect();
         let of_model_exchange = description.model_exchange.as_mut().map(|offered| &mut offered.interface);
         let of_co_simulation = description.co_simulation.as_mut().map(|offered| &mut offered.interface);
         for interface in of_model_exchange.into_iter().chain(of_co_simulation) {

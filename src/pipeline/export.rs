@@ -10,7 +10,7 @@ use crate::{
     files,
     fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
-    study::{FmiChoice, ParameterOptions, Structure},
+    study::{FmiChoice, Structure},
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -54,15 +54,10 @@ impl Plan {
     /// Finds the libraries, so that one that is missing is found before the work and not after it.
     ///
     /// # Errors
-    /// [`Error::NoSources`], [`Error::NoEncodedSources`], [`Error::Io`] of a library, the error of an unknown platform.
+    /// [`Error::NoSources`], [`Error::Io`] of a library, the error of an unknown platform.
     pub fn new(project: &Project, options: &ExportOptions) -> Result<Self> {
         if options.sources && project.study.network.structure == Structure::Fixed {
             return Err(Error::NoSources);
-        }
-        let encoded = |parameter: &ParameterOptions| !parameter.encoding().is_plain();
-        let encoded = project.study.parameters.iter().find(|(_, parameter)| encoded(parameter));
-        if let Some((name, _)) = encoded.filter(|_| options.sources) {
-            return Err(Error::NoEncodedSources { parameter: name.clone() });
         }
         let choice = options.fmi.unwrap_or(project.study.export.fmi);
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));

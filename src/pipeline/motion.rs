@@ -33,7 +33,7 @@ pub struct MotionRecord {
 }
 
 /// Change of the outputs by halving the solver's step that is small enough, relative to their ranges.
-const SOLVER_ERROR: f64 = 1e-7;
+const SOLVER_ERROR: f64 = 1e-8;
 /// The solver's step is divided so often at most.
 const MOST_HALVINGS: u32 = 8;
 /// Rows of a run that the solver's step is chosen by.

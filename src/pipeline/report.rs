@@ -2,6 +2,7 @@
 
 use super::{
     compare::seconds_per_row,
+    motion::MotionRecord,
     project::{Project, SamplesRecord},
     train::TrainingRecord,
 };
@@ -105,6 +106,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(Method::Sobol) => "Sobol sequence",
         Some(Method::Halton) => "Halton sequence",
         Some(Method::List) => "list of points",
+        None if study.has_states() => "random starts, parameters and inputs",
         None => "as recorded",
     };
     let SamplesRecord { train_runs, train_rows, test_runs, test_rows, sample_seconds, .. } = samples;
@@ -116,8 +118,20 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         stopped,
         train_seconds,
         added_runs,
+        motion,
         ..
     } = training;
+    let how = match motion {
+        None => {
+            format!(
+                "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
+            )
+        }
+        Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }) => format!(
+            "{rows} configurations, least squares; harmonics up to {harmonics}, powers up to {powers}, {equations} products in the \
+             equations and {positions} in positions, error {error:.1e} at unseen configurations; solver steps of {solver_step} s"
+        ),
+    };
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
     [
@@ -126,12 +140,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         ("Training runs", format!("{train_runs}, {train_rows} rows{added}")),
         ("Test runs", format!("{test_runs}, {test_rows} rows")),
         ("Sampling took", format!("{sample_seconds:.2} s")),
-        (
-            "Training",
-            format!(
-                "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
-            ),
-        ),
+        ("Training", how),
         ("Training took", format!("{train_seconds:.1} s")),
     ]
     .map(|(name, value)| (name.to_owned(), value))

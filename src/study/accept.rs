@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AcceptOptions {
-    /// Smallest R² of an output, below 1; at 0 it is as good as its mean.
+    /// Smallest R² of an output, below 1; at 0 it is as good as its mean. Of the structure "dynamics" that of the median run up to a sixth
+    /// of the runs' length.
     #[schemars(extend("exclusiveMaximum" = 1))]
     pub r2: f64,
     /// Largest root mean square error of an output, in multiples of that of the best baseline of the build, at least 1 or `inf`.

@@ -75,7 +75,7 @@ pub(super) fn problems(inputs: &IndexMap<String, InputOptions>) -> Problems {
             }
         }
         if let Some(bandwidth) = bandwidth {
-            problems.expect_positive(&format!("{key}.bandwidth"), *bandwidth);
+            problems.expect_positive(format!("{key}.bandwidth"), *bandwidth);
         }
         if excitation.as_ref().is_some_and(Vec::is_empty) {
             problems.add(format!("{key}.excitation"), "no kind of signal, expected at least one");

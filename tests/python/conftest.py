@@ -7,12 +7,15 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
+from fmpy.build import build_platform_binary
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +44,19 @@ CASES = [
 def fmu_of(folder, name, version):
     """The FMU of a study or baseline in a folder of results."""
     return folder / (f"{name}-fmi3.fmu" if int(version) == 3 else f"{name}.fmu")
+
+
+def compiled_from_sources(packed, monkeypatch):
+    """The unpacked folder of an FMU with a library of its own sources and nothing else it could read."""
+    # fmpy calls the cmake that was installed beside it
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    unpacked = Path(fmpy.extract(str(packed)))
+    # the weights are compiled in: neither library nor model file is needed
+    shutil.rmtree(unpacked / "binaries")
+    shutil.rmtree(unpacked / "resources")
+    build_platform_binary(unpacked, all_warnings=True)
+    return unpacked
+
 
 
 @dataclass

@@ -2,12 +2,13 @@
 
 import json
 import re
+import shutil
 from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ALL_EPOCHS, ANY, changed, fmu_of, metafmu
+from conftest import ALL_EPOCHS, ANY, changed, compiled_from_sources, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from safetensors import safe_open
@@ -147,10 +148,21 @@ def test_a_baseline_takes_the_same_columns_in_the_fmu_as_when_it_was_measured(st
         assert found == pytest.approx(measured["outputs"][output]["mse"], rel=1e-9)
 
 
-def test_source_code_is_refused(study, built):
-    refused = metafmu("export", built.with_suffix(".toml"), "--out", built, "--sources", check=False)
-    says = "source code is written of "
-    assert refused.returncode == 2 and says in refused.stderr, refused.stderr
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_sources_compute_what_the_library_does(built, tmp_path, monkeypatch, version):
+    if built.name == "fixed":
+        pytest.skip("has no sources, see test_structures.py")
+    folder = shutil.copytree(built, tmp_path / "out")
+    metafmu("export", built.with_suffix(".toml"), "--out", folder, "--sources", "--fmi", version)
+    packed = fmu_of(folder, "study", version)
+    unpacked = compiled_from_sources(packed, monkeypatch)
+    for mass, angle in [(0.1, 0.4), (0.6, 9.0)]:
+        found, expected = (
+            simulate_fmu(str(fmu), start_values={"m": mass, "theta0": angle}, stop_time=0.5, output_interval=0.02)
+            for fmu in (unpacked, packed)
+        )
+        for name in expected.dtype.names:
+            np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
 
 
 def test_recorded_runs_must_have_listed_values(tmp_path):

@@ -1,35 +1,52 @@
 """The FMU compiled from its own C sources gives the results of the library inside."""
 
-import os
 import shutil
-import sys
-from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from conftest import fmu_of, metafmu
-from fmpy.build import build_platform_binary
+from conftest import compiled_from_sources, fmu_of, metafmu
 from fmpy.validation import validate_fmu
 
 
 @pytest.mark.parametrize("version", ["2", "3"])
 def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
-    # fmpy calls the cmake that was installed beside it
-    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
     metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", version)
     packed = str(fmu_of(folder, "single-pendulum", version))
     assert validate_fmu(packed) == []
-    unpacked = Path(fmpy.extract(packed))
-    # the weights are compiled in: neither library nor model file is needed
-    shutil.rmtree(unpacked / "binaries")
-    shutil.rmtree(unpacked / "resources")
-    build_platform_binary(unpacked, all_warnings=True)
+    unpacked = compiled_from_sources(packed, monkeypatch)
     for interface in ["CoSimulation", "ModelExchange"]:
         found, expected = (
             fmpy.simulate_fmu(fmu, fmi_type=interface, stop_time=1, step_size=0.01, output_interval=0.01)
             for fmu in (str(unpacked), packed)
         )
+        for name in expected.dtype.names:
+            np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def crane(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("crane")
+    metafmu("build", "examples/dynamics/crane-study.toml", "--out", folder)
+    return folder
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_equations_of_motion_are_integrated_by_the_sources(crane, tmp_path, monkeypatch, version):
+    folder = shutil.copytree(crane, tmp_path / "out")
+    metafmu("export", "examples/dynamics/crane-study.toml", "--out", folder, "--sources", "--fmi", version)
+    packed = str(fmu_of(folder, "crane", version))
+    assert validate_fmu(packed) == []
+    unpacked = compiled_from_sources(packed, monkeypatch)
+    force = np.array([(0.0, 2.0), (1.0, -3.0), (2.0, 4.0)], dtype=[("time", float), ("force", float)])
+    for interface in ["CoSimulation", "ModelExchange"]:
+        found, expected = (
+            fmpy.simulate_fmu(
+                fmu, fmi_type=interface, stop_time=2, step_size=0.01, output_interval=0.01, input=force, start_values={"l": 1.3}
+            )
+            for fmu in (str(unpacked), packed)
+        )
+        assert np.ptp(expected["theta"]) > 0.1
         for name in expected.dtype.names:
             np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)

@@ -125,7 +125,7 @@ def test_the_model_card_says_what_it_is_and_source_code_is_refused(study, fixed)
         card = archive.read("documentation/index.html").decode()
     assert f"48 tanh nodes in each of {INSTANTS} networks" in card
     refused = metafmu("export", study, "--out", fixed[0], "--sources", check=False)
-    assert refused.returncode == 2 and "source code is written of a single network only" in refused.stderr
+    assert refused.returncode == 2 and "one network for each instant" in refused.stderr
 
 
 def test_recorded_runs_with_other_times_are_refused(tmp_path):

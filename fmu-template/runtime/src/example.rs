@@ -232,8 +232,10 @@ pub fn crane() -> Surrogate {
         ..surrogate().metadata().clone()
     };
     let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
-    let dictionary = |functions: usize, terms: &[([i16; 3], &[(usize, f64)])]| {
-        let term = |&(exponents, values): &([i16; 3], &[(usize, f64)])| {
+    // exponents, and coefficients by function
+    type Product<'a> = ([i16; 3], &'a [(usize, f64)]);
+    let dictionary = |functions: usize, terms: &[Product]| {
+        let term = |&(exponents, values): &Product| {
             let mut coefficients = vec![0.0; functions];
             values.iter().for_each(|(index, value)| coefficients[*index] = *value);
             Term { exponents: exponents.to_vec(), coefficients }

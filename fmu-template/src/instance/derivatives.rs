@@ -98,9 +98,13 @@ impl Instance {
             self.columns[0][column] = 1.0;
         }
         self.follow_states()?;
-        let distance = [0, 1].map(|order| self.distance_rate(order));
+        let first = self.distance_rate(0);
         self.update_point();
-        [0, 1].into_iter().for_each(|order| self.zero_clamped(order));
+        self.zero_clamped(0);
+        // along inputs as they are felt
+        self.bend_states();
+        let distance = [first, self.distance_rate(1)];
+        self.zero_clamped(1);
         let [first, second] = &self.columns;
         let [once, twice] = &mut self.sensitivities;
         self.evaluator.along_curve(&self.point, [first, second], [once, twice], &mut self.scratch);
@@ -118,19 +122,25 @@ impl Instance {
         Ok(())
     }
 
-    /// Puts the first and second derivatives of the states into the columns' work space, beside those of the inputs.
+    /// Puts the derivatives of the states into the columns' work space, beside those of the inputs.
     fn follow_states(&mut self) -> Result<(), Refusal> {
-        let (inputs, outputs) = (self.metadata.inputs.len(), self.metadata.outputs.len());
-        if self.metadata.states.is_empty() {
-            return Ok(());
+        if !self.metadata.states.is_empty() {
+            self.update_results()?;
+            let (inputs, outputs) = (self.metadata.inputs.len(), self.metadata.outputs.len());
+            self.columns[0][inputs..].copy_from_slice(&self.results[outputs..]);
         }
-        self.update_results()?;
-        let [velocity, change] = &mut self.columns;
-        velocity[inputs..].copy_from_slice(&self.results[outputs..]);
-        let [derivative, _] = &mut self.sensitivities;
-        self.evaluator.directional(&self.point, velocity, derivative, &mut self.scratch);
-        change[inputs..].copy_from_slice(&derivative[outputs..]);
         Ok(())
+    }
+
+    /// The same for the second derivatives, along the first ones.
+    fn bend_states(&mut self) {
+        if self.metadata.states.is_empty() {
+            return;
+        }
+        let (inputs, outputs) = (self.metadata.inputs.len(), self.metadata.outputs.len());
+        let ([rates, bends], [derivative, _]) = (&mut self.columns, &mut self.sensitivities);
+        self.evaluator.directional(&self.point, rates, derivative, &mut self.scratch);
+        bends[inputs..].copy_from_slice(&derivative[outputs..]);
     }
 
     /// Derivatives of inputs with respect to time at the beginning of the next step. They stay until they are set again.

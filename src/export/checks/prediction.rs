@@ -207,8 +207,9 @@ impl Comparison<'_> {
             for (index, state) in surrogate.states().iter().enumerate() {
                 let (found, expected) = (found[index], self.point[first + index]);
                 let scale = STATE_TOLERANCE * (state.nominal + expected.abs());
-                // written so that it does not hold for NaN
-                if step.is_err() || !((found - expected).abs() <= scale) {
+                // written so that NaN is wrong
+                let right = (found - expected).abs() <= scale;
+                if step.is_err() || !right {
                     let message = format!("state \"{}\" is {found} after a step, expected {expected}", state.name);
                     report.problem(Area::Behaviour, message);
                     return Ok(false);

@@ -1,5 +1,4 @@
 #include "activation.h"
-#include "model.h"
 #include <math.h>
 #include <string.h>
 

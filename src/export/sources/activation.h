@@ -7,7 +7,7 @@
 #ifndef ACTIVATION_H
 #define ACTIVATION_H
 
-#include "model.h"
+#include "network.h"
 
 /* x becomes the activation of x. */
 void activate(Activation activation, double x[BLOCK]);

@@ -1,18 +1,14 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
-use metafmu_runtime::{
-    Activation, BuiltIn, Input, Layer, Metadata, Numbers, Quantity, Role, ScaledNetwork, Scaling, Surrogate,
-    Variability, Variable,
-};
+use super::Kind;
+use metafmu_runtime::{BuiltIn, Encoding, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable};
 use std::fmt::Write;
 
-/// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
-const BLOCK: usize = 16;
+mod motion;
+mod network;
 
-/// External names of the C code but the FMI functions.
+/// External names of the C code that all models have, but the FMI functions.
 const EXTERNAL_NAMES: &[&str] = &[
-    "activate",
-    "activate_series",
     "instance_accept_point",
     "instance_adjoint_derivative",
     "instance_begin",
@@ -25,8 +21,11 @@ const EXTERNAL_NAMES: &[&str] = &[
     "instance_enter_initialization_mode",
     "instance_exit_initialization_mode",
     "instance_get_boolean",
+    "instance_get_derivatives",
     "instance_get_integer",
+    "instance_get_nominals",
     "instance_get_real",
+    "instance_get_states",
     "instance_initialize",
     "instance_lacks",
     "instance_miscounts",
@@ -41,104 +40,98 @@ const EXTERNAL_NAMES: &[&str] = &[
     "instance_set_integer",
     "instance_set_real",
     "instance_set_solver_time",
+    "instance_set_states",
     "instance_set_up_experiment",
     "instance_switch_logging",
     "instance_tell",
-    "network_adjoint",
-    "network_along_curve",
-    "network_directional",
-    "network_evaluate",
-    "snapshot_size",
+    "model_adjoint",
+    "model_along_curve",
+    "model_bounds",
     "model_columns",
     "model_description",
-    "model_hidden",
-    "model_hidden_count",
-    "model_last_bias",
-    "model_last_weights",
-    "model_outputs",
+    "model_directional",
+    "model_evaluate",
     "model_time_step",
     "model_token",
     "model_variables",
+    "snapshot_size",
 ];
+
+/// Of a column that has a range.
+const NO_VALUES: &str = "0, NULL";
 
 const NOTICE: &str = "/* Generated. */\n";
 
-fn padded(count: usize) -> usize {
-    count.next_multiple_of(BLOCK)
+/// What is generated of one kind of model.
+struct Part {
+    /// External names.
+    names: &'static [&'static str],
+    /// Sizes, with a comment each where it takes one.
+    sizes: Vec<(&'static str, usize, &'static str)>,
+    /// A comment at the end of the sizes.
+    remark: String,
+    /// Definitions.
+    data: String,
+}
+
+impl Part {
+    fn of(surrogate: &Surrogate, kind: Kind) -> Self {
+        match kind {
+            Kind::Network(network) => network::part(surrogate, network),
+            Kind::Motion(motion) => motion::part(surrogate, motion),
+        }
+    }
 }
 
 /// `model_data.h`
-pub fn header(surrogate: &Surrogate, network: &ScaledNetwork, identifier: &str) -> String {
-    let (last, hidden) = split(network);
-    let hidden: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
-    let columns = surrogate.inputs().len();
-    let width = hidden.iter().copied().fold(padded(columns), usize::max);
+pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
+    let Part { names, sizes, remark, .. } = Part::of(surrogate, kind);
     let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
+    let (inputs, outputs, states) = (surrogate.inputs().len(), surrogate.outputs().len(), surrogate.states().len());
     let mut text = format!(
         "{NOTICE}#ifndef MODEL_DATA_H\n#define MODEL_DATA_H\n\n\
          /* External names begin with the model identifier, so that several FMUs can be linked into one program. */\n"
     );
-    for name in EXTERNAL_NAMES {
+    for name in EXTERNAL_NAMES.iter().chain(names) {
         push(&mut text, format_args!("#define {name} {identifier}_{name}\n"));
     }
-    push(
-        &mut text,
-        format_args!(
-            "\nenum {{\n    \
-                 VARIABLE_COUNT = {variables},\n    \
-                 POLICY_REFERENCE = {policy}, /* value reference of domain_policy */\n    \
-                 COLUMN_COUNT = {columns},\n    \
-                 OUTPUT_COUNT = {outputs},\n    \
-                 BLOCK = {BLOCK}, /* rows of a layer that are computed together */\n    \
-                 WIDTH = {width}, /* of the widest layer, in whole blocks */\n    \
-                 SLOPE_COUNT = {slopes}, /* of all hidden layers, in whole blocks */\n    \
-                 LAST_COLUMNS = {last_columns} /* of the last layer, in whole blocks */\n\
-             }};\n\n#endif\n",
-            variables = surrogate.variables().len(),
-            policy = policy.expect("every surrogate has it"),
-            outputs = surrogate.outputs().len(),
-            slopes = hidden.iter().sum::<usize>().max(1),
-            last_columns = padded(last.inputs),
-        ),
-    );
+    let common = [
+        ("VARIABLE_COUNT", surrogate.variables().len(), ""),
+        ("POLICY_REFERENCE", policy.expect("every surrogate has it") as usize, "value reference of domain_policy"),
+        ("INPUT_COUNT", inputs, ""),
+        ("STATE_COUNT", states, ""),
+        ("COLUMN_COUNT", inputs + states, "of a point: inputs and states"),
+        ("OUTPUT_COUNT", outputs, ""),
+        ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
+    ];
+    push(&mut text, format_args!("\n#define MODEL_HAS_STATES {}\n\nenum {{\n", u8::from(states > 0)));
+    let count = common.len() + sizes.len();
+    for (index, (name, size, comment)) in common.into_iter().chain(sizes).enumerate() {
+        let comma = if index + 1 < count { "," } else { "" };
+        let comment = if comment.is_empty() { String::new() } else { format!(" /* {comment} */") };
+        push(&mut text, format_args!("    {name} = {size}{comma}{comment}\n"));
+    }
+    push(&mut text, format_args!("}};\n{remark}\n#endif\n"));
     text
 }
 
 /// `model_data.c`
-pub fn source(surrogate: &Surrogate, network: &ScaledNetwork) -> String {
+pub fn source(surrogate: &Surrogate, kind: Kind) -> String {
     let Metadata { name, inputs, outputs, provenance, time_step, .. } = surrogate.metadata();
     let description =
         format!("surrogate `{name}` of {}, {} inputs, {} outputs", provenance.tool, inputs.len(), outputs.len());
     let mut text = format!(
-        "{NOTICE}#include \"model.h\"\n\nconst char model_token[] = {};\nconst char model_description[] = {};\n\
+        "{NOTICE}#include \"evaluator.h\"\n#include <math.h>\n\nconst char model_token[] = {};\nconst char model_description[] = {};\n\
          const double model_time_step = {};\n",
         string(&surrogate.instantiation_token()),
         string(&description),
         real(*time_step),
     );
     variables(&mut text, surrogate);
-    columns(&mut text, surrogate, &network.scaling);
-    let (last, hidden) = split(network);
-    for (index, layer) in hidden.iter().enumerate() {
-        array(&mut text, &format!("static const double weights_{index}"), &in_blocks(layer));
-        array(&mut text, &format!("static const double bias_{index}"), &padded_to_block(&layer.bias));
-    }
-    push(
-        &mut text,
-        format_args!("\nconst size_t model_hidden_count = {};\nconst Layer model_hidden[] = {{\n", hidden.len()),
-    );
-    for (index, layer) in hidden.iter().enumerate() {
-        let blocks = layer.outputs.div_ceil(BLOCK);
-        let (inputs, activation) = (layer.inputs, activation(layer.activation));
-        push(&mut text, format_args!("    {{{inputs}, {blocks}, weights_{index}, bias_{index}, {activation}}},\n"));
-    }
-    if hidden.is_empty() {
-        text.push_str("    {0, 0, NULL, NULL, ACTIVATION_IDENTITY}, /* C has no empty arrays */\n");
-    }
-    text.push_str("};\n");
-    array(&mut text, "const double model_last_weights", &in_rows(last));
-    array(&mut text, "const double model_last_bias", &last.bias.iter().map(flushed).collect::<Vec<_>>());
-    text
+    columns(&mut text, surrogate);
+    let bounds = surrogate.bounds().map_or(vec![0.0; outputs.len()], |bounds| bounds.half_widths.clone());
+    array(&mut text, "const double model_bounds", &bounds);
+    text + &Part::of(surrogate, kind).data
 }
 
 fn variables(text: &mut String, surrogate: &Surrogate) {
@@ -161,31 +154,32 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
     text.push_str("};\n");
 }
 
-fn activation(activation: Activation) -> &'static str {
-    match activation {
-        Activation::Tanh => "ACTIVATION_TANH",
-        Activation::Sigmoid => "ACTIVATION_SIGMOID",
-        Activation::Relu => "ACTIVATION_RELU",
-        Activation::Gelu => "ACTIVATION_GELU",
-        Activation::Silu => "ACTIVATION_SILU",
-        Activation::Sine => "ACTIVATION_SINE",
-        Activation::Identity => "ACTIVATION_IDENTITY",
+fn columns(text: &mut String, surrogate: &Surrogate) {
+    for (index, input) in surrogate.inputs().iter().enumerate() {
+        if let Some(values) = input.nominal_values() {
+            array(text, &format!("static const double values_{index}"), values);
+        }
     }
-}
-
-fn columns(text: &mut String, surrogate: &Surrogate, scaling: &Scaling) {
-    let Scaling { input_mean, input_scale, output_mean, output_scale } = scaling;
     text.push_str("\nconst Column model_columns[COLUMN_COUNT] = {\n");
-    for ((input, &mean), &scale) in surrogate.inputs().iter().zip(input_mean).zip(input_scale) {
-        let Input { name, min, max, start, .. } = input;
-        let numbers = [*start, *min, *max, range_width(*min, *max), mean, scale].map(real).join(", ");
-        push(text, format_args!("    {{{}, {}, {numbers}}},\n", string(name), role(input.role)));
+    let everywhere = [f64::NEG_INFINITY, f64::INFINITY, 1.0];
+    let valid = |[min, max]: [f64; 2]| [min, max, range_width(min, max)];
+    let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64, values: &str| {
+        let [min, max, width] = valid;
+        let numbers = [start, min, max, width, nominal].map(real).join(", ");
+        push(text, format_args!("    {{{}, {role}, {numbers}, {values}}},\n", string(name)));
+    };
+    for (index, Input { name, min, max, start, role, encoding, .. }) in surrogate.inputs().iter().enumerate() {
+        // as in the domain: the state that begins there has a range
+        let is_everywhere = *role == Role::Start || *encoding == Encoding::Periodic;
+        let valid = if is_everywhere { everywhere } else { valid([*min, *max]) };
+        let values = match encoding {
+            Encoding::Nominal(values) => format!("{}, values_{index}", values.len()),
+            Encoding::Plain | Encoding::Periodic => NO_VALUES.into(),
+        };
+        column(name, role_name(*role), *start, valid, 1.0, &values);
     }
-    text.push_str("};\n\nconst Output model_outputs[OUTPUT_COUNT] = {\n");
-    for index in 0..surrogate.outputs().len() {
-        let bound = surrogate.bounds().map_or(0.0, |bounds| bounds.half_widths[index]);
-        let numbers = [output_mean[index], output_scale[index], bound].map(real).join(", ");
-        push(text, format_args!("    {{{numbers}}},\n"));
+    for State { name, range, nominal, .. } in surrogate.states() {
+        column(name, "ROLE_STATE", 0.0, range.map_or(everywhere, valid), *nominal, NO_VALUES);
     }
     text.push_str("};\n");
 }
@@ -195,7 +189,7 @@ fn range_width(min: f64, max: f64) -> f64 {
     [max - min, max.abs()].into_iter().find(|&width| width > 0.0).unwrap_or(1.0)
 }
 
-fn role(role: Role) -> &'static str {
+fn role_name(role: Role) -> &'static str {
     match role {
         Role::Parameter(Variability::Fixed) => "ROLE_FIXED_PARAMETER",
         Role::Parameter(Variability::Tunable) => "ROLE_TUNABLE_PARAMETER",
@@ -203,41 +197,6 @@ fn role(role: Role) -> &'static str {
         Role::Input => "ROLE_INPUT",
         Role::Start => "ROLE_START",
     }
-}
-
-/// The last layer and those before it; a network has at least one layer.
-fn split(ScaledNetwork { layers, .. }: &ScaledNetwork) -> (&Layer, &[Layer]) {
-    (&layers[layers.len() - 1], &layers[..layers.len() - 1])
-}
-
-/// `weights[(block * inputs + column) * BLOCK + row]`
-fn in_blocks(layer: &Layer) -> Vec<f64> {
-    let mut weights = vec![0.0; padded(layer.outputs) * layer.inputs];
-    for (index, value) in layer.weight.iter().enumerate() {
-        let (row, column) = (index / layer.inputs, index % layer.inputs);
-        weights[(row / BLOCK * layer.inputs + column) * BLOCK + row % BLOCK] = flushed(value);
-    }
-    weights
-}
-
-/// Row by row, with the columns padded to whole blocks.
-fn in_rows(layer: &Layer) -> Vec<f64> {
-    let mut weights = vec![0.0; padded(layer.inputs) * layer.outputs];
-    for (index, value) in layer.weight.iter().enumerate() {
-        weights[index / layer.inputs * padded(layer.inputs) + index % layer.inputs] = flushed(value);
-    }
-    weights
-}
-
-fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
-    let mut padded_values: Vec<f64> = numbers.iter().map(flushed).collect();
-    padded_values.resize(padded(numbers.len()), 0.0);
-    padded_values
-}
-
-/// As the evaluator has it: without weights so small that products with them would be denormal.
-fn flushed(value: f64) -> f64 {
-    if value.abs() < 1e-100 { 0.0 } else { value }
 }
 
 fn array(text: &mut String, declaration: &str, values: &[f64]) {
@@ -250,6 +209,9 @@ fn array(text: &mut String, declaration: &str, values: &[f64]) {
 
 /// An exact literal: an integer with a decimal point if it is short, else hexadecimal.
 fn real(value: f64) -> String {
+    if value.is_infinite() {
+        return if value > 0.0 { "HUGE_VAL" } else { "-HUGE_VAL" }.into();
+    }
     if value.fract() == 0.0 && value.abs() < 1e6 {
         return format!("{value:.1}");
     }
@@ -299,6 +261,7 @@ mod tests {
             (-1e300, "-0x1.7e43c8800759cp996"),
             (f64::MIN_POSITIVE / 4.0, "0x0.4p-1022"),
             (f64::MAX, "0x1.fffffffffffffp1023"),
+            (f64::NEG_INFINITY, "-HUGE_VAL"),
         ] {
             assert_eq!(real(value), text);
         }

@@ -120,12 +120,10 @@ Status fmi2SetDebugLogging(void *c, int loggingOn, size_t nCategories, const cha
 Status fmi2SetupExperiment(void *c, int toleranceDefined, double tolerance, double startTime, int stopTimeDefined,
                            double stopTime)
 {
-    (void)toleranceDefined; /* nothing is iterated here */
-    (void)tolerance;
     if (!instance_begin(c, "fmi2SetupExperiment", ANY_INTERFACE | STATE_INSTANTIATED)) {
         return STATUS_ERROR;
     }
-    return instance_set_up_experiment(c, startTime, stopTimeDefined != 0, stopTime);
+    return instance_set_up_experiment(c, toleranceDefined != 0, tolerance, startTime, stopTimeDefined != 0, stopTime);
 }
 
 Status fmi2EnterInitializationMode(void *c)
@@ -365,7 +363,7 @@ Status fmi2GetRealOutputDerivatives(void *c, const uint32_t vr[], size_t nvr, co
     return instance_output_derivatives(c, vr, nvr, order, value);
 }
 
-/* ---- Model exchange: neither states nor events ---- */
+/* ---- Model exchange: no events ---- */
 
 Status fmi2EnterEventMode(void *c)
 {
@@ -417,42 +415,57 @@ Status fmi2SetTime(void *c, double time)
     return instance_set_solver_time(c, time);
 }
 
-static Status none(void *c, const char *function, unsigned allowed, size_t count, const char *argument)
+/* Whether one number for each state is not what the arguments are; the host is told. */
+static bool bad_states(Instance *instance, const double values[], size_t count, const char *argument)
 {
-    if (!instance_begin(c, function, allowed) || instance_miscounts(c, count, 0, argument)) {
-        return STATUS_ERROR;
-    }
-    return STATUS_OK;
+    return instance_miscounts(instance, count, STATE_COUNT, argument) ||
+           instance_lacks(instance, values, count, argument);
 }
 
 Status fmi2SetContinuousStates(void *c, const double x[], size_t nx)
 {
-    (void)x;
-    return none(c, "fmi2SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME, nx, "x");
+    if (!instance_begin(c, "fmi2SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+        bad_states(c, x, nx, "x")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_states(c, x);
 }
 
 Status fmi2GetDerivatives(void *c, double derivatives[], size_t nx)
 {
-    (void)derivatives;
-    return none(c, "fmi2GetDerivatives", GET_STATES, nx, "derivatives");
+    if (!instance_begin(c, "fmi2GetDerivatives", GET_STATES) || bad_states(c, derivatives, nx, "derivatives")) {
+        return STATUS_ERROR;
+    }
+    return instance_get_derivatives(c, derivatives);
 }
 
 Status fmi2GetEventIndicators(void *c, double eventIndicators[], size_t ni)
 {
     (void)eventIndicators;
-    return none(c, "fmi2GetEventIndicators", GET_STATES, ni, "eventIndicators");
+    if (!instance_begin(c, "fmi2GetEventIndicators", GET_STATES) ||
+        instance_miscounts(c, ni, 0, "eventIndicators")) {
+        return STATUS_ERROR;
+    }
+    return STATUS_OK;
 }
 
 Status fmi2GetContinuousStates(void *c, double x[], size_t nx)
 {
-    (void)x;
-    return none(c, "fmi2GetContinuousStates", GET_STATES, nx, "x");
+    if (!instance_begin(c, "fmi2GetContinuousStates", GET_STATES) || bad_states(c, x, nx, "x")) {
+        return STATUS_ERROR;
+    }
+    instance_get_states(c, x);
+    return STATUS_OK;
 }
 
 Status fmi2GetNominalsOfContinuousStates(void *c, double x_nominal[], size_t nx)
 {
-    (void)x_nominal;
-    return none(c, "fmi2GetNominalsOfContinuousStates", GET_STATES | STATE_INSTANTIATED, nx, "x_nominal");
+    if (!instance_begin(c, "fmi2GetNominalsOfContinuousStates", GET_STATES | STATE_INSTANTIATED) ||
+        bad_states(c, x_nominal, nx, "x_nominal")) {
+        return STATUS_ERROR;
+    }
+    instance_get_nominals(x_nominal);
+    return STATUS_OK;
 }
 
 /* ---- Co-simulation: steps are synchronous and always complete ---- */

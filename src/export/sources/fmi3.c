@@ -130,12 +130,11 @@ Status fmi3SetDebugLogging(void *instance, bool loggingOn, size_t nCategories, c
 Status fmi3EnterInitializationMode(void *instance, bool toleranceDefined, double tolerance, double startTime,
                                    bool stopTimeDefined, double stopTime)
 {
-    (void)toleranceDefined; /* nothing is iterated here */
-    (void)tolerance;
     if (!instance_begin(instance, "fmi3EnterInitializationMode", ANY_INTERFACE | STATE_INSTANTIATED)) {
         return STATUS_ERROR;
     }
-    const Status status = instance_set_up_experiment(instance, startTime, stopTimeDefined, stopTime);
+    const Status status = instance_set_up_experiment(instance, toleranceDefined, tolerance, startTime,
+                                                     stopTimeDefined, stopTime);
     if (status == STATUS_ERROR || instance_enter_initialization_mode(instance) != STATUS_OK) {
         return STATUS_ERROR;
     }
@@ -198,7 +197,7 @@ Status fmi3EvaluateDiscreteStates(void *instance)
     return change_state(instance, "fmi3EvaluateDiscreteStates", ANY_INTERFACE | STATE_EVENT, STATE_EVENT);
 }
 
-/* There are neither states nor events. */
+/* There are no events. */
 Status fmi3UpdateDiscreteStates(void *instance, bool *discreteStatesNeedUpdate, bool *terminateSimulation,
                                 bool *nominalsOfContinuousStatesChanged, bool *valuesOfContinuousStatesChanged,
                                 bool *nextEventTimeDefined, double *nextEventTime)
@@ -458,7 +457,7 @@ Status fmi3DeserializeFMUState(void *instance, const uint8_t serializedState[], 
     return STATUS_OK;
 }
 
-/* ---- Model exchange: neither states nor events ---- */
+/* ---- Model exchange: no events ---- */
 
 Status fmi3CompletedIntegratorStep(void *instance, bool noSetFMUStatePriorToCurrentPoint, bool *enterEventMode,
                                    bool *terminateSimulation)
@@ -482,64 +481,80 @@ Status fmi3SetTime(void *instance, double time)
     return instance_set_solver_time(instance, time);
 }
 
-static Status none(Instance *instance, const char *function, unsigned allowed, size_t count, const char *argument)
+/* Whether one number for each state is not what the arguments are; the host is told. */
+static bool bad_states(Instance *instance, const double values[], size_t count, const char *argument)
 {
-    if (!instance_begin(instance, function, allowed) || instance_miscounts(instance, count, 0, argument)) {
-        return STATUS_ERROR;
-    }
-    return STATUS_OK;
+    return instance_miscounts(instance, count, STATE_COUNT, argument) ||
+           instance_lacks(instance, values, count, argument);
 }
 
 Status fmi3SetContinuousStates(void *instance, const double continuousStates[], size_t nContinuousStates)
 {
-    (void)continuousStates;
-    return none(instance, "fmi3SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME, nContinuousStates,
-                "continuousStates");
+    if (!instance_begin(instance, "fmi3SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+        bad_states(instance, continuousStates, nContinuousStates, "continuousStates")) {
+        return STATUS_ERROR;
+    }
+    return instance_set_states(instance, continuousStates);
 }
 
 Status fmi3GetContinuousStateDerivatives(void *instance, double derivatives[], size_t nContinuousStates)
 {
-    (void)derivatives;
-    return none(instance, "fmi3GetContinuousStateDerivatives", GET_STATES, nContinuousStates, "derivatives");
+    if (!instance_begin(instance, "fmi3GetContinuousStateDerivatives", GET_STATES) ||
+        bad_states(instance, derivatives, nContinuousStates, "derivatives")) {
+        return STATUS_ERROR;
+    }
+    return instance_get_derivatives(instance, derivatives);
 }
 
 Status fmi3GetEventIndicators(void *instance, double eventIndicators[], size_t nEventIndicators)
 {
     (void)eventIndicators;
-    return none(instance, "fmi3GetEventIndicators", GET_STATES, nEventIndicators, "eventIndicators");
+    if (!instance_begin(instance, "fmi3GetEventIndicators", GET_STATES) ||
+        instance_miscounts(instance, nEventIndicators, 0, "eventIndicators")) {
+        return STATUS_ERROR;
+    }
+    return STATUS_OK;
 }
 
 Status fmi3GetContinuousStates(void *instance, double continuousStates[], size_t nContinuousStates)
 {
-    (void)continuousStates;
-    return none(instance, "fmi3GetContinuousStates", GET_STATES, nContinuousStates, "continuousStates");
+    if (!instance_begin(instance, "fmi3GetContinuousStates", GET_STATES) ||
+        bad_states(instance, continuousStates, nContinuousStates, "continuousStates")) {
+        return STATUS_ERROR;
+    }
+    instance_get_states(instance, continuousStates);
+    return STATUS_OK;
 }
 
 Status fmi3GetNominalsOfContinuousStates(void *instance, double nominals[], size_t nContinuousStates)
 {
-    (void)nominals;
-    return none(instance, "fmi3GetNominalsOfContinuousStates", GET_STATES, nContinuousStates, "nominals");
+    if (!instance_begin(instance, "fmi3GetNominalsOfContinuousStates", GET_STATES) ||
+        bad_states(instance, nominals, nContinuousStates, "nominals")) {
+        return STATUS_ERROR;
+    }
+    instance_get_nominals(nominals);
+    return STATUS_OK;
 }
 
-static Status count_none(Instance *instance, const char *function, size_t *count, const char *argument)
+static Status get_count(Instance *instance, const char *function, size_t value, size_t *count, const char *argument)
 {
     /* the standard: Instantiated and Event Mode; hosts ask where they please */
     if (!instance_begin(instance, function, GET_STATES | STATE_INSTANTIATED) ||
         instance_lacks(instance, count, 1, argument)) {
         return STATUS_ERROR;
     }
-    *count = 0;
+    *count = value;
     return STATUS_OK;
 }
 
 Status fmi3GetNumberOfEventIndicators(void *instance, size_t *nEventIndicators)
 {
-    return count_none(instance, "fmi3GetNumberOfEventIndicators", nEventIndicators, "nEventIndicators");
+    return get_count(instance, "fmi3GetNumberOfEventIndicators", 0, nEventIndicators, "nEventIndicators");
 }
 
 Status fmi3GetNumberOfContinuousStates(void *instance, size_t *nContinuousStates)
 {
-    return count_none(instance, "fmi3GetNumberOfContinuousStates", nContinuousStates, "nContinuousStates");
+    return get_count(instance, "fmi3GetNumberOfContinuousStates", STATE_COUNT, nContinuousStates, "nContinuousStates");
 }
 
 /* ---- Co-simulation ---- */

@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+enum { VALID_SIZE = 200 }; /* of the words for what is valid */
+
 /* How far outside its range a value may be, relative to the range: hosts add up step sizes and convert units. */
 static const double TOLERANCE = 1e-9;
 
@@ -42,8 +44,8 @@ bool instance_initialize(Instance *instance, const char *function, const char *n
 {
     instance->function = function;
     instance->now.fingerprint = fingerprint(instance);
-    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        instance->outputs[i] = 0.0;
+    for (size_t i = 0; i < RESULT_COUNT; i++) {
+        instance->results[i] = 0.0;
     }
     instance_reset(instance);
     if (!is_blank(name) && token != NULL && strcmp(token, model_token) == 0) {
@@ -250,8 +252,8 @@ static Status not_finite(Instance *instance, const char *argument, double value)
 /* Distance of a value from the column's range, zero inside, relative to the width of the range. */
 static double column_distance(const Column *column, double value)
 {
-    const double below = (column->min - value) / column->width;
-    const double above = (value - column->max) / column->width;
+    const double below = (least_valid(column, value) - value) / column->width;
+    const double above = (value - largest_valid(column, value)) / column->width;
     const double outside = below > above ? below : above;
     return outside > 0.0 ? outside : 0.0;
 }
@@ -259,7 +261,7 @@ static double column_distance(const Column *column, double value)
 static bool contains(const Column *column, double value)
 {
     const double margin = TOLERANCE * column->width;
-    return column->min - margin <= value && value <= column->max + margin;
+    return least_valid(column, value) - margin <= value && value <= largest_valid(column, value) + margin;
 }
 
 /* The column that is farthest from its range. */
@@ -281,7 +283,8 @@ static size_t farthest_column(const Instance *instance)
 static double distance(const Instance *instance)
 {
     const size_t farthest = farthest_column(instance);
-    return column_distance(&model_columns[farthest], instance->now.columns[farthest]);
+    const double found = column_distance(&model_columns[farthest], instance->now.columns[farthest]);
+    return found < DBL_MAX ? found : DBL_MAX;
 }
 
 /* Derivative of domain_distance with respect to the farthest column, zero inside the domain. */
@@ -289,10 +292,10 @@ static double distance_slope(const Instance *instance, size_t farthest)
 {
     const Column *column = &model_columns[farthest];
     const double value = instance->now.columns[farthest];
-    if (value > column->max) {
+    if (value > largest_valid(column, value)) {
         return 1.0 / column->width;
     }
-    return value < column->min ? -1.0 / column->width : 0.0;
+    return value < least_valid(column, value) ? -1.0 / column->width : 0.0;
 }
 
 /*
@@ -324,6 +327,20 @@ static bool is_changed(const Instance *instance, size_t index, double value, dou
            !(value == instance->now.at_start[index]) && time_is_column();
 }
 
+/* Where the value of a column may be, in words. A list that is too long for a message is cut short. */
+static void describe_valid(const Column *column, char text[VALID_SIZE])
+{
+    if (column->value_count == 0) {
+        snprintf(text, VALID_SIZE, "the training range from %.10g to %.10g", column->min, column->max);
+        return;
+    }
+    size_t length = (size_t)snprintf(text, VALID_SIZE, "the trained values");
+    for (size_t i = 0; i < column->value_count && length < VALID_SIZE; i++) {
+        const char *comma = i == 0 ? "" : ",";
+        length += (size_t)snprintf(text + length, VALID_SIZE - length, "%s %.10g", comma, column->values[i]);
+    }
+}
+
 /* Whether the policy forbids a value at this time; the host is told, with the given status. */
 static bool forbids(Instance *instance, size_t index, double value, double time, Policy policy, Status status)
 {
@@ -332,10 +349,10 @@ static bool forbids(Instance *instance, size_t index, double value, double time,
         return false;
     }
     if (!contains(column, value)) {
-        instance_tell(instance, status,
-                      "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g, and domain_policy "
-                      "is 2",
-                      column->name, value, column->min, column->max);
+        char valid[VALID_SIZE];
+        describe_valid(column, valid);
+        instance_tell(instance, status, "variable `%.100s`: %.10g is outside %s, and domain_policy is 2", column->name,
+                      value, valid);
         return true;
     }
     if (is_changed(instance, index, value, time)) {
@@ -400,28 +417,142 @@ static Status note_value(Instance *instance, size_t index)
         return status;
     }
     instance->warned[index] = true;
+    char valid[VALID_SIZE];
+    describe_valid(column, valid);
     return instance_tell(instance, STATUS_WARNING,
-                         "variable `%.100s`: %.10g is outside the training range from %.10g to %.10g; outputs are "
-                         "extrapolated (said once a run)",
-                         column->name, value, column->min, column->max);
+                         "variable `%.100s`: %.10g is outside %s; outputs are %s (said once a run)", column->name,
+                         value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
 }
 
-static double clamp(const Column *column, double value)
-{
-    if (value < column->min) {
-        return column->min;
-    }
-    return value > column->max ? column->max : value;
-}
-
+/* States are what they are: they cannot be clamped. */
 static void update_point(Instance *instance)
 {
-    const bool clamped = instance->now.policy == POLICY_CLAMP;
+    const bool clamp = instance->now.policy == POLICY_CLAMP;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         const double value = instance->now.columns[i];
-        instance->point[i] = clamped ? clamp(&model_columns[i], value) : value;
+        instance->point[i] = clamp && i < INPUT_COUNT ? clamped(&model_columns[i], value) : value;
     }
 }
+
+static Status update_results(Instance *instance)
+{
+    if (!instance->stale) {
+        return STATUS_OK;
+    }
+    update_point(instance);
+    model_evaluate(&instance->scratch, instance->point, instance->results);
+    /* a network is finite at every finite point */
+    for (size_t i = 0; STATE_COUNT > 0 && i < RESULT_COUNT; i++) {
+        if (!is_finite(instance->results[i])) {
+            /* not an error: a solver tries again with a smaller step */
+            return instance_tell(instance, STATUS_DISCARD,
+                                 "the equations of motion have no solution in this state: the mass matrix is not "
+                                 "positive definite");
+        }
+    }
+    instance->stale = false;
+    return STATUS_OK;
+}
+
+/* ---- Continuous states ---- */
+
+/* Whether the states are what the parameters for the start say. */
+static bool is_starting(const Instance *instance)
+{
+    return instance->now.state == STATE_INSTANTIATED || instance->now.state == STATE_INITIALIZATION;
+}
+
+/* Gives the states their values at the start, until the simulation runs. */
+static void initialize_states(Instance *instance)
+{
+    double *columns = instance->now.columns;
+    size_t state = INPUT_COUNT;
+    for (size_t i = 0; i < INPUT_COUNT && state < COLUMN_COUNT && is_starting(instance); i++) {
+        if (model_columns[i].role == ROLE_START) {
+            columns[state++] = columns[i];
+        }
+    }
+}
+
+void instance_get_states(const Instance *instance, double states[])
+{
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        states[i - INPUT_COUNT] = instance->now.columns[i];
+    }
+}
+
+void instance_get_nominals(double nominals[])
+{
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        nominals[i - INPUT_COUNT] = model_columns[i].nominal;
+    }
+}
+
+Status instance_get_derivatives(Instance *instance, double derivatives[])
+{
+    const Status status = update_results(instance);
+    for (size_t i = OUTPUT_COUNT; status == STATUS_OK && i < RESULT_COUNT; i++) {
+        derivatives[i - OUTPUT_COUNT] = instance->results[i];
+    }
+    return status;
+}
+
+Status instance_set_states(Instance *instance, const double states[])
+{
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        if (!is_finite(states[i - INPUT_COUNT])) {
+            return not_finite(instance, "continuousStates", states[i - INPUT_COUNT]);
+        }
+    }
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        instance->now.columns[i] = states[i - INPUT_COUNT];
+    }
+    instance->stale = true;
+    return STATUS_OK;
+}
+
+#if MODEL_HAS_STATES
+/* Integrates the states over a communication step that ends at `time`. Inputs follow the derivatives the host gave. */
+static Status advance_states(Instance *instance, double time, double size, Status refused)
+{
+    Snapshot *now = &instance->now;
+    const Step step = {size, now->tolerance, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
+    double after = 0.0;
+    Status status = STATUS_OK;
+    update_point(instance);
+    /* whatever comes of it, the point is not that of the results any more */
+    instance->stale = true;
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            instance->point[i] = now->columns[i]; /* clamped on the way */
+        }
+    }
+    switch (motion_advance(&instance->scratch, instance->point, &step, &after)) {
+    case ADVANCE_DONE:
+        break;
+    case ADVANCE_NOT_FINITE:
+        return instance_tell(instance, refused,
+                             "the states are not finite %.10g s after the beginning of the step: the motion diverges, "
+                             "or reaches a configuration where the mass matrix is not positive definite",
+                             after);
+    case ADVANCE_TOO_MANY_STEPS:
+        return instance_tell(instance, STATUS_ERROR,
+                             "communication step size %.10g takes more than ten million steps of the solver, expected "
+                             "a smaller one",
+                             size);
+    }
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        if (forbids(instance, i, instance->point[i], time, now->policy, refused)) {
+            return refused;
+        }
+    }
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        now->columns[i] = instance->point[i];
+        status = worse(status, note_value(instance, i));
+    }
+    return status;
+}
+#endif
 
 /* ---- Time ---- */
 
@@ -511,7 +642,14 @@ Status instance_do_step(Instance *instance, double from, double size)
     if (forbids_inputs(instance, size, refused)) {
         return refused;
     }
-    const Status status = set_time(instance, time, refused);
+    Status status = STATUS_OK;
+#if MODEL_HAS_STATES
+    status = advance_states(instance, time, size, refused);
+    if (status > STATUS_WARNING) {
+        return status;
+    }
+#endif
+    status = worse(status, set_time(instance, time, refused));
     return status > STATUS_WARNING ? status : worse(status, advance_inputs(instance, size));
 }
 
@@ -552,10 +690,14 @@ static void forget_warnings(Instance *instance)
     instance->warned_of_change = false;
 }
 
-Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop)
+Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, double tolerance, double start,
+                                  bool stop_defined, double stop)
 {
     if (!is_finite(start)) {
         return not_finite(instance, "startTime", start);
+    }
+    if (tolerance_defined && !(is_finite(tolerance) && tolerance >= 0.0)) {
+        return instance_tell(instance, STATUS_ERROR, "tolerance %g is negative or not finite", tolerance);
     }
     if (stop_defined && !is_finite(stop)) {
         return not_finite(instance, "stopTime", stop);
@@ -570,6 +712,7 @@ Status instance_set_up_experiment(Instance *instance, double start, bool stop_de
         instance->now.start_time = start;
         instance->now.stop_time = stop_defined ? stop : HUGE_VAL;
         instance->now.earliest = start;
+        instance->now.tolerance = tolerance_defined ? tolerance : 0.0;
     }
     return status;
 }
@@ -614,26 +757,19 @@ void instance_reset(Instance *instance)
     now->start_time = 0.0;
     now->stop_time = HUGE_VAL;
     now->earliest = 0.0;
+    now->tolerance = 0.0;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         now->columns[i] = model_columns[i].role == ROLE_TIME ? 0.0 : model_columns[i].start;
-        now->at_start[i] = now->columns[i];
         now->rates[0][i] = 0.0;
         now->rates[1][i] = 0.0;
     }
+    initialize_states(instance);
+    memcpy(now->at_start, now->columns, sizeof now->at_start);
     forget_warnings(instance);
     instance->stale = true;
 }
 
 /* ---- Values ---- */
-
-static void update_outputs(Instance *instance)
-{
-    if (instance->stale) {
-        update_point(instance);
-        network_evaluate(&instance->scratch, instance->point, instance->outputs);
-        instance->stale = false;
-    }
-}
 
 static bool exists(const Instance *instance, uint32_t reference)
 {
@@ -694,27 +830,49 @@ static Status cannot_set(Instance *instance, uint32_t reference, const char *wha
                          variable_name(reference), (unsigned long)reference, what);
 }
 
+/* Where a variable's value is among outputs and, after them, derivatives of states, if it is one. */
+static bool is_result(const Instance *instance, uint32_t reference, size_t *result)
+{
+    if (is(instance, reference, VARIABLE_OUTPUT)) {
+        *result = model_variables[reference].index;
+        return true;
+    }
+    if (is(instance, reference, VARIABLE_DERIVATIVE)) {
+        *result = OUTPUT_COUNT + model_variables[reference].index;
+        return true;
+    }
+    return false;
+}
+
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
 {
     for (size_t i = 0; i < count; i++) {
         const uint32_t reference = references[i];
+        size_t result = 0;
         if (!exists(instance, reference)) {
             return wrong_reference(instance, reference, "real");
         }
         const Variable *variable = &model_variables[reference];
+        if (is_result(instance, reference, &result)) {
+            const Status status = update_results(instance);
+            if (status != STATUS_OK) {
+                return status;
+            }
+            values[i] = instance->results[result];
+            continue;
+        }
         switch (variable->quantity) {
         case VARIABLE_COLUMN:
             values[i] = instance->now.columns[variable->index];
             break;
-        case VARIABLE_OUTPUT:
-            update_outputs(instance);
-            values[i] = instance->outputs[variable->index];
+        case VARIABLE_STATE:
+            values[i] = instance->now.columns[INPUT_COUNT + variable->index];
             break;
         case VARIABLE_DOMAIN_DISTANCE:
             values[i] = distance(instance);
             break;
         case VARIABLE_BOUND:
-            values[i] = model_outputs[variable->index].bound;
+            values[i] = model_bounds[variable->index];
             break;
         case VARIABLE_TIME:
             values[i] = instance->now.time;
@@ -773,9 +931,15 @@ static Status check_parameter(Instance *instance, uint32_t reference, bool tunab
 
 static Status check_settable(Instance *instance, uint32_t reference)
 {
-    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE) ||
-        is(instance, reference, VARIABLE_BOUND)) {
+    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DERIVATIVE) ||
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND)) {
         return cannot_set(instance, reference, "an output");
+    }
+    if (is(instance, reference, VARIABLE_STATE)) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "variable `%.100s` (value reference %lu) is a state and cannot be set: set parameter "
+                             "`%.100s_start` before the simulation runs, or the continuous states in model exchange",
+                             variable_name(reference), (unsigned long)reference, variable_name(reference));
     }
     if (is(instance, reference, VARIABLE_TIME)) {
         return cannot_set(instance, reference, "the independent variable");
@@ -820,6 +984,7 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
             status = worse(status, note_value(instance, references[i]));
         }
     }
+    initialize_states(instance);
     return status;
 }
 
@@ -868,8 +1033,9 @@ Status instance_count_dependencies(Instance *instance, uint32_t reference, size_
     if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
+    size_t result = 0;
     *count = 0;
-    if (is(instance, reference, VARIABLE_OUTPUT)) {
+    if (is_result(instance, reference, &result)) {
         *count = COLUMN_COUNT + 1;
     } else if (is(instance, reference, VARIABLE_IN_DOMAIN) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
         *count = COLUMN_COUNT;
@@ -879,33 +1045,62 @@ Status instance_count_dependencies(Instance *instance, uint32_t reference, size_
 
 uint32_t instance_dependency(size_t i)
 {
-    return i < COLUMN_COUNT ? (uint32_t)i : POLICY_REFERENCE;
+    if (i >= COLUMN_COUNT) {
+        return POLICY_REFERENCE;
+    }
+    /* outputs are between the inputs and the states */
+    return (uint32_t)(i < INPUT_COUNT ? i : OUTPUT_COUNT + i);
 }
 
 /* ---- Derivatives ---- */
 
+/* The column of a known; none, which is COLUMN_COUNT, for a time that is no column. */
+static size_t column_of(const Instance *instance, uint32_t known)
+{
+    const size_t index = model_variables[known].index;
+    if (is(instance, known, VARIABLE_STATE)) {
+        return INPUT_COUNT + index;
+    }
+    if (!is(instance, known, VARIABLE_COLUMN)) {
+        return COLUMN_COUNT;
+    }
+    if (model_columns[index].role != ROLE_START || !is_starting(instance)) {
+        return index;
+    }
+    /* until the simulation runs, the states are what these parameters are */
+    size_t state = INPUT_COUNT;
+    for (size_t i = 0; i < index; i++) {
+        state += model_columns[i].role == ROLE_START ? 1 : 0;
+    }
+    return state;
+}
+
 static Status check_known(Instance *instance, uint32_t reference)
 {
-    if (is(instance, reference, VARIABLE_COLUMN) || is(instance, reference, VARIABLE_TIME)) {
+    if (is(instance, reference, VARIABLE_COLUMN) || is(instance, reference, VARIABLE_STATE) ||
+        is(instance, reference, VARIABLE_TIME)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
     return instance_tell(instance, STATUS_ERROR,
-                         "variable `%.100s` (value reference %lu) is no input, parameter or time",
+                         "variable `%.100s` (value reference %lu) is no input, parameter, state or time",
                          variable_name(reference), (unsigned long)reference);
 }
 
 static Status check_unknown(Instance *instance, uint32_t reference)
 {
-    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
+    size_t result = 0;
+    if (is_result(instance, reference, &result) || is(instance, reference, VARIABLE_STATE) ||
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
         return wrong_reference(instance, reference, "");
     }
-    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is no continuous output",
+    return instance_tell(instance, STATUS_ERROR,
+                         "variable `%.100s` (value reference %lu) is no continuous output, state or derivative of one",
                          variable_name(reference), (unsigned long)reference);
 }
 
@@ -945,28 +1140,43 @@ static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
     }
 }
 
+/* The change of an unknown, given those of the results, the columns and the distance from the domain. */
+static double change_of(const Instance *instance, uint32_t unknown, const double results[RESULT_COUNT],
+                        const double columns[COLUMN_COUNT], double distance_change)
+{
+    size_t result = 0;
+    if (is_result(instance, unknown, &result)) {
+        return results[result];
+    }
+    if (is(instance, unknown, VARIABLE_STATE)) {
+        return columns[INPUT_COUNT + model_variables[unknown].index];
+    }
+    return distance_change;
+}
+
 Status instance_directional_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
                                        const uint32_t knowns[], size_t known_count, const double seed[],
                                        double sensitivity[])
 {
     double direction[COLUMN_COUNT] = {0.0};
-    double derivative[OUTPUT_COUNT];
+    double derivative[RESULT_COUNT];
     const size_t farthest = farthest_column(instance);
     if (check_seed(instance, seed, known_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < known_count; i++) {
-        if (is(instance, knowns[i], VARIABLE_COLUMN)) {
-            direction[knowns[i]] += seed[i];
+        const size_t column = column_of(instance, knowns[i]);
+        if (column < COLUMN_COUNT) {
+            direction[column] += seed[i];
         }
     }
     const double of_distance = distance_slope(instance, farthest) * direction[farthest];
     update_point(instance);
     zero_clamped(instance, direction);
-    network_directional(&instance->scratch, instance->point, direction, derivative);
+    model_directional(&instance->scratch, instance->point, direction, derivative);
     for (size_t i = 0; i < unknown_count; i++) {
-        sensitivity[i] = is(instance, unknowns[i], VARIABLE_OUTPUT) ? derivative[model_variables[unknowns[i]].index] : of_distance;
+        sensitivity[i] = change_of(instance, unknowns[i], derivative, direction, of_distance);
     }
     return STATUS_OK;
 }
@@ -975,7 +1185,8 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
                                    const uint32_t knowns[], size_t known_count, const double seed[],
                                    double sensitivity[])
 {
-    double weights[OUTPUT_COUNT] = {0.0};
+    double weights[RESULT_COUNT] = {0.0};
+    double direct[COLUMN_COUNT] = {0.0}; /* of the states themselves */
     double weight_of_distance = 0.0;
     double gradient[COLUMN_COUNT];
     const size_t farthest = farthest_column(instance);
@@ -984,18 +1195,25 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < unknown_count; i++) {
-        if (is(instance, unknowns[i], VARIABLE_OUTPUT)) {
-            weights[model_variables[unknowns[i]].index] += seed[i];
+        size_t result = 0;
+        if (is_result(instance, unknowns[i], &result)) {
+            weights[result] += seed[i];
+        } else if (is(instance, unknowns[i], VARIABLE_STATE)) {
+            direct[column_of(instance, unknowns[i])] += seed[i];
         } else {
             weight_of_distance += seed[i];
         }
     }
     update_point(instance);
-    network_adjoint(&instance->scratch, instance->point, weights, gradient);
+    model_adjoint(&instance->scratch, instance->point, weights, gradient);
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        gradient[i] += direct[i];
+    }
     zero_clamped(instance, gradient);
     gradient[farthest] += distance_slope(instance, farthest) * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
-        sensitivity[i] = is(instance, knowns[i], VARIABLE_COLUMN) ? gradient[knowns[i]] : 0.0;
+        const size_t column = column_of(instance, knowns[i]);
+        sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : 0.0;
     }
     return STATUS_OK;
 }
@@ -1013,7 +1231,7 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
                                    const int32_t orders[], double values[])
 {
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT];
-    double derivatives[DERIVATIVE_ORDERS][OUTPUT_COUNT];
+    double derivatives[DERIVATIVE_ORDERS][RESULT_COUNT];
     double of_distance[DERIVATIVE_ORDERS];
     const size_t farthest = farthest_column(instance);
     for (size_t i = 0; i < count; i++) {
@@ -1026,15 +1244,24 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
         rates[1][i] = instance->now.rates[1][i];
     }
     update_point(instance);
-    for (size_t order = 0; order < DERIVATIVE_ORDERS; order++) {
-        of_distance[order] = distance_slope(instance, farthest) * rates[order][farthest];
-        zero_clamped(instance, rates[order]);
+    if (STATE_COUNT > 0) {
+        const Status status = instance_get_derivatives(instance, rates[0] + INPUT_COUNT);
+        if (status != STATUS_OK) {
+            return status;
+        }
     }
-    network_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
+    of_distance[0] = distance_slope(instance, farthest) * rates[0][farthest];
+    zero_clamped(instance, rates[0]);
+    if (STATE_COUNT > 0) {
+        model_directional(&instance->scratch, instance->point, rates[0], derivatives[0]);
+        memcpy(rates[1] + INPUT_COUNT, derivatives[0] + OUTPUT_COUNT, STATE_COUNT * sizeof(double));
+    }
+    of_distance[1] = distance_slope(instance, farthest) * rates[1][farthest];
+    zero_clamped(instance, rates[1]);
+    model_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
     for (size_t i = 0; i < count; i++) {
         const size_t order = (size_t)orders[i] - 1;
-        const bool output = is(instance, references[i], VARIABLE_OUTPUT);
-        values[i] = output ? derivatives[order][model_variables[references[i]].index] : of_distance[order];
+        values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order]);
     }
     return STATUS_OK;
 }
@@ -1072,20 +1299,20 @@ Status instance_set_input_derivatives(Instance *instance, const uint32_t referen
 
 /*
  * Serialized: magic number with the version of this layout, fingerprint; state, whether the experiment is set up,
- * policy, whether inputs or parameters were changed, a byte each; time, start time, stop time, earliest time, columns,
- * columns at the start, first and second rates; a checksum of all before.
+ * policy, whether inputs or parameters were changed, a byte each; time, start time, stop time, earliest time,
+ * tolerance, columns, columns at the start, first and second rates; a checksum of all before.
  * Numbers have 8 bytes and begin with the lowest.
  */
 enum {
     NUMBER_SIZE = 8,
     MAGIC_SIZE = 8,
     FLAGS_SIZE = 4,
-    NUMBERS = 4 + (2 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
+    NUMBERS = 5 + (2 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
     CHECKED_SIZE = MAGIC_SIZE + NUMBER_SIZE + FLAGS_SIZE + NUMBERS * NUMBER_SIZE,
     SERIALIZED_SIZE = CHECKED_SIZE + NUMBER_SIZE
 };
 
-static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x02";
+static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x03";
 
 size_t snapshot_size(void)
 {
@@ -1176,6 +1403,7 @@ Status instance_serialize(Instance *instance, const Snapshot *from, uint8_t byte
     to = put_reals(to, &from->start_time, 1);
     to = put_reals(to, &from->stop_time, 1);
     to = put_reals(to, &from->earliest, 1);
+    to = put_reals(to, &from->tolerance, 1);
     to = put_reals(to, from->columns, COLUMN_COUNT);
     to = put_reals(to, from->at_start, COLUMN_COUNT);
     to = put_reals(to, from->rates[0], COLUMN_COUNT);
@@ -1227,6 +1455,7 @@ Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t si
     from = take_reals(from, &to->start_time, 1);
     from = take_reals(from, &to->stop_time, 1);
     from = take_reals(from, &to->earliest, 1);
+    from = take_reals(from, &to->tolerance, 1);
     from = take_reals(from, to->columns, COLUMN_COUNT);
     from = take_reals(from, to->at_start, COLUMN_COUNT);
     from = take_reals(from, to->rates[0], COLUMN_COUNT);

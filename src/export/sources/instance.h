@@ -8,7 +8,7 @@
 #ifndef INSTANCE_H
 #define INSTANCE_H
 
-#include "network.h"
+#include "evaluator.h"
 #include <stdbool.h>
 
 /* Status of a call; the numbers of fmi2Status and fmi3Status. */
@@ -55,7 +55,8 @@ typedef struct {
     double start_time; /* s */
     double stop_time;  /* s; infinite if none is defined */
     double earliest;   /* s; where a solver may go back to: the start time or the last event */
-    double columns[COLUMN_COUNT];
+    double tolerance;  /* of the solver inside the FMU; zero for steps of fixed size */
+    double columns[COLUMN_COUNT]; /* inputs, then states */
     double at_start[COLUMN_COUNT]; /* what the columns were when the run began to go on from its start time */
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT]; /* time derivatives of inputs, per s and per s^2 */
 } Snapshot;
@@ -74,9 +75,9 @@ struct Instance {
     bool log_everything;
     const char *function; /* the call at hand, for messages */
     Snapshot now;
-    double point[COLUMN_COUNT]; /* where the network is evaluated: the columns, clamped if that is the policy */
-    double outputs[OUTPUT_COUNT]; /* valid unless stale */
-    bool stale; /* whether something changed since the outputs were computed; they are, when somebody asks */
+    double point[COLUMN_COUNT]; /* where the model is evaluated: inputs, clamped if that is the policy, and states */
+    double results[RESULT_COUNT]; /* outputs, then derivatives of states; valid unless stale */
+    bool stale; /* whether something changed since the results were computed; they are, when somebody asks */
     bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */
     bool warned_of_change;     /* whether it was told that an input or parameter changed */
     Scratch scratch;
@@ -110,7 +111,9 @@ Status instance_no_variables(Instance *instance, const char *type, size_t count)
 
 /* ---- Modes ---- */
 
-Status instance_set_up_experiment(Instance *instance, double start, bool stop_defined, double stop);
+/* The tolerance is that of the solver inside the FMU, if it is to have one. */
+Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, double tolerance, double start,
+                                  bool stop_defined, double stop);
 Status instance_enter_initialization_mode(Instance *instance);
 void instance_exit_initialization_mode(Instance *instance);
 Status instance_enter_event_mode(Instance *instance);
@@ -131,7 +134,7 @@ Status instance_set_boolean(Instance *instance, const uint32_t references[], siz
 
 /* Number of the variables that a variable depends on. */
 Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count);
-/* The i-th of them: all columns, and for the surrogate's outputs the policy. */
+/* The i-th of them: all inputs and states, and for outputs and derivatives of states the policy. */
 uint32_t instance_dependency(size_t i);
 
 /* ---- Time ---- */
@@ -151,9 +154,21 @@ Status instance_set_solver_time(Instance *instance, double time);
 /* Where a solver has completed a step or an event begins: now the time and the inputs count. */
 Status instance_accept_point(Instance *instance);
 
+/* ---- Continuous states: STATE_COUNT values each ---- */
+
+void instance_get_states(const Instance *instance, double states[]);
+void instance_get_nominals(double nominals[]);
+Status instance_get_derivatives(Instance *instance, double derivatives[]);
+
+/* States that a solver tries. */
+Status instance_set_states(Instance *instance, const double states[]);
+
 /* ---- Derivatives ---- */
 
-/* sensitivity = J seed, J the derivatives of the unknowns (outputs) with respect to the knowns (columns). */
+/*
+ * sensitivity = J seed, J the derivatives of the unknowns (outputs, states, their derivatives) with respect to the
+ * knowns (inputs, parameters, states, time).
+ */
 Status instance_directional_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
                                        const uint32_t knowns[], size_t known_count, const double seed[],
                                        double sensitivity[]);

@@ -18,7 +18,7 @@ mod data;
 
 use crate::fmi::FmiVersion;
 use crate::{Error, Result};
-use metafmu_runtime::{Activation, ScaledNetwork, Surrogate};
+use metafmu_runtime::{Activation, Model, Motion, ScaledNetwork, Surrogate};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -28,15 +28,27 @@ const DATA_HEADER: &str = "model_data.h";
 const DATA: &str = "model_data.c";
 
 /// Name and content of the files that do not depend on the surrogate and the version.
-const COMMON: [(&str, &str); 8] = [
-    ("activation.c", include_str!("activation.c")),
-    ("activation.h", include_str!("activation.h")),
+const COMMON: [(&str, &str); 5] = [
+    ("evaluator.h", include_str!("evaluator.h")),
     ("instance.c", include_str!("instance.c")),
     ("instance.h", include_str!("instance.h")),
     ("model.h", include_str!("model.h")),
+    ("README.txt", include_str!("README.txt")),
+];
+
+const NETWORK: [(&str, &str); 4] = [
+    ("activation.c", include_str!("activation.c")),
+    ("activation.h", include_str!("activation.h")),
     ("network.c", include_str!("network.c")),
     ("network.h", include_str!("network.h")),
-    ("README.txt", include_str!("README.txt")),
+];
+
+const MOTION: [(&str, &str); 5] = [
+    ("dictionary.h", include_str!("dictionary.h")),
+    ("equations.h", include_str!("equations.h")),
+    ("jets.h", include_str!("jets.h")),
+    ("motion.c", include_str!("motion.c")),
+    ("motion.h", include_str!("motion.h")),
 ];
 
 const FMI2: [(&str, &str); 2] = [("fmi2.c", include_str!("fmi2.c")), ("fmi2.h", include_str!("fmi2.h"))];
@@ -47,44 +59,52 @@ const FMI3: [(&str, &str); 3] = [
     ("fmi3_absent.c", include_str!("fmi3_absent.c")),
 ];
 
+/// A model that the C code has.
+#[derive(Clone, Copy)]
+enum Kind<'a> {
+    Network(&'a ScaledNetwork),
+    Motion(&'a Motion),
+}
+
 /// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The
 /// same surrogate always gives the same bytes.
 ///
 /// `identifier` is the model identifier of the FMU.
 ///
 /// # Errors
-/// [`Error::NoSources`] if the surrogate is not a single network with a linear last layer, [`Error::NoEncodedSources`] if an input is nominal or periodic.
+/// [`Error::NoSources`] if the surrogate is neither a single network with a linear last layer nor a motion.
 pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
     // the C code has a linear last layer, as all networks trained here
     let is_linear =
         |network: &&ScaledNetwork| network.layers.last().is_some_and(|layer| layer.activation == Activation::Identity);
-    let network = surrogate.network().filter(is_linear).ok_or(Error::NoSources)?;
-    if let Some(input) = surrogate.inputs().iter().find(|input| !input.encoding.is_plain()) {
-        return Err(Error::NoEncodedSources { parameter: input.name.clone() });
-    }
+    let kind = match surrogate.model() {
+        Model::Motion(motion) => Kind::Motion(motion),
+        _ => Kind::Network(surrogate.network().filter(is_linear).ok_or(Error::NoSources)?),
+    };
     let mut files: Vec<(String, Vec<u8>)> =
-        fixed(version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
-    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, network, identifier).into_bytes()));
-    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate, network).into_bytes()));
+        fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
+    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, kind, identifier).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate, kind).into_bytes()));
     if version == FmiVersion::V3 {
-        files.push((format!("{FOLDER}/buildDescription.xml"), build_description(identifier).into_bytes()));
+        let description = build_description(&compiled(surrogate, version), identifier);
+        files.push((format!("{FOLDER}/buildDescription.xml"), description.into_bytes()));
     }
     files.sort();
     Ok(files)
 }
 
 /// Names of the files that are compiled, relative to the `sources/` folder, sorted: the `SourceFiles` of FMI 2.0.
-pub fn compiled(version: FmiVersion) -> Vec<&'static str> {
-    let mut names: Vec<&str> = fixed(version).map(|(name, _)| name).filter(|name| name.ends_with(".c")).collect();
+pub fn compiled(surrogate: &Surrogate, version: FmiVersion) -> Vec<&'static str> {
+    let names = fixed(surrogate, version).map(|(name, _)| name).filter(|name| name.ends_with(".c"));
+    let mut names: Vec<&str> = names.collect();
     names.push(DATA);
     names.sort_unstable();
     names
 }
 
 /// `sources/buildDescription.xml` of FMI 3.0.
-fn build_description(identifier: &str) -> String {
-    let sources: String =
-        compiled(FmiVersion::V3).iter().map(|name| format!("      <SourceFile name=\"{name}\"/>\n")).collect();
+fn build_description(compiled: &[&str], identifier: &str) -> String {
+    let sources: String = compiled.iter().map(|name| format!("      <SourceFile name=\"{name}\"/>\n")).collect();
     // the identifier is one of C and the names are ours: nothing to escape
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
@@ -98,12 +118,16 @@ fn build_description(identifier: &str) -> String {
     )
 }
 
-fn fixed(version: FmiVersion) -> impl Iterator<Item = (&'static str, &'static str)> {
+fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'static str, &'static str)> {
     let adapter: &[_] = match version {
         FmiVersion::V2 => &FMI2,
         FmiVersion::V3 => &FMI3,
     };
-    COMMON.into_iter().chain(adapter.iter().copied())
+    let model: &[_] = match surrogate.model() {
+        Model::Motion(_) => &MOTION,
+        _ => &NETWORK,
+    };
+    COMMON.into_iter().chain(model.iter().copied()).chain(adapter.iter().copied())
 }
 
 #[cfg(test)]

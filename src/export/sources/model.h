@@ -1,6 +1,7 @@
 /*
  * The surrogate as data. model_data.h has the sizes, model_data.c the numbers; both are generated, everything else is
- * the same in every FMU.
+ * the same in every FMU of its kind. What the numbers of a network or of equations of motion mean is in network.h or
+ * motion.h.
  */
 #ifndef MODEL_H
 #define MODEL_H
@@ -14,6 +15,8 @@
 typedef enum {
     VARIABLE_COLUMN,
     VARIABLE_OUTPUT,
+    VARIABLE_STATE,
+    VARIABLE_DERIVATIVE, /* of a state with respect to time */
     VARIABLE_DOMAIN_POLICY,
     VARIABLE_IN_DOMAIN,
     VARIABLE_DOMAIN_DISTANCE,
@@ -26,64 +29,79 @@ typedef enum {
 typedef struct {
     const char *name;
     Quantity quantity;
-    size_t index; /* of the column, or of the output that the bound is of */
+    size_t index; /* of the input, output or state that it is or belongs to */
     bool only_fmi3;
 } Variable;
 
-/* What an input column of the network is to a host. */
-typedef enum { ROLE_FIXED_PARAMETER, ROLE_TUNABLE_PARAMETER, ROLE_TIME, ROLE_INPUT } Role;
+/* What a column is to a host. */
+typedef enum {
+    ROLE_FIXED_PARAMETER,
+    ROLE_TUNABLE_PARAMETER,
+    ROLE_TIME,
+    ROLE_INPUT,
+    ROLE_START, /* a fixed parameter: what a state is until the simulation runs; they are in the order of the states */
+    ROLE_STATE
+} Role;
 
-/* An input column of the network, in the unit that modelDescription.xml gives the variable of that name. */
+/*
+ * A column of a point: an input of the surrogate or, after all inputs, a state. In the unit that modelDescription.xml
+ * gives the variable of that name.
+ */
 typedef struct {
     const char *name;
     Role role;
     double start;
-    double min;   /* training range */
+    double min; /* training range; infinite where every number is as good */
     double max;
-    double width; /* what distances from the range are relative to */
-    double mean;  /* (x - mean) / scale goes into the network */
-    double scale;
+    double width;       /* what distances from the range are relative to */
+    double nominal;     /* of a state: its typical magnitude */
+    size_t value_count; /* if it is not zero, only these values are valid */
+    const double *values;
 } Column;
-
-/* An output column: mean + scale * (what comes out of the network). */
-typedef struct {
-    double mean;
-    double scale;
-    double bound; /* error bound, if there is a variable for it */
-} Output;
-
-typedef enum {
-    ACTIVATION_TANH,
-    ACTIVATION_SIGMOID,
-    ACTIVATION_RELU,
-    ACTIVATION_GELU,
-    ACTIVATION_SILU,
-    ACTIVATION_SINE,
-    ACTIVATION_IDENTITY
-} Activation;
-
-/*
- * A hidden layer, the activation of W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows;
- * weights[(block * inputs + column) * BLOCK + row], so that a product reads them from first to last.
- */
-typedef struct {
-    size_t inputs;
-    size_t blocks;
-    const double *weights;
-    const double *bias;
-    Activation activation;
-} Layer;
 
 extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in FMI 3.0 */
 extern const char model_description[]; /* for the log */
 extern const double model_time_step;   /* s; what hosts are told to step by */
 extern const Variable model_variables[VARIABLE_COUNT];
 extern const Column model_columns[COLUMN_COUNT];
-extern const Output model_outputs[OUTPUT_COUNT];
-extern const size_t model_hidden_count;
-extern const Layer model_hidden[];
-/* The last layer, row by row, with the columns padded with zeros to LAST_COLUMNS. */
-extern const double model_last_weights[OUTPUT_COUNT * LAST_COLUMNS];
-extern const double model_last_bias[OUTPUT_COUNT];
+extern const double model_bounds[OUTPUT_COUNT]; /* error bounds, where there are variables for them */
+
+/* Position of the column's value that is nearest; of two the first. */
+static inline size_t nearest(const Column *column, double x)
+{
+    size_t best = 0;
+    for (size_t i = 1; i < column->value_count; i++) {
+        const double value = column->values[i];
+        const double before = column->values[best];
+        /* by the middle between the two: far away, distances are equal up to rounding */
+        const double middle = before + 0.5 * (value - before);
+        if (value > before ? x > middle : x < middle) {
+            best = i;
+        }
+    }
+    return best;
+}
+
+/* Least and largest of the valid values around this one. */
+static inline double least_valid(const Column *column, double value)
+{
+    return column->value_count > 0 ? column->values[nearest(column, value)] : column->min;
+}
+
+static inline double largest_valid(const Column *column, double value)
+{
+    return column->value_count > 0 ? column->values[nearest(column, value)] : column->max;
+}
+
+/* The nearest valid value. */
+static inline double clamped(const Column *column, double value)
+{
+    const double min = least_valid(column, value);
+    const double max = largest_valid(column, value);
+    if (value < min) {
+        return min;
+    }
+    return value > max ? max : value;
+}
 
 #endif

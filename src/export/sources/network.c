@@ -1,5 +1,8 @@
-#include "network.h"
 #include "activation.h"
+#include "evaluator.h"
+#include <math.h>
+
+static const double TAU = 6.283185307179586476925286766559;
 
 /* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
 enum { GROUP = 4 };
@@ -11,26 +14,102 @@ static void fill(double *values, size_t count, double value)
     }
 }
 
-static void standardise(const double point[COLUMN_COUNT], double z[WIDTH])
+/* Puts what the inputs become at a point into the scratch, and standardised into z. */
+static void standardise(Scratch *scratch, const double point[COLUMN_COUNT], double z[WIDTH])
 {
-    fill(z, WIDTH, 0.0);
+    double *feature = scratch->features;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        z[i] = (point[i] - model_columns[i].mean) / model_columns[i].scale;
+        const Column *column = &model_columns[i];
+        const Turn *turn = &model_turns[i];
+        if (column->value_count > 0) {
+            const size_t hot = nearest(column, point[i]);
+            for (size_t k = 0; k < column->value_count; k++) {
+                *feature++ = k == hot ? 1.0 : 0.0;
+            }
+        } else if (turn->period > 0.0) {
+            /* whole turns are taken off first, so that a period later the columns are the very same */
+            const double turns = (point[i] - turn->start) / turn->period;
+            const double angle = TAU * (turns - floor(turns));
+            *feature++ = sin(angle);
+            *feature++ = cos(angle);
+        } else {
+            *feature++ = point[i];
+        }
+    }
+    fill(z, WIDTH, 0.0);
+    for (size_t i = 0; i < FEATURE_COUNT; i++) {
+        z[i] = (scratch->features[i] - model_input_scaling[i].mean) / model_input_scaling[i].scale;
     }
 }
 
-static void standardise_rates(const double rates[COLUMN_COUNT], double z[WIDTH])
+/* First and second derivatives along a curve of what is in the scratch, standardised; second ones only if z2 is one. */
+static void standardise_rates(const Scratch *scratch, const double rates[COLUMN_COUNT], double z1[WIDTH],
+                              const double *second_rates, double *z2)
 {
-    fill(z, WIDTH, 0.0);
+    size_t feature = 0;
+    fill(z1, WIDTH, 0.0);
+    if (z2 != NULL) {
+        fill(z2, WIDTH, 0.0);
+    }
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        z[i] = rates[i] / model_columns[i].scale;
+        const double bend = z2 == NULL ? 0.0 : second_rates[i];
+        if (model_columns[i].value_count > 0) {
+            feature += model_columns[i].value_count; /* constant nearly everywhere */
+            continue;
+        }
+        if (model_turns[i].period > 0.0) {
+            const double sine = scratch->features[feature];
+            const double cosine = scratch->features[feature + 1];
+            const double rate = TAU / model_turns[i].period * rates[i];
+            const double change = TAU / model_turns[i].period * bend;
+            z1[feature] = cosine * rate;
+            z1[feature + 1] = -sine * rate;
+            if (z2 != NULL) {
+                z2[feature] = cosine * change - sine * rate * rate;
+                z2[feature + 1] = -sine * change - cosine * rate * rate;
+            }
+            feature += 2;
+            continue;
+        }
+        z1[feature] = rates[i];
+        if (z2 != NULL) {
+            z2[feature] = bend;
+        }
+        feature++;
+    }
+    for (size_t i = 0; i < FEATURE_COUNT; i++) {
+        z1[i] /= model_input_scaling[i].scale;
+        if (z2 != NULL) {
+            z2[i] /= model_input_scaling[i].scale;
+        }
+    }
+}
+
+/* Derivatives by the inputs from those by what is in the scratch, standardised. */
+static void by_inputs(const Scratch *scratch, const double *z, double gradient[COLUMN_COUNT])
+{
+    size_t feature = 0;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        if (model_columns[i].value_count > 0) {
+            gradient[i] = 0.0;
+            feature += model_columns[i].value_count;
+            continue;
+        }
+        gradient[i] = z[feature] / model_input_scaling[feature].scale;
+        if (model_turns[i].period > 0.0) {
+            const double by_cosine = z[feature + 1] / model_input_scaling[feature + 1].scale;
+            gradient[i] = TAU / model_turns[i].period *
+                          (scratch->features[feature + 1] * gradient[i] - scratch->features[feature] * by_cosine);
+            feature++;
+        }
+        feature++;
     }
 }
 
 static void rescale(double derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        derivative[i] *= model_outputs[i].scale;
+        derivative[i] *= model_output_scaling[i].scale;
     }
 }
 
@@ -127,11 +206,11 @@ static void last_transposed(const double y[OUTPUT_COUNT], double *restrict x)
     }
 }
 
-void network_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double outputs[OUTPUT_COUNT])
+void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double outputs[RESULT_COUNT])
 {
     double *current = scratch->value[0];
     double *next = scratch->value[1];
-    standardise(point, current);
+    standardise(scratch, point, current);
     for (size_t i = 0; i < model_hidden_count; i++) {
         affine(&model_hidden[i], current, next);
         for (size_t block = 0; block < model_hidden[i].blocks; block++) {
@@ -143,16 +222,16 @@ void network_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double
     }
     last_linear(current, outputs);
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        outputs[i] = (outputs[i] + model_last_bias[i]) * model_outputs[i].scale + model_outputs[i].mean;
+        outputs[i] = (outputs[i] + model_last_bias[i]) * model_output_scaling[i].scale + model_output_scaling[i].mean;
     }
 }
 
-void network_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
-                         double derivative[OUTPUT_COUNT])
+void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
+                       double derivative[RESULT_COUNT])
 {
     size_t current = 0;
-    standardise(point, scratch->value[0]);
-    standardise_rates(direction, scratch->first[0]);
+    standardise(scratch, point, scratch->value[0]);
+    standardise_rates(scratch, direction, scratch->first[0], NULL, NULL);
     for (size_t i = 0; i < model_hidden_count; i++) {
         const Layer *layer = &model_hidden[i];
         const size_t next = 1 - current;
@@ -174,14 +253,13 @@ void network_directional(Scratch *scratch, const double point[COLUMN_COUNT], con
     rescale(derivative);
 }
 
-void network_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
-                         const double second_rates[COLUMN_COUNT], double first_derivative[OUTPUT_COUNT],
-                         double second_derivative[OUTPUT_COUNT])
+void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
+                       const double second_rates[COLUMN_COUNT], double first_derivative[RESULT_COUNT],
+                       double second_derivative[RESULT_COUNT])
 {
     size_t current = 0;
-    standardise(point, scratch->value[0]);
-    standardise_rates(rates, scratch->first[0]);
-    standardise_rates(second_rates, scratch->second[0]);
+    standardise(scratch, point, scratch->value[0]);
+    standardise_rates(scratch, rates, scratch->first[0], second_rates, scratch->second[0]);
     for (size_t i = 0; i < model_hidden_count; i++) {
         const Layer *layer = &model_hidden[i];
         const size_t next = 1 - current;
@@ -214,7 +292,7 @@ static void record_slopes(Scratch *scratch, const double point[COLUMN_COUNT])
 {
     size_t current = 0;
     double *slope = scratch->slopes;
-    standardise(point, scratch->value[0]);
+    standardise(scratch, point, scratch->value[0]);
     for (size_t i = 0; i < model_hidden_count; i++) {
         const Layer *layer = &model_hidden[i];
         double *value = scratch->value[1 - current];
@@ -228,7 +306,7 @@ static void record_slopes(Scratch *scratch, const double point[COLUMN_COUNT])
     }
 }
 
-void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[OUTPUT_COUNT],
+void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                      double gradient[COLUMN_COUNT])
 {
     double scaled[OUTPUT_COUNT];
@@ -240,7 +318,7 @@ void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const d
         slopes += model_hidden[i].blocks * BLOCK;
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        scaled[i] = weights[i] * model_outputs[i].scale;
+        scaled[i] = weights[i] * model_output_scaling[i].scale;
     }
     last_transposed(scaled, current);
     for (size_t i = model_hidden_count; i > 0; i--) {
@@ -255,7 +333,5 @@ void network_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const d
         current = next;
         next = before;
     }
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        gradient[i] = current[i] / model_columns[i].scale;
-    }
+    by_inputs(scratch, current, gradient);
 }

@@ -1,11 +1,16 @@
 use super::*;
 use crate::{
     export::{Binary, Contents, pack, validate},
-    fmi::{Fmu, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier, simulate},
+    fmi::{
+        Fmu, Inputs, Instance, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier,
+        simulate,
+    },
     study::ExportOptions,
     surrogate::seal,
 };
-use metafmu_runtime::{Evaluator, Map, Model, Quantity, example};
+use metafmu_runtime::{
+    Domain, Drive, Dynamics, Evaluator, Map, Model, Motion, Quantity, Shown, StepError, dictionary::Dictionary, example,
+};
 use std::{
     fs,
     io::Write,
@@ -32,12 +37,12 @@ fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
 }
 
 /// Compiles what the FMU says is to be compiled, and further files.
-fn compile(folder: &Path, version: FmiVersion, arguments: &[&str], target: &str) -> PathBuf {
+fn compile(folder: &Path, surrogate: &Surrogate, version: FmiVersion, arguments: &[&str], target: &str) -> PathBuf {
     let target = folder.join(target);
     let sources = folder.join(FOLDER);
     let output = compiler()
         .args(FLAGS)
-        .args(compiled(version).iter().map(|name| sources.join(name)))
+        .args(compiled(surrogate, version).iter().map(|name| sources.join(name)))
         .args(arguments)
         .arg("-I")
         .arg(&sources)
@@ -63,7 +68,7 @@ fn fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion, name: &str, bi
 /// The FMU of a surrogate with the library compiled from its sources.
 fn c_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
     write_sources(folder, surrogate, version);
-    let library = compile(folder, version, &["-fPIC", "-shared"], "library");
+    let library = compile(folder, surrogate, version, &["-fPIC", "-shared"], "library");
     let binary = Binary { platform: Platform::CURRENT, bytes: fs::read(library).unwrap().into() };
     fmu(folder, surrogate, version, "c.fmu", binary)
 }
@@ -86,7 +91,7 @@ fn run(
     let source = folder.join("program.c");
     write_sources(folder, surrogate, version);
     fs::write(&source, program).unwrap();
-    let program = compile(folder, version, &[&[source.to_str().unwrap()], flags].concat(), "program");
+    let program = compile(folder, surrogate, version, &[&[source.to_str().unwrap()], flags].concat(), "program");
     let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(input.as_bytes()).unwrap();
@@ -99,14 +104,17 @@ fn run(
 
 /// Points all over the ranges and outside, the start values first.
 fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
+    let inputs = surrogate.inputs().iter().map(|input| [input.min, input.max]);
+    let states = surrogate.states().iter().map(|state| state.range.unwrap_or([-3.0, 3.0]));
+    let ranges: Vec<[f64; 2]> = inputs.chain(states).collect();
     let point = |index: usize| {
-        let column = |(column, input): (usize, &metafmu_runtime::Input)| {
+        let column = |(column, [min, max]): (usize, &[f64; 2])| {
             let share = (0.5 + index as f64 * 0.618_033_988_749_895 * (1.0 + 0.37 * column as f64)).fract();
-            input.min + (1.4 * share - 0.2) * (input.max - input.min)
+            min + (1.4 * share - 0.2) * (max - min)
         };
-        surrogate.inputs().iter().enumerate().map(column).collect()
+        ranges.iter().enumerate().map(column).collect()
     };
-    let far = vec![surrogate.inputs().iter().map(|input| input.max + 1e4).collect()];
+    let far = vec![ranges.iter().map(|[_, max]| max + 1e4).collect()];
     [(0..300).map(point).collect(), far].concat()
 }
 
@@ -116,42 +124,52 @@ fn assert_close(found: &[f64], expected: &[f64], scale: f64, what: &str) {
     }
 }
 
-/// Every output and derivative of the C network, compared with the evaluator.
-fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
+/// Lines of numbers.
+fn numbers(text: &str) -> Vec<Vec<f64>> {
+    text.lines().map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect()).collect()
+}
+
+/// Every result and derivative of the C code, compared with the evaluator. `scales` are those of results and columns.
+fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let points = points(surrogate);
     let input: String = points.iter().flatten().map(|value| format!("{value:e}\n")).collect();
     let text = run(folder.path(), surrogate, FmiVersion::V2, include_str!("tests/points.c"), flags, &input);
-    let rows: Vec<Vec<f64>> =
-        text.lines().map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect()).collect();
+    let rows = numbers(&text);
     assert_eq!(rows.len(), points.len());
 
     let evaluator = Evaluator::new(surrogate);
     let mut scratch = evaluator.scratch();
-    let (columns, outputs) = (surrogate.inputs().len(), surrogate.outputs().len());
+    let (columns, results) = (evaluator.columns(), evaluator.results());
     let direction: Vec<f64> = (0..columns).map(|i| 1.0 + 0.5 * i as f64).collect();
     let second_rates: Vec<f64> = (0..columns).map(|i| 0.25 - i as f64).collect();
-    let weights: Vec<f64> = (0..outputs).map(|i| 1.0 - 2.0 * i as f64).collect();
+    let weights: Vec<f64> = (0..results).map(|i| 1.0 - 2.0 * i as f64).collect();
     for (point, row) in points.iter().zip(&rows) {
-        let [mut y, mut dy, mut first, mut second] = [(); 4].map(|()| vec![0.0; outputs]);
+        let [mut y, mut dy, mut first, mut second] = [(); 4].map(|()| vec![0.0; results]);
         let mut gradient = vec![0.0; columns];
         evaluator.evaluate(point, &mut y, &mut scratch);
         evaluator.directional(point, &direction, &mut dy, &mut scratch);
         evaluator.along_curve(point, [&direction, &second_rates], [&mut first, &mut second], &mut scratch);
         evaluator.adjoint(point, &weights, &mut gradient, &mut scratch);
-        // derivatives are as large as the outputs over the width of the inputs
-        let scaling = &surrogate.network().unwrap().scaling;
-        let scale = scaling.output_scale.iter().copied().fold(1.0, f64::max);
-        let steep = scaling.input_scale.iter().copied().fold(1.0, f64::min);
+        // derivatives are as large as the results over the width of the columns
+        let [scale, steep] = scales;
         for (index, (expected, scale)) in
             [(&y, scale), (&dy, scale / steep), (&first, scale / steep), (&second, scale / steep / steep)]
                 .into_iter()
                 .enumerate()
         {
-            assert_close(&row[index * outputs..], expected, scale, &format!("{index} at {point:?}"));
+            assert_close(&row[index * results..], expected, scale, &format!("{index} at {point:?}"));
         }
-        assert_close(&row[4 * outputs..], &gradient, scale / steep, "gradient");
+        assert_close(&row[4 * results..], &gradient, scale / steep, "gradient");
     }
+}
+
+fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
+    // what is periodic or nominal has a scale of less than one
+    let scaling = &surrogate.network().unwrap().scaling;
+    let scale = scaling.output_scale.iter().copied().fold(1.0, f64::max);
+    let steep = scaling.input_scale.iter().copied().fold(1.0, f64::min);
+    compare(surrogate, [scale, steep], flags);
 }
 
 #[test]
@@ -172,11 +190,105 @@ fn outputs_and_derivatives_are_those_of_the_evaluator() {
 }
 
 #[test]
+fn nominal_and_periodic_inputs_become_the_columns_of_the_evaluator() {
+    for hidden in [&[24, 9][..], &[130], &[]] {
+        compare_network(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &SANITIZERS);
+    }
+}
+
+#[test]
 fn fused_multiply_add_changes_no_more_than_rounding() {
     compare_network(
         &example::with_network(&[40, 40], Activation::Tanh),
         &["-O3", "-march=native", "-ffp-contract=fast"],
     );
+}
+
+#[test]
+fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
+    compare(&example::crane(), [1.0, 1.0], &SANITIZERS);
+    compare(&example::crane(), [1.0, 1.0], &["-O3", "-march=native"]);
+    // no position, no input
+    compare(&pushed_by_nothing(), [1.0, 1.0], &SANITIZERS);
+}
+
+/// The crane without its force, whose outputs are energies only.
+fn pushed_by_nothing() -> Surrogate {
+    let crane = example::crane();
+    let Model::Motion(motion) = crane.model() else { panic!("the crane moves") };
+    let law = motion.dynamics.law();
+    let factors: Vec<_> = law.factors().collect();
+    let mut terms: Vec<_> = law.terms().collect();
+    terms.iter_mut().for_each(|term| term.coefficients.truncate(Dynamics::functions(2, 0)));
+    let law = Dictionary::new(&factors, Dynamics::functions(2, 0), &terms).unwrap();
+    let motion = Motion {
+        dynamics: Dynamics::new(2, 0, law).unwrap(),
+        positions: Dictionary::new(&factors, 0, &[]).unwrap(),
+        windings: Vec::new(),
+        outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
+        step: motion.step,
+    };
+    let mut metadata = crane.metadata().clone();
+    metadata.inputs.pop();
+    metadata.outputs.drain(..5);
+    Surrogate::new(metadata, Model::Motion(Box::new(motion))).unwrap()
+}
+
+/// Two hundred steps of a crane by each method with a force that changes, and steps that fail, in C and in Rust.
+#[test]
+fn the_steps_of_a_motion_are_those_of_the_evaluator() {
+    let surrogate = example::crane();
+    let evaluator = Evaluator::new(&surrogate);
+    let mut scratch = evaluator.scratch();
+    let domain = Domain::new(surrogate.inputs(), surrogate.states());
+    let start = [1.4, 0.0, 0.0, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
+    let mut input = String::new();
+    let mut expected = Vec::new();
+    let mut step = |anew: bool, point: &mut [f64; 10], size: f64, tolerance: f64, clamp: bool, rates: [f64; 2]| {
+        let method = [size, tolerance, f64::from(u8::from(clamp))];
+        let words = point.iter().chain(&method).chain(&rates);
+        let words: Vec<String> = words.map(|value| format!("{value:e}")).collect();
+        input += &format!("{} {}\n", u8::from(anew), words.join(" "));
+        let of_force = rates.map(|rate| {
+            let mut rates = [0.0; 10];
+            rates[5] = rate;
+            rates
+        });
+        let drive = Drive { rates: [&of_force[0], &of_force[1]], clamp: clamp.then_some(&domain) };
+        let method = (size, Some(tolerance).filter(|tolerance| *tolerance > 0.0), &[1.0; 4][..]);
+        let (result, after) = match evaluator.advance(point, method, drive, &mut scratch) {
+            Ok(()) => (0.0, 0.0),
+            Err(StepError::NotFinite { after }) => (1.0, after),
+            Err(StepError::TooManySteps) => (2.0, 0.0),
+        };
+        expected.push([&[result, after], &point[6..]].concat());
+    };
+    for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
+        let mut point = start;
+        for index in 0..200 {
+            let rates = [30.0 - 10.0 * f64::from(index % 7), 40.0 * f64::from(index % 3 - 1)];
+            step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
+            point[5] += 0.02 * (rates[0] + 0.01 * rates[1]);
+        }
+    }
+    for tolerance in [0.0, 1e-6] {
+        for (rope, size) in [(0.0, 0.1), (1.4, 1e9), (1.4, 0.0), (-1.0, 0.3)] {
+            let mut point = start;
+            point[0] = rope;
+            // ten million steps take too long by the other method
+            if size < 1.0 || tolerance == 0.0 {
+                step(true, &mut point, size, tolerance, false, [0.0; 2]);
+            }
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let text = run(folder.path(), &surrogate, FmiVersion::V3, include_str!("tests/steps.c"), &["-O2"], &input);
+    let found = numbers(&text);
+    assert_eq!(found.len(), 807);
+    for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        assert_close(found, expected, 1.0, &format!("step {index}"));
+    }
+    assert!(expected[800..].iter().any(|row| row[0] == 1.0) && expected[800..].iter().any(|row| row[0] == 2.0));
 }
 
 const KINDS: [(FmiVersion, InterfaceKind); 4] = [
@@ -210,11 +322,126 @@ fn a_whole_run_is_that_of_the_packed_library() {
 }
 
 #[test]
-fn the_validator_finds_nothing() {
+fn a_whole_motion_is_that_of_the_packed_library() {
+    let surrogate = seal(example::crane()).unwrap();
+    for (version, interface) in KINDS {
+        let folder = tempfile::tempdir().unwrap();
+        let c = Fmu::open_for(c_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        let rust = Fmu::open_for(rust_fmu(folder.path(), &surrogate, version), interface).unwrap();
+        for policy in [0.0, 1.0] {
+            let start_values = [("rope", 1.3), ("rope.angle_start", 0.8), ("domain_policy", policy)];
+            let options = SimulationOptions {
+                start_values: start_values.map(|(name, value)| (name.to_owned(), value)).into(),
+                stop: Some(2.0),
+                step: Some(0.013),
+                inputs: Inputs {
+                    names: vec!["force".into()],
+                    times: vec![0.0, 0.5, 0.5, 2.0],
+                    rows: vec![vec![-4.0], vec![12.0], vec![3.0], vec![-14.0]],
+                },
+                record: vec!["rope.angular_velocity".into(), "der(rope.angular_velocity)".into()],
+                ..SimulationOptions::default()
+            };
+            let [found, expected] =
+                [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
+            assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
+            assert_eq!((found.rows.len(), found.columns.len()), (155, 11));
+            for (found, expected) in found.rows.iter().zip(&expected.rows) {
+                assert_close(found, expected, 10.0, "run");
+            }
+        }
+    }
+}
+
+/// What an instance says in the middle of a run of a crane: states as bytes and derivatives.
+fn said_of_a_motion(instance: &Instance) -> (Vec<u8>, Vec<f64>) {
+    let (rope, starts, force, states) = (0, [1, 2, 3, 4], 5, [13, 14, 15, 16]);
+    let unknowns: Vec<u32> = (6..21).chain([23]).collect();
+    instance.set_real(&starts, &[4.5, 0.5, 1.5, 0.3]).unwrap();
+    instance.enter_initialization_mode(0.0, Some(9.0)).unwrap();
+    instance.exit_initialization_mode().unwrap();
+    instance.set_integer(&[21], &[1]).unwrap();
+    instance.set_real(&[force], &[11.0]).unwrap();
+    // beyond the rail
+    for step in 0..10 {
+        instance.do_step(0.1 * f64::from(step), 0.1).unwrap();
+    }
+    let knowns = [&[rope, force], &states[..], &starts].concat();
+    let seed: Vec<f64> = (0..knowns.len()).map(|k| 0.25 + k as f64).collect();
+    let mut values = instance.directional_derivative(&unknowns, &knowns, &seed).unwrap();
+    for order in [1, 2] {
+        values.extend(instance.output_derivatives(&unknowns, &vec![order; unknowns.len()]).unwrap());
+    }
+    let mut read = vec![0.0; 22];
+    instance.get_real(&(0..21).chain([23]).collect::<Vec<u32>>(), &mut read).unwrap();
+    values.extend(read);
+    (instance.state().unwrap().to_bytes().unwrap(), values)
+}
+
+#[test]
+fn the_states_and_derivatives_of_a_motion_are_those_of_the_packed_library() {
+    let surrogate = seal(example::crane()).unwrap();
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let folder = tempfile::tempdir().unwrap();
-        let report = validate(c_fmu(folder.path(), &seal(example::with_input()).unwrap(), version)).unwrap();
-        assert!(report.problems.is_empty(), "{report}");
+        let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+        let [c, rust] = fmus.map(|path| Fmu::open(path).unwrap());
+        let [(found, values), (expected, expected_values)] =
+            [&c, &rust].map(|fmu| said_of_a_motion(&fmu.instantiate("run", false).unwrap()));
+        assert_close(&values, &expected_values, 1.0, &format!("{version:?}"));
+        assert_eq!(values.len(), expected_values.len());
+        // after magic, fingerprint and state, whose numbers are others, and before the checksum
+        let end = found.len() - 8;
+        assert_eq!((found.len(), &found[17..20]), (expected.len(), &expected[17..20]));
+        let numbers = |bytes: &[u8]| -> Vec<f64> {
+            bytes[20..end].as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+        };
+        assert_close(&numbers(&found), &numbers(&expected), 1.0, "snapshot");
+        assert_eq!((found[7], expected[7]), (3, 3), "version of the layout");
+    }
+}
+
+/// What is said and done outside of the valid values of an encoded input, by each policy.
+#[test]
+fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
+    let surrogate = seal(example::encoded(&example::surrogate())).unwrap();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+        let fmus = fmus.map(|path| Fmu::open(path).unwrap());
+        let (length, speed, policy, distance) = (0, 1, 5, 7);
+        for number in 0..3 {
+            for value in [0.14, 0.15, 0.2 + 1e-12, 0.19, -7.0] {
+                let [found, expected] = fmus.each_ref().map(|fmu| {
+                    let instance = fmu.instantiate("run", true).unwrap();
+                    instance.take_messages();
+                    instance.set_integer(&[policy], &[number]).unwrap();
+                    let refused = instance.set_real(&[length, speed], &[value, 1e3]).map_err(|error| error.to_string());
+                    let said: String = instance.take_messages().into_iter().map(|said| said.text).collect();
+                    let mut values = [0.0; 4];
+                    if refused.is_ok() {
+                        instance.enter_initialization_mode(0.0, None).unwrap();
+                        instance.get_real(&[3, 4, length, distance], &mut values).unwrap();
+                    }
+                    (refused, said, values)
+                });
+                assert_eq!((&found.0, &found.1), (&expected.0, &expected.1), "{number} {value}");
+                assert_close(&found.2, &expected.2, 6.0, &format!("{number} {value}"));
+                let says = found.1 + &found.0.err().unwrap_or_default();
+                let is_told = number != 1 && (value == 0.15 || value == 0.19 || value == -7.0);
+                assert_eq!(says.contains("is outside the trained values 0.14, 0.1, 0.2"), is_told, "{says}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_validator_finds_nothing() {
+    for surrogate in [example::with_input(), example::crane(), example::encoded(&example::with_input())] {
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let folder = tempfile::tempdir().unwrap();
+            let report = validate(c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version)).unwrap();
+            assert!(report.problems.is_empty(), "{report}");
+        }
     }
 }
 
@@ -265,6 +492,17 @@ fn the_functions_of_fmi_3_answer_as_the_standard_says() {
     run(folder.path(), &surrogate, FmiVersion::V3, program, &SANITIZERS, "");
 }
 
+#[test]
+fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
+    let surrogate = seal(example::crane()).unwrap();
+    for (version, program) in
+        [(FmiVersion::V2, include_str!("tests/fmi2_motion.c")), (FmiVersion::V3, include_str!("tests/fmi3_motion.c"))]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        run(folder.path(), &surrogate, version, program, &SANITIZERS, "");
+    }
+}
+
 /// tests/hosts/strict.c with the library of an FMU, by each version and interface.
 fn run_strict_host(library_of: impl Fn(&Path, FmiVersion) -> PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -303,8 +541,9 @@ fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_packed_
 #[test]
 fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_sources() {
     run_strict_host(|folder, version| {
-        write_sources(folder, &seal(example::with_input()).unwrap(), version);
-        compile(folder, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
+        let surrogate = seal(example::with_input()).unwrap();
+        write_sources(folder, &surrogate, version);
+        compile(folder, &surrogate, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
     });
 }
 
@@ -312,17 +551,19 @@ fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_sources
 fn several_fmus_can_be_linked_into_one_library() {
     let folder = tempfile::tempdir().unwrap();
     let mut objects = Vec::new();
-    for (name, version, prefix) in [
-        ("one", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=one_"),
-        ("two", FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=two_"),
-        ("three", FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=three_"),
+    for (name, surrogate, version, prefix) in [
+        ("one", example::surrogate(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=one_"),
+        ("two", example::surrogate(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=two_"),
+        ("three", example::surrogate(), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=three_"),
+        ("four", example::crane(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=four_"),
+        ("five", example::crane(), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=five_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();
-        for (file, bytes) in files(&example::surrogate(), name, version).unwrap() {
+        for (file, bytes) in files(&surrogate, name, version).unwrap() {
             fs::write(sources.join(file.rsplit('/').next().unwrap()), bytes).unwrap();
         }
-        for file in compiled(version) {
+        for file in compiled(&surrogate, version) {
             let object = sources.join(file).with_extension("o");
             let mut command = compiler();
             command.args(FLAGS).args([prefix, "-fPIC", "-c", "-o"]).arg(&object).arg(sources.join(file));
@@ -337,18 +578,22 @@ fn several_fmus_can_be_linked_into_one_library() {
 
 #[test]
 fn the_files_are_sorted_reproducible_and_listed() {
-    let surrogate = example::surrogate();
-    for version in [FmiVersion::V2, FmiVersion::V3] {
-        let found = files(&surrogate, "example", version).unwrap();
-        assert_eq!(found, files(&surrogate, "example", version).unwrap());
-        assert!(found.is_sorted());
-        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
-        for name in compiled(version) {
-            assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
+    for surrogate in [example::surrogate(), example::crane()] {
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let found = files(&surrogate, "example", version).unwrap();
+            assert_eq!(found, files(&surrogate, "example", version).unwrap());
+            assert!(found.is_sorted());
+            let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+            let compiled = compiled(&surrogate, version);
+            for name in &compiled {
+                assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
+            }
+            let moves = !surrogate.states().is_empty();
+            assert_eq!((compiled.contains(&"motion.c"), compiled.contains(&"network.c")), (moves, !moves));
+            assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }
-        assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
     }
-    let description = build_description("example");
+    let description = build_description(&["model_data.c"], "example");
     assert!(description.contains("<BuildConfiguration modelIdentifier=\"example\">"));
     assert!(description.contains("<SourceFile name=\"model_data.c\"/>"));
 }

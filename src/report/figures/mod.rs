@@ -5,6 +5,7 @@ mod beside;
 mod comparison;
 mod coverage;
 mod errors;
+mod inputs;
 mod motion;
 mod responses;
 mod sensitivity;
@@ -28,6 +29,7 @@ pub fn sections(material: &Material) -> Vec<Section> {
         Some(summary::summary(material)),
         Some(accuracy::section(material.evaluated)),
         Some(responses::section(material.evaluated)),
+        inputs::section(material.evaluated),
         motion::section(material),
         Some(errors::section(material.evaluated)),
         // its numbers are of parameters and time alone

@@ -79,7 +79,7 @@ pub fn curves(evaluated: &Evaluated, run: usize, column: usize) -> (Vec<[f64; 2]
     evaluated.rows(run, column).map(|row| ([row.time, row.label], [row.time, row.prediction])).unzip()
 }
 
-fn time_axis(evaluated: &Evaluated, run: usize) -> Axis {
+pub fn time_axis(evaluated: &Evaluated, run: usize) -> Axis {
     let times = &evaluated.test.runs[run].times;
     Axis::exact("time", "s", times[0], times[times.len() - 1])
 }

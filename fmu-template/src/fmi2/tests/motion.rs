@@ -158,6 +158,20 @@ fn derivatives_of_outputs_follow_the_motion() {
 }
 
 #[test]
+fn an_input_that_is_clamped_has_no_rate() {
+    let second_derivative = |rate: f64| {
+        let host = stepping();
+        assert_eq!(unsafe { fmi2SetInteger(host.c, &POLICY, 1, &1) }, Status::Ok);
+        assert_eq!((host.set(&[FORCE], &[99.0]), host.step(0.0, 0.1)), (Status::Ok, Status::Ok));
+        assert_eq!(unsafe { fmi2SetRealInputDerivatives(host.c, &FORCE, 1, &1, &rate) }, Status::Ok);
+        let mut found = f64::NAN;
+        assert_eq!(unsafe { fmi2GetRealOutputDerivatives(host.c, &STATES[2], 1, &2, &mut found) }, Status::Ok);
+        found
+    };
+    assert_eq!(second_derivative(7.0), second_derivative(0.0));
+}
+
+#[test]
 fn a_saved_state_goes_on_to_the_last_bit() {
     let host = stepping();
     assert_eq!((host.set(&[FORCE], &[2.0]), host.step(0.0, 0.1)), (Status::Ok, Status::Ok));

@@ -1,0 +1,50 @@
+"""Prints the table of docs/dynamics.md: surrogates with states of the mechanisms in examples/dynamics/.
+
+For each, `metafmu new --structure dynamics` writes a study, in which only `stop` and `step` are changed, and `metafmu build` does the rest.
+Needs target/release/metafmu.
+
+Usage: python3 scripts/dynamics-table.py
+"""
+
+import argparse
+import json
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+METAFMU = ROOT / "target" / "release" / "metafmu"
+MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
+
+
+def row(name, folder):
+    """The line of a mechanism."""
+    mechanism = ROOT / "examples" / "dynamics" / f"{name}.toml"
+    subprocess.run([METAFMU, "new", name, "--mechanism", mechanism, "--structure", "dynamics"], cwd=folder, check=True, capture_output=True)
+    study = folder / f"{name}.toml"
+    text = study.read_text().replace("stop = 10.0 ", "stop = 60.0 ", 1).replace("step = 0.02 ", "step = 0.05 ", 1)
+    study.write_text(text)
+    began = time.monotonic()
+    subprocess.run([METAFMU, "build", study.name], cwd=folder, check=True, capture_output=True)
+    seconds = time.monotonic() - began
+    metrics = json.loads((folder / "out" / name / "metrics.json").read_text())
+    motion, roll_outs = metrics["motion"], metrics["roll_outs"]
+    horizons = [f"{h['median']:.0e}, {h['q90']:.0e} ({h['sensitivity'][0]:.0e}, {h['sensitivity'][1]:.0e})" for h in roll_outs["horizons"]]
+    drift = roll_outs.get("energy_drift")
+    energy = "-" if drift is None else f"{drift:.0e}"
+    products = " + ".join(str(count) for count in motion["products"])
+    return f"| {name} | {products} | {motion['error']:.0e} | {1000 * motion['solver_step']:.3g} | {horizons[0]} | {horizons[1]} | {energy} | {seconds:.0f} |"
+
+
+def main():
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    print("| mechanism | products: equations + positions | error at unseen configurations | solver step, ms | 10 s: median, 90 % (start off by 1e-9) | 60 s | energy | build, s |")
+    print("|---|---|---|---|---|---|---|---|", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for name in MECHANISMS:
+            print(row(name, Path(folder)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

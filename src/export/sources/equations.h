@@ -1,0 +1,137 @@
+/*
+ * A template, without a guard: the equations of motion and the results in one kind of numbers. Before it is included,
+ * NUMBER is their type, OF(name) the name of a function of them and WORK their working memory; ALONG and OF_ALONG(name)
+ * are type and names for jets of them.
+ */
+
+/* M = L D L^T: L below the diagonal of factors, 1 / D on it; NaN where a pivot is not positive. */
+static void OF(factorise)(const NUMBER mass[], NUMBER factors[COORDINATE_COUNT * COORDINATE_COUNT])
+{
+    const size_t n = COORDINATE_COUNT;
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j <= i; j++) {
+            NUMBER value = mass[entry(i, j)];
+            for (size_t k = 0; k < j; k++) {
+                /* above the diagonal are the elements of L D */
+                value = OF(difference)(value, OF(product)(factors[i * n + k], factors[k * n + j]));
+            }
+            if (j < i) {
+                factors[j * n + i] = value;
+                factors[i * n + j] = OF(product)(value, factors[j * n + j]);
+            } else {
+                factors[i * n + i] = OF(reciprocal)(OF(value)(value) > 0.0 ? value : OF(constant)(NAN));
+            }
+        }
+    }
+}
+
+/* x in place of b with L D L^T x = b. */
+static void OF(substitute)(const NUMBER factors[COORDINATE_COUNT * COORDINATE_COUNT], NUMBER x[COORDINATE_COUNT])
+{
+    const size_t n = COORDINATE_COUNT;
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < i; j++) {
+            x[i] = OF(difference)(x[i], OF(product)(factors[i * n + j], x[j]));
+        }
+    }
+    for (size_t i = n; i-- > 0;) {
+        x[i] = OF(product)(x[i], factors[i * n + i]);
+        for (size_t j = i + 1; j < n; j++) {
+            x[i] = OF(difference)(x[i], OF(product)(factors[j * n + i], x[j]));
+        }
+    }
+}
+
+/* dM_ij/dq_k - dM_jk/dq_i / 2 */
+static NUMBER OF(velocity_term)(const NUMBER gradient[], size_t i, size_t j, size_t k)
+{
+    const NUMBER changed = gradient[entry(i, j) * COORDINATE_COUNT + k];
+    const NUMBER half = OF(scaled)(gradient[entry(j, k) * COORDINATE_COUNT + i], 0.5);
+    return OF(difference)(changed, half);
+}
+
+/* The accelerations at the columns. */
+static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
+{
+    const size_t n = COORDINATE_COUNT;
+    const NUMBER *v = columns + INPUT_COUNT + COORDINATE_COUNT;
+    const NUMBER *law = work->law;
+    const NUMBER *gradient = work->gradient;
+    for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
+        work->columns[i] = i < n ? columns[INPUT_COUNT + i] : columns[i - n];
+    }
+    OF(dictionary)(&model_law, work->columns, work->law, work->gradient, work->atoms, work->slopes);
+    for (size_t i = 0; i < n; i++) {
+        NUMBER side = OF(difference)(law[LAW_FORCE + i], gradient[LAW_POTENTIAL * COORDINATE_COUNT + i]);
+        for (size_t j = 0; j < n; j++) {
+            side = OF(difference)(side, OF(product)(law[LAW_DAMPING + i * n + j], v[j]));
+            for (size_t k = 0; k < n; k++) {
+                const NUMBER term = OF(product)(OF(velocity_term)(gradient, i, j, k), v[j]);
+                side = OF(difference)(side, OF(product)(term, v[k]));
+            }
+        }
+        for (size_t u = FIRST_DRIVEN; u < INPUT_COUNT; u++) {
+            const size_t at = LAW_INPUTS + i * (INPUT_COUNT - FIRST_DRIVEN) + (u - FIRST_DRIVEN);
+            side = OF(sum)(side, OF(product)(law[at], columns[u]));
+        }
+        work->accelerations[i] = side;
+    }
+    OF(factorise)(law, work->factors);
+    OF(substitute)(work->factors, work->accelerations);
+}
+
+/* v^T M v / 2, once the law was computed. */
+static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const NUMBER law[])
+{
+    NUMBER energy = OF(constant)(0.0);
+    for (size_t i = 0; i < COORDINATE_COUNT; i++) {
+        for (size_t j = 0; j < COORDINATE_COUNT; j++) {
+            energy = OF(sum)(energy, OF(product)(OF(product)(v[i], law[entry(i, j)]), v[j]));
+        }
+    }
+    return OF(scaled)(energy, 0.5);
+}
+
+/* The results at the columns of the working memory. */
+static void OF(respond)(WORK *work)
+{
+    const size_t n = COORDINATE_COUNT;
+    const NUMBER *q = work->point + INPUT_COUNT;
+    const NUMBER *v = q + COORDINATE_COUNT;
+    const NUMBER zero = OF(constant)(0.0);
+    OF(accelerate)(work->point, work);
+    for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
+        work->along[i] = i < n ? (ALONG){q[i], v[i], work->accelerations[i]} : (ALONG){work->point[i - n], zero, zero};
+    }
+    OF_ALONG(dictionary)(&model_positions, work->along, work->positions, NULL, work->along_atoms, work->along_slopes);
+    for (size_t i = 0; i < model_positions.outputs * COORDINATE_COUNT; i++) {
+        if (fabs(model_windings[i]) > 0.0) {
+            ALONG *to = &work->positions[i / n];
+            *to = OF_ALONG(sum)(*to, OF_ALONG(scaled)(work->along[i % n], model_windings[i]));
+        }
+    }
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        const ALONG *position = &work->positions[model_shown[i].position];
+        switch (model_shown[i].kind) {
+        case SHOWN_POSITION:
+            work->results[i] = position->value;
+            break;
+        case SHOWN_VELOCITY:
+            work->results[i] = position->first;
+            break;
+        case SHOWN_ACCELERATION:
+            work->results[i] = position->second;
+            break;
+        case SHOWN_KINETIC_ENERGY:
+            work->results[i] = OF(kinetic_energy)(v, work->law);
+            break;
+        case SHOWN_POTENTIAL_ENERGY:
+            work->results[i] = work->law[LAW_POTENTIAL];
+            break;
+        }
+    }
+    for (size_t i = 0; i < n; i++) {
+        work->results[OUTPUT_COUNT + i] = v[i];
+        work->results[OUTPUT_COUNT + n + i] = work->accelerations[i];
+    }
+}
