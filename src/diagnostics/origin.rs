@@ -374,6 +374,7 @@ mod tests {
             ("is_on = True", "is_on: `True`, expected true or false"),
             ("text = \"x", "text: the quote is not closed in the line"),
             ("number = 1\nnumber = 2", "f.toml:2: duplicate key `number`"),
+            ("\"a.b\" = 1\n\"a.b\" = 2", "f.toml:2: duplicate key `\"a.b\"`"),
             ("\n[inner\nmin = 1", "f.toml:2: unclosed table, expected `]`"),
             ("dämpfung = 1", "must be in quotes"),
             ("number 3\n[inner]", "f.toml:1: a key without a value, expected `KEY = VALUE`"),

@@ -25,6 +25,9 @@ pub fn of_syntax(message: &str, text: &str, start: usize, in_value: bool) -> Str
         message if in_value && NUMBERS.iter().any(|number| message.starts_with(number)) => {
             format!("`{token}`, expected a number such as 0.5, -2 or 1e-3")
         }
+        "duplicate key" if token.is_empty() => {
+            format!("duplicate key `{}`", first_word(text.get(start..).unwrap_or_default()))
+        }
         "duplicate key" => format!("duplicate key `{token}`"),
         message if message.starts_with("key with no value") => "a key without a value, expected `KEY = VALUE`".into(),
         message if message.starts_with("invalid unquoted key") => {
