@@ -350,7 +350,6 @@ def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
     assert "crane" in (crane.folder / "report.html").read_text()
 
 
-@pytest.mark.xfail(strict=True, reason="a position that is nothing but rounding is taken for what has to be learned")
 def test_a_crane_that_stands_elsewhere_is_learned_as_exactly(tmp_path):
     """One metre higher: what is learned does not depend on that."""
     higher = [('position = ["x0", 0]', 'position = ["x0", 1]'), ('"-l*cos(theta0)"]', '"1 - l*cos(theta0)"]')]
@@ -361,20 +360,17 @@ def test_a_crane_that_stands_elsewhere_is_learned_as_exactly(tmp_path):
     assert all(horizon["median"] < 1e-5 for horizon in metrics["roll_outs"]["horizons"])
 
 
-@pytest.mark.xfail(strict=True, reason="only the inputs at rest and the velocities without inputs are looked at")
 def test_a_force_that_is_a_product_of_an_input_and_a_velocity_is_refused(tmp_path):
     crane = write(tmp_path, mechanism=[('effort = "force"', 'effort = "force*rail.velocity"')])
     assert metafmu("build", crane.study, "--out", crane.folder, check=False).returncode == 2
 
 
-@pytest.mark.xfail(strict=True, reason="its build ends with a finding of the FMU's validation")
 def test_a_start_of_the_mechanism_outside_the_range_is_refused_before_anything_is_sampled(tmp_path):
     crane = write(tmp_path, ("[time]", "constants = { x0 = 0, theta0 = 4 }\n[time]"), ("-3.141592653589793", "-3.0"))
     result = metafmu("build", crane.study, "--out", crane.folder, check=False)
     assert result.returncode == 2 and "rope.angle" in result.stderr and "sampled" not in result.stderr, result.stderr
 
 
-@pytest.mark.xfail(strict=True, reason="it panics")
 def test_a_comparison_with_baselines_is_refused(crane):
     result = metafmu("compare", crane.study, "--out", crane.folder, check=False)
     assert result.returncode == 2 and "panicked" not in result.stderr, result.stderr
