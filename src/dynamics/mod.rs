@@ -102,6 +102,9 @@ const MOST_TERMS: usize = 700;
 /// Configurations at which the error is measured.
 const UNSEEN: usize = 200;
 
+/// Configurations at which it is checked whether the equations can be learned.
+const CHECKED: usize = 16;
+
 /// Highest harmonic and highest power to begin with.
 const FIRST_ORDER: [usize; 2] = [2, 1];
 
@@ -148,6 +151,14 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
         }
     }
     Ok(best)
+}
+
+/// Whether the equations can be learned at all: asks for them at a few configurations.
+///
+/// # Errors
+/// As [`fit`].
+pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<(), String> {
+    Samples::default().extend(&Labels::new(mechanism, region)?, CHECKED, seed)
 }
 
 /// Configurations from which so many terms are found.

@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    BuiltIn, DomainPolicy, Encoding, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray, Quantity, Role, State,
-    Surrogate, Variable,
+    BuiltIn, DomainPolicy, Encoding, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray, Quantity, Role,
+    Shown, State, Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -323,25 +323,41 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     let starts = positions(&|quantity| has_role(quantity, &[Role::Start]));
     let driven = positions(&|quantity| has_role(quantity, &[Role::Input, Role::Time]));
     let later = [driven.as_slice(), &states].concat();
+    // what does not follow at once from an input is not said to: hosts would see algebraic loops
+    let known = |position: usize| -> Vec<usize> {
+        let Model::Motion(motion) = surrogate.model() else { return later.clone() };
+        let follows_inputs = |output: &usize| matches!(motion.outputs[*output], Shown::Acceleration(_));
+        let n = states.len() / 2;
+        match table[position].1.quantity {
+            Quantity::Output(output) if !follows_inputs(&output) => states.clone(),
+            Quantity::Array(array) if !surrogate.array_elements(array).1.iter().any(follows_inputs) => states.clone(),
+            Quantity::Derivative(coordinate) if coordinate < n => vec![states[n + coordinate]],
+            _ => later.clone(),
+        }
+    };
     let unknown = |variable: &usize, dependencies: &[usize]| Unknown {
         variable: *variable,
         dependencies: Some(dependencies.into()),
         kinds: None,
     };
     let with_policy = [inputs.as_slice(), &policy].concat();
+    let at_start = |position: usize| -> Vec<usize> {
+        let is_known = |dependency: &usize| !driven.contains(dependency) || known(position).contains(dependency);
+        with_policy.iter().copied().filter(is_known).collect()
+    };
     ModelStructure {
         outputs: of_model
             .iter()
             .chain(&of_domain)
-            .map(|output| unknown(output, &later))
+            .map(|output| unknown(output, &known(*output)))
             .chain(bounds.iter().map(|bound| unknown(bound, &[])))
             .collect(),
-        derivatives: rates.iter().map(|rate| unknown(rate, &later)).collect(),
+        derivatives: rates.iter().map(|rate| unknown(rate, &known(*rate))).collect(),
         initial_unknowns: of_model
             .iter()
-            .map(|output| unknown(output, &with_policy))
+            .map(|output| unknown(output, &at_start(*output)))
             .chain(states.iter().zip(&starts).map(|(state, start)| unknown(state, &[*start])))
-            .chain(rates.iter().map(|rate| unknown(rate, &with_policy)))
+            .chain(rates.iter().map(|rate| unknown(rate, &at_start(*rate))))
             .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
             .collect(),
         ..ModelStructure::default()

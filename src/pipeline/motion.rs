@@ -4,7 +4,7 @@ use super::{project::Project, rescue, train::TrainingRecord};
 use crate::{
     Result,
     dataset::Dataset,
-    dynamics::{Fitted, Range, Region, fit},
+    dynamics::{Fitted, fit},
     evaluation::predict_all,
     files,
     source::{Source, driven::Driven},
@@ -32,6 +32,22 @@ pub struct MotionRecord {
     pub solver_error: f64,
 }
 
+/// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism.
+const POOR: f64 = 0.01;
+
+impl MotionRecord {
+    /// What is wrong with the equations.
+    pub(super) fn problem(&self) -> Option<String> {
+        (self.error > POOR).then(|| {
+            format!(
+                "the learned equations of motion are off by {:.1e} of their largest value at unseen configurations, expected at most \
+                 {POOR}: they are no sums of sines, cosines and powers, or the ranges are too wide",
+                self.error
+            )
+        })
+    }
+}
+
 /// Change of the outputs by halving the solver's step that is small enough, relative to their ranges.
 const SOLVER_ERROR: f64 = 1e-8;
 /// The solver's step is divided so often at most.
@@ -49,15 +65,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         return Err(study.refusal("source", "expected a mechanism"));
     };
     let began = Instant::now();
-    let range = |(name, min, max): (&String, f64, f64)| Range::new(name, min, max);
-    let names = mechanism.parameters().keys().cloned();
-    let region = Region {
-        coordinates: study.states.iter().map(|(name, state)| range((name, state.min, state.max))).collect(),
-        parameters: study.parameters.iter().map(|(name, options)| range((name, options.min, options.max))).collect(),
-        constants: names.zip(simulation.quantities().iter().copied()).collect(),
-        outputs: study.outputs.keys().cloned().collect(),
-    };
-    let fitted = fit(mechanism, &region, study.seed).map_err(|message| study.refusal("states", message))?;
+    let fitted = fit(mechanism, driven.region(), study.seed).map_err(|message| study.refusal("states", message))?;
     for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !fitted.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }

@@ -64,14 +64,15 @@ impl TrainingRecord {
 
     /// Problems of the training itself, regardless of the accuracy.
     pub fn problems(&self, study: &Study) -> Vec<String> {
-        let Self { epochs, stopped, target_met, .. } = self;
+        let Self { epochs, stopped, target_met, motion, .. } = self;
+        let poor = motion.as_ref().and_then(MotionRecord::problem);
         let diverged = *stopped == StopReason::Diverged;
         let diverged = diverged.then(|| format!("the training diverged after {epochs} epochs: {stopped}"));
         let short = study
             .target
             .filter(|_| *target_met == Some(false))
             .map(|target| format!("not every output reached an R² of {} on the held-out runs (target.r2)", target.r2));
-        diverged.into_iter().chain(short).collect()
+        diverged.into_iter().chain(short).chain(poor).collect()
     }
 }
 

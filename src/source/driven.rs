@@ -3,6 +3,7 @@
 use super::wrong_unit;
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
+    dynamics::{self, Range, Region},
     integrate::Budget,
     multibody::Mechanism,
     signal::{Knots, Signal, Sine},
@@ -34,15 +35,17 @@ pub struct Driven {
     drivers: Vec<Driver>,
     /// Values at the start as the mechanism file has them: coordinates, then velocities.
     start: Vec<f64>,
+    region: Region,
     seed: u64,
 }
 
 impl Driven {
-    /// Finds the study's states and inputs in the mechanism, `values` being those of its parameters.
+    /// Finds the study's states and inputs in the mechanism, `values` being those of its parameters. If the names of its parameters and
+    /// outputs are known, it is asked for its equations as well.
     ///
     /// # Errors
     /// Every name that the mechanism does not know, every unit that is not its own, every range that is empty, by dotted key.
-    pub fn new(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Result<Self, Problems> {
+    pub fn new(study: &Study, mechanism: &Mechanism, values: &[f64], names_are_known: bool) -> Result<Self, Problems> {
         let mut problems = Problems::default();
         let known: Vec<&str> = mechanism.inputs().keys().map(String::as_str).collect();
         for name in study.inputs.keys().filter(|name| !known.contains(&name.as_str())) {
@@ -71,6 +74,10 @@ impl Driven {
                 excitations: options.excitations().to_vec(),
             });
         }
+        // said elsewhere, or of a section that is damaged
+        if study.states.is_empty() {
+            return Err(problems);
+        }
         let coordinates: Vec<String> = study.states.keys().cloned().collect();
         let names: Vec<&str> = coordinates.iter().map(String::as_str).collect();
         let start: Vec<f64> = match mechanism.reduced(values, &names) {
@@ -81,7 +88,32 @@ impl Driven {
                 Vec::new()
             }
         };
-        if problems.is_empty() { Ok(Self { coordinates, drivers, start, seed: study.seed }) } else { Err(problems) }
+        for ((name, state), start) in study.states.iter().zip(&start) {
+            let goes_around = is_angle(name) && state.max - state.min > TAU - 1e-6;
+            if !goes_around && state.min < state.max && !(state.min..=state.max).contains(start) {
+                let (min, max) = (state.min, state.max);
+                let message =
+                    format!("the mechanism starts at {start}, which is outside the range from {min} to {max}");
+                problems.add(format!("states.{name}"), message);
+            }
+        }
+        let region = region(study, mechanism, values);
+        let mut ranges = region.coordinates.iter().chain(&region.parameters);
+        if problems.is_empty()
+            && names_are_known
+            && ranges.all(|range| range.min < range.max)
+            && let Err(message) = dynamics::check(mechanism, &region, study.seed)
+        {
+            let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
+            let is_force = message.contains("force");
+            let key = output.map(|name| format!("outputs.{name}"));
+            problems.add(key.unwrap_or_else(|| if is_force { "source.mechanism" } else { "states" }.into()), message);
+        }
+        if problems.is_empty() {
+            Ok(Self { coordinates, drivers, start, region, seed: study.seed })
+        } else {
+            Err(problems)
+        }
     }
 
     /// Names of the independent coordinates.
@@ -97,6 +129,11 @@ impl Driven {
     /// The states as the mechanism file has them at the start: coordinates, then velocities.
     pub fn start(&self) -> &[f64] {
         &self.start
+    }
+
+    /// Where the equations of motion are learned.
+    pub fn region(&self) -> &Region {
+        &self.region
     }
 
     /// The inputs.
@@ -159,6 +196,17 @@ impl Driven {
         let signals = (0..self.drivers.len()).map(signal).collect::<Result<Vec<_>, String>>()?;
         let names: Vec<&str> = self.coordinates.iter().map(String::as_str).collect();
         mechanism.simulate_from(values, (&names, [coordinates, velocities]), &signals, times, integration)
+    }
+}
+
+/// Where the study wants the equations of motion, `values` being those of the mechanism's parameters.
+fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
+    let names = mechanism.parameters().keys().cloned();
+    Region {
+        coordinates: study.states.iter().map(|(name, state)| Range::new(name, state.min, state.max)).collect(),
+        parameters: study.parameters.iter().map(|(name, range)| Range::new(name, range.min, range.max)).collect(),
+        constants: names.zip(values.iter().copied()).collect(),
+        outputs: study.outputs.keys().cloned().collect(),
     }
 }
 

@@ -409,7 +409,7 @@ impl Equations {
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
         if let (true, Simulator::Mechanism(mechanism)) = (study.has_states(), &equations.simulator) {
-            match Driven::new(study, mechanism, &equations.quantities) {
+            match Driven::new(study, mechanism, &equations.quantities, problems.is_empty()) {
                 Ok(driven) => {
                     parameters.extend(driven.starts());
                     equations.driven = Some(driven);

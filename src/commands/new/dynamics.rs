@@ -72,14 +72,10 @@ step = 0.02                 # s
     }
     text += "\n[parameters]\n";
     for (name, parameter) in mechanism.parameters() {
-        let _ = match (parameter.min, parameter.max) {
-            (Some(min), Some(max)) => writeln!(text, "{name} = {{ min = {min:?}, max = {max:?} }}"),
-            _ => writeln!(
-                text,
-                "# {name} = {{ min = ..., max = ... }}    # {:?} where it is not varied",
-                parameter.default
-            ),
-        };
+        // the others are constants, or values at the start, for which the FMU has parameters of its own
+        if let (Some(min), Some(max)) = (parameter.min, parameter.max) {
+            let _ = writeln!(text, "{name} = {{ min = {min:?}, max = {max:?} }}");
+        }
     }
     text += "\n[outputs]                   # positions, velocities, accelerations, energies\n";
     for output in mechanism.outputs() {
