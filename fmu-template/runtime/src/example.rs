@@ -24,23 +24,11 @@ pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
 /// # Panics
 /// If a size is zero.
 pub fn with_precision(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
-    let input = |name: &str, role, unit: &str, min, max| Input {
-        name: name.into(),
-        role,
-        unit: unit.into(),
-        description: format!("example input {name}"),
-        min,
-        max,
-        start: if role == Role::Time { min } else { 0.5 * (min + max) },
-        encoding: Encoding::Plain,
+    let input = |name: &str, role, unit: &str, min, max| {
+        let start = if role == Role::Time { min } else { 0.5 * (min + max) };
+        variable(name, role, unit, [min, max, start])
     };
-    let output = |name: &str, unit: &str| Output {
-        name: name.into(),
-        unit: unit.into(),
-        description: format!("example output {name}"),
-        min: -2.0,
-        max: 2.0,
-    };
+    let output = |name: &str, unit: &str| shown(name, unit, 2.0);
     let metadata = Metadata {
         name: "example".into(),
         description: "A network with made-up weights".into(),
@@ -67,6 +55,24 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
     let layers = layers(&[&[3], hidden, &[2]].concat(), activation, &mut uniform_sequence());
     Surrogate::new(metadata, Model::Response(Map::Network(ScaledNetwork { scaling, layers })))
         .expect("the example is valid")
+}
+
+fn variable(name: &str, role: Role, unit: &str, [min, max, start]: [f64; 3]) -> Input {
+    Input {
+        name: name.into(),
+        role,
+        unit: unit.into(),
+        description: format!("example input {name}"),
+        min,
+        max,
+        start,
+        encoding: Encoding::Plain,
+    }
+}
+
+fn shown(name: &str, unit: &str, largest: f64) -> Output {
+    let description = format!("example output {name}");
+    Output { name: name.into(), unit: unit.into(), description, min: -largest, max: largest }
 }
 
 /// The same with a network for each of four instants, which are not evenly spaced.
@@ -177,23 +183,7 @@ fn uniform_sequence() -> impl FnMut() -> f32 {
 /// parameter. The states are the trolley's position, the rope's angle and their velocities; the outputs are both positions, the load's
 /// horizontal position, velocity and acceleration, and the energies.
 pub fn crane() -> Surrogate {
-    let variable = |name: &str, role, unit: &str, min, max, start| Input {
-        name: name.into(),
-        role,
-        unit: unit.into(),
-        description: format!("example input {name}"),
-        min,
-        max,
-        start,
-        encoding: Encoding::Plain,
-    };
-    let output = |name: &str, unit: &str| Output {
-        name: name.into(),
-        unit: unit.into(),
-        description: format!("example output {name}"),
-        min: -20.0,
-        max: 20.0,
-    };
+    let output = |name: &str, unit: &str| shown(name, unit, 20.0);
     let state = |name: &str, unit: &str, rate_unit: &str, range| State {
         name: name.into(),
         unit: unit.into(),
@@ -202,17 +192,17 @@ pub fn crane() -> Surrogate {
         range,
         nominal: 1.0,
     };
-    let start = |name: &str, unit, value| variable(&State::start_name(name), Role::Start, unit, -5.0, 5.0, value);
+    let start = |name: &str, unit, value| variable(&State::start_name(name), Role::Start, unit, [-5.0, 5.0, value]);
     let metadata = Metadata {
         name: "crane".into(),
         description: "A crane with made-up numbers".into(),
         inputs: vec![
-            variable("rope", Role::Parameter(Variability::Fixed), "m", 1.0, 2.0, 1.5),
+            variable("rope", Role::Parameter(Variability::Fixed), "m", [1.0, 2.0, 1.5]),
             start("trolley.position", "m", 0.0),
             start("rope.angle", "rad", 0.3),
             start("trolley.velocity", "m/s", 0.0),
             start("rope.angular_velocity", "rad/s", 0.0),
-            variable("force", Role::Input, "N", -10.0, 10.0, 0.0),
+            variable("force", Role::Input, "N", [-10.0, 10.0, 0.0]),
         ],
         outputs: vec![
             output("x", "m"),
