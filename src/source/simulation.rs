@@ -50,7 +50,7 @@ pub struct Simulation {
 #[derive(Clone, Debug)]
 enum Model {
     /// This program.
-    Equations(Equations),
+    Equations(Box<Equations>),
     /// An FMU.
     Fmu(FmuModel),
 }
@@ -79,7 +79,15 @@ impl Simulation {
         }
         let (equations, parameters, outputs) = Equations::new(study)?;
         let inputs = equations.driven.as_ref().map_or(Vec::new(), Driven::variables);
-        Ok(Self { model: Model::Equations(equations), parameters, inputs, outputs, times, max_failed, source })
+        Ok(Self {
+            model: Model::Equations(Box::new(equations)),
+            parameters,
+            inputs,
+            outputs,
+            times,
+            max_failed,
+            source,
+        })
     }
 
     /// What drives the runs, in the source's order.
@@ -117,7 +125,8 @@ impl Simulation {
     pub fn points(&self) -> Vec<Point> {
         let outputs: Vec<&str> = self.outputs.iter().map(|output| output.name.as_str()).collect();
         match &self.model {
-            Model::Equations(Equations { simulator, quantities, parameter_positions, .. }) => {
+            Model::Equations(equations) => {
+                let Equations { simulator, quantities, parameter_positions, .. } = &**equations;
                 simulator.points(quantities, parameter_positions, &outputs)
             }
             Model::Fmu(_) => Vec::new(),
