@@ -39,7 +39,7 @@
 //! |---|---|---|---|
 //! | `columns` | F64 | `[columns, 2]` | of an angle 0, 0; of a power the middle and the half of its range |
 //! | `law.exponents`, `positions.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
-//! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`]; positions |
+//! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`](crate::Dynamics); positions |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
