@@ -133,7 +133,7 @@ fn outputs_are_positions_with_their_windings() {
     for start in ["", "[initial]\nrope.angle = 0.3"] {
         let text = format!("{CRANE}    outputs.theta = {{ measure = \"rope.angle\" }}\n{start}");
         let fitted = fit(&parse(&text), &region, 1).unwrap();
-        assert_eq!(fitted.windings, [0.0, 0.0, 0.0, 1.0]);
+        assert_eq!(fitted.windings, [1.0, 0.0, 0.0, 1.0]);
         assert!(fitted.error < 1e-12, "{}", fitted.error);
     }
 }
