@@ -7,7 +7,7 @@ use crate::{
     files::write_whole,
     layout,
     source::driven::Driven,
-    study::{self, ParameterOptions, StateOptions, Study, is_angle},
+    study::{self, ParameterOptions, StateOptions, Study},
     variable::Variable,
 };
 use metafmu_runtime::{
@@ -15,7 +15,7 @@ use metafmu_runtime::{
     Surrogate, Variability,
     regression::{Function, Regression},
 };
-use std::{f64::consts::TAU, path::Path};
+use std::path::Path;
 
 /// Puts a trained model and what is known about its columns together.
 ///
@@ -96,8 +96,7 @@ fn of_state(Variable { name, unit, description, .. }: Variable, options: Option<
         Some(unit) => format!("{unit}/s2"),
         None => format!("{unit}/s"),
     };
-    let goes_around = |options: &&StateOptions| is_angle(&name) && options.max - options.min > TAU - 1e-6;
-    let range = options.filter(|options| !goes_around(options)).map(|options| [options.min, options.max]);
+    let range = options.filter(|options| !options.goes_around(&name)).map(|options| [options.min, options.max]);
     let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));
     State { name, unit, rate_unit, description, range, nominal }
 }

@@ -89,8 +89,7 @@ impl Driven {
             }
         };
         for ((name, state), start) in study.states.iter().zip(&start) {
-            let goes_around = is_angle(name) && state.max - state.min > TAU - 1e-6;
-            if !goes_around && state.min < state.max && !(state.min..=state.max).contains(start) {
+            if !state.goes_around(name) && state.min < state.max && !(state.min..=state.max).contains(start) {
                 let (min, max) = (state.min, state.max);
                 let message =
                     format!("the mechanism starts at {start}, which is outside the range from {min} to {max}");

@@ -6,6 +6,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 
 /// An entry of `[states]`: an independent coordinate, by the measure that names it, and its velocity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -42,6 +43,11 @@ pub fn is_angle(coordinate: &str) -> bool {
 }
 
 impl StateOptions {
+    /// Whether the coordinate is an angle whose range is a full turn: every number is a good value of it.
+    pub fn goes_around(&self, name: &str) -> bool {
+        is_angle(name) && self.max - self.min > TAU - 1e-6
+    }
+
     fn start(&self) -> [f64; 2] {
         let (middle, tenth) = (0.5 * (self.min + self.max), 0.1 * (self.max - self.min));
         self.start.unwrap_or([middle - tenth, middle + tenth])

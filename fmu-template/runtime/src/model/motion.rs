@@ -238,7 +238,7 @@ impl Motion {
         for (k, column) in along.iter_mut().enumerate() {
             *column = match k.checked_sub(n) {
                 None => Jet { value: q[k], first: v[k], second: a[k] },
-                Some(parameter) => Jet::from(0.0) + Jet { value: columns[parameter], ..Jet::from(0.0) },
+                Some(parameter) => Jet { value: columns[parameter], ..Jet::from(0.0) },
             };
         }
         if !positions.is_empty() {
