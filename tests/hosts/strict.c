@@ -1,9 +1,10 @@
 /* A host that takes every status but OK for a failure, as solvers do with their right-hand side: FMI 2.0 and 3.0,
- * co-simulation and model exchange, of the example surrogate.
+ * co-simulation and model exchange, of an example surrogate.
  *
- * strict LIBRARY VERSION INTERFACE RESOURCES TOKEN: VERSION is 2 or 3, INTERFACE cs or me, RESOURCES what the version
- * wants: a URI or a path. Runs from 0 s to 2 s, the end of the training range, once for each domain policy, and never
- * leaves the domain but by what a solver tries. Exits with 1 and the name of the function that did not return OK.
+ * strict LIBRARY VERSION INTERFACE RESOURCES TOKEN MODEL: VERSION is 2 or 3, INTERFACE cs or me, RESOURCES what the
+ * version wants: a URI or a path; MODEL is response or motion, which has states and an input that changes at events. Runs
+ * from 0 s to 2 s, once for each domain policy, never leaves the domain but by what a solver tries, and prints the final
+ * outputs. Exits with 1 and the name of the function that did not return OK.
  */
 #include <dlfcn.h>
 #include <stdarg.h>
@@ -13,12 +14,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LENGTH, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN };
+enum { MOST_STATES = 4, OUTPUTS = 2, PARTS = 4, STEPS = 100 };
 
-static const double START = 0.0, STOP = 2.0, STEP = 0.1;
-/* inside the ranges, 0.1 to 0.2 and 0 to 5; one that only a solver tries */
-static const double LENGTH_SET = 0.12, SPEED_SET = 1.5, SPEED_TRIED = 9.0;
+static const double START = 0.0, STOP = 2.0, STEP = 0.02;
 
+typedef struct {
+    const char *name;
+    /* value references */
+    uint32_t parameter, input, outputs[OUTPUTS], domain_policy, in_domain;
+    size_t states;
+    /* inside the ranges; of the input in equal parts of the run, and one that only a solver tries */
+    double parameter_set, input_set[PARTS], input_tried;
+} Model;
+
+static const Model models[] = {
+    {"response", 0, 1, {3, 4}, 5, 6, 0, 0.12, {1.5, 1.5, 1.5, 1.5}, 9.0},
+    {"motion", 0, 5, {6, 7}, 21, 22, 4, 1.3, {4.0, -6.0, 8.0, -3.0}, 90.0},
+};
+
+static const Model *model;
 static void *library;
 static int version;
 static bool solver;
@@ -116,9 +130,20 @@ static void set_real(uint32_t reference, double value)
     }
 }
 
+/* The input from the beginning of a step on. */
+static double input_at(int step)
+{
+    return model->input_set[step < STEPS ? PARTS * step / STEPS : PARTS - 1];
+}
+
+static bool is_event(int step)
+{
+    return step % (STEPS / PARTS) == 0;
+}
+
 static void set_policy(int32_t value)
 {
-    const uint32_t reference = DOMAIN_POLICY;
+    const uint32_t reference = model->domain_policy;
     if (version == 2) {
         CALL("fmi2SetInteger", (void *, const uint32_t *, size_t, const int32_t *), instance, &reference, 1, &value);
     } else {
@@ -127,21 +152,19 @@ static void set_policy(int32_t value)
     }
 }
 
-static void get_outputs(void)
+static void get_outputs(double values[OUTPUTS])
 {
-    static const uint32_t references[] = {ANGLE, VELOCITY};
-    double values[2];
     if (version == 2) {
-        CALL("fmi2GetReal", (void *, const uint32_t *, size_t, double *), instance, references, 2, values);
+        CALL("fmi2GetReal", (void *, const uint32_t *, size_t, double *), instance, model->outputs, OUTPUTS, values);
     } else {
-        CALL("fmi3GetFloat64", (void *, const uint32_t *, size_t, double *, size_t), instance, references, 2, values,
-             2);
+        CALL("fmi3GetFloat64", (void *, const uint32_t *, size_t, double *, size_t), instance, model->outputs, OUTPUTS,
+             values, OUTPUTS);
     }
 }
 
 static void expect_in_domain(void)
 {
-    const uint32_t reference = IN_DOMAIN;
+    const uint32_t reference = model->in_domain;
     int inside_2 = 0;
     bool inside_3 = false;
     if (version == 2) {
@@ -155,26 +178,28 @@ static void expect_in_domain(void)
 
 static void initialize(void)
 {
+    double outputs[OUTPUTS];
     if (version == 2) {
         CALL("fmi2SetupExperiment", (void *, int, double, double, int, double), instance, 1, 1e-6, START, 1, STOP);
         PLAIN("fmi2EnterInitializationMode");
-        set_real(SPEED, SPEED_SET);
-        get_outputs();
+        set_real(model->input, input_at(0));
+        get_outputs(outputs);
         PLAIN("fmi2ExitInitializationMode");
     } else {
         CALL("fmi3EnterInitializationMode", (void *, bool, double, double, bool, double), instance, true, 1e-6, START,
              true, STOP);
-        set_real(SPEED, SPEED_SET);
-        get_outputs();
+        set_real(model->input, input_at(0));
+        get_outputs(outputs);
         PLAIN("fmi3ExitInitializationMode");
     }
 }
 
 /* In Event Mode: inputs, then discrete states until nothing changes. */
-static void handle_event(void)
+static void handle_event(int step)
 {
     bool again = true;
-    set_real(SPEED, SPEED_SET);
+    double outputs[OUTPUTS];
+    set_real(model->input, input_at(step));
     while (again) {
         if (version == 2) {
             EventInfo info;
@@ -187,33 +212,58 @@ static void handle_event(void)
                  &again, &flags[0], &flags[1], &flags[2], &flags[3], &time);
         }
     }
-    get_outputs();
+    get_outputs(outputs);
 }
 
 /* ---- Model exchange ---- */
 
-/* The right-hand side of a solver, and what a coupled system reads for it. */
-static void evaluate(double time, double speed)
+static void get_states(double x[MOST_STATES])
 {
+    CALL(version == 2 ? "fmi2GetContinuousStates" : "fmi3GetContinuousStates", (void *, double *, size_t), instance, x,
+         model->states);
+}
+
+/* The right-hand side of a solver, and what a coupled system reads for it. */
+static void evaluate(double time, const double x[MOST_STATES], double input, double rates[MOST_STATES])
+{
+    double outputs[OUTPUTS];
+    /* as hosts do where there are none */
+    const double *const states = model->states > 0 ? x : NULL;
+    double *const derivatives = model->states > 0 ? rates : NULL;
     if (version == 2) {
         CALL("fmi2SetTime", (void *, double), instance, time);
-        CALL("fmi2SetContinuousStates", (void *, const double *, size_t), instance, NULL, 0);
-        set_real(SPEED, speed);
-        CALL("fmi2GetDerivatives", (void *, double *, size_t), instance, NULL, 0);
+        CALL("fmi2SetContinuousStates", (void *, const double *, size_t), instance, states, model->states);
+        set_real(model->input, input);
+        CALL("fmi2GetDerivatives", (void *, double *, size_t), instance, derivatives, model->states);
         CALL("fmi2GetEventIndicators", (void *, double *, size_t), instance, NULL, 0);
     } else {
         CALL("fmi3SetTime", (void *, double), instance, time);
-        CALL("fmi3SetContinuousStates", (void *, const double *, size_t), instance, NULL, 0);
-        set_real(SPEED, speed);
-        CALL("fmi3GetContinuousStateDerivatives", (void *, double *, size_t), instance, NULL, 0);
+        CALL("fmi3SetContinuousStates", (void *, const double *, size_t), instance, states, model->states);
+        set_real(model->input, input);
+        CALL("fmi3GetContinuousStateDerivatives", (void *, double *, size_t), instance, derivatives, model->states);
         CALL("fmi3GetEventIndicators", (void *, double *, size_t), instance, NULL, 0);
     }
-    get_outputs();
+    get_outputs(outputs);
 }
 
-static void accept_step(double time)
+/* A step of the classical Runge-Kutta method. */
+static void integrate(double time, double x[MOST_STATES], double input)
 {
-    evaluate(time, SPEED_SET);
+    static const double share[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    double rates[MOST_STATES] = {0}, tried[MOST_STATES], next[MOST_STATES];
+    memcpy(next, x, sizeof next);
+    for (int stage = 0; stage < 4; stage++) {
+        for (size_t i = 0; i < model->states; i++) tried[i] = x[i] + share[stage] * STEP * rates[i];
+        evaluate(time + share[stage] * STEP, tried, input, rates);
+        for (size_t i = 0; i < model->states; i++) next[i] += weight[stage] * STEP * rates[i];
+    }
+    memcpy(x, next, sizeof next);
+}
+
+static void accept_step(double time, const double x[MOST_STATES], double input)
+{
+    double rates[MOST_STATES];
+    evaluate(time, x, input, rates);
     if (version == 2) {
         int enter, terminate;
         CALL("fmi2CompletedIntegratorStep", (void *, int, int *, int *), instance, 0, &enter, &terminate);
@@ -226,41 +276,43 @@ static void accept_step(double time)
 
 static void solve(void)
 {
-    const int steps = (int)(STOP / STEP + 0.5);
-    handle_event();
+    static const double far[MOST_STATES] = {50.0, 2.0, -9.0, 30.0};
+    double x[MOST_STATES], rates[MOST_STATES];
+    handle_event(0);
     PLAIN(version == 2 ? "fmi2EnterContinuousTimeMode" : "fmi3EnterContinuousTimeMode");
-    for (int step = 0; step < steps; step++) {
-        const double time = START + STEP * step;
-        evaluate(time, SPEED_SET);
-        evaluate(time + 20.0 * STEP, SPEED_SET); /* a step that is rejected, past the stop time soon */
-        evaluate(time + STEP, SPEED_TRIED);      /* another one */
-        evaluate(time, SPEED_SET);               /* back in time */
-        evaluate(time + 0.5 * STEP, SPEED_SET);
-        accept_step(time + STEP);
-        evaluate(time + 0.7 * STEP, SPEED_SET); /* an event is looked for in the step */
-        if (step % 5 == 4) {
-            evaluate(time + STEP, SPEED_SET);
+    get_states(x);
+    for (int step = 0; step < STEPS; step++) {
+        const double time = START + STEP * step, input = input_at(step);
+        evaluate(time, x, input, rates);
+        evaluate(time + 100.0 * STEP, far, input, rates);    /* a step that is rejected, past the stop time soon */
+        evaluate(time + STEP, x, model->input_tried, rates); /* another one */
+        evaluate(time, x, input, rates);                     /* back in time */
+        integrate(time, x, input);
+        accept_step(time + STEP, x, input);
+        evaluate(time + 0.7 * STEP, x, input, rates); /* an event is looked for in the step */
+        if (is_event(step + 1)) {
+            evaluate(time + STEP, x, input, rates);
             PLAIN(version == 2 ? "fmi2EnterEventMode" : "fmi3EnterEventMode");
-            handle_event();
+            handle_event(step + 1);
             PLAIN(version == 2 ? "fmi2EnterContinuousTimeMode" : "fmi3EnterContinuousTimeMode");
+            get_states(x);
         }
     }
-    evaluate(3.81, SPEED_SET); /* as CVode does at a stop time of 2 s */
-    accept_step(STOP);
+    evaluate(3.81, far, input_at(STEPS), rates); /* as CVode does at a stop time of 2 s */
+    accept_step(STOP, x, input_at(STEPS));
 }
 
 /* ---- Co-simulation ---- */
 
 static void do_steps(void)
 {
-    const int steps = (int)(STOP / STEP + 0.5);
+    double outputs[OUTPUTS], time = START;
     if (version == 3) {
-        handle_event();
+        handle_event(0);
         PLAIN("fmi3EnterStepMode");
     }
-    double time = START;
-    for (int step = 0; step < steps; step++) {
-        set_real(SPEED, SPEED_SET);
+    for (int step = 0; step < STEPS; step++) {
+        set_real(model->input, input_at(step));
         if (version == 2) {
             CALL("fmi2DoStep", (void *, double, double, int), instance, time, STEP, 1);
         } else {
@@ -270,11 +322,11 @@ static void do_steps(void)
                  true, &event, &terminate, &early, &reached);
         }
         time += STEP; /* which rounding takes past the stop time */
-        get_outputs();
+        get_outputs(outputs);
         expect_in_domain();
-        if (version == 3 && step % 5 == 4) {
+        if (version == 3 && is_event(step + 1)) {
             PLAIN("fmi3EnterEventMode");
-            handle_event();
+            handle_event(step + 1);
             PLAIN("fmi3EnterStepMode");
         }
     }
@@ -282,14 +334,16 @@ static void do_steps(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 6) fail("expected LIBRARY 2|3 cs|me RESOURCES TOKEN", 0);
+    if (argc != 7) fail("expected LIBRARY 2|3 cs|me RESOURCES TOKEN response|motion", 0);
     library = dlopen(argv[1], RTLD_NOW | RTLD_LOCAL);
     if (library == NULL) fail(dlerror(), 0);
     version = atoi(argv[2]);
     solver = strcmp(argv[3], "me") == 0;
+    model = &models[strcmp(argv[6], models[1].name) == 0];
     instantiate(argv[4], argv[5]);
     for (int32_t policy = 0; policy < 3; policy++) {
-        set_real(LENGTH, LENGTH_SET);
+        double outputs[OUTPUTS];
+        set_real(model->parameter, model->parameter_set);
         set_policy(policy);
         initialize();
         if (solver) {
@@ -297,6 +351,8 @@ int main(int argc, char **argv)
         } else {
             do_steps();
         }
+        get_outputs(outputs);
+        printf("%.17g %.17g\n", outputs[0], outputs[1]);
         PLAIN(version == 2 ? "fmi2Terminate" : "fmi3Terminate");
         PLAIN(version == 2 ? "fmi2Reset" : "fmi3Reset");
     }

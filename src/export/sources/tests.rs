@@ -5,12 +5,14 @@ use crate::{
         Fmu, Inputs, Instance, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier,
         simulate,
     },
+    integrate::{Budget, TOLERANCE, integrate},
     study::ExportOptions,
     surrogate::seal,
 };
 use metafmu_runtime::{
     Domain, Drive, Dynamics, Evaluator, Map, Model, Motion, Quantity, Shown, StepError, dictionary::Dictionary, example,
 };
+use nalgebra::{Matrix2, SVector, Vector2};
 use std::{
     fs,
     io::Write,
@@ -503,48 +505,86 @@ fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
     }
 }
 
-/// tests/hosts/strict.c with the library of an FMU, by each version and interface.
-fn run_strict_host(library_of: impl Fn(&Path, FmiVersion) -> PathBuf) {
+/// What tests/hosts/strict.c prints with the library of a surrogate, by each version and interface: the outputs at the end.
+fn run_strict_host(
+    surrogate: Surrogate,
+    model: &str,
+    library_of: impl Fn(&Path, &Surrogate, FmiVersion) -> PathBuf,
+) -> Vec<[f64; 2]> {
     let folder = tempfile::tempdir().unwrap();
     let resources = folder.path().join("resources");
-    let surrogate = seal(example::with_input()).unwrap();
+    let surrogate = seal(surrogate).unwrap();
     fs::create_dir(&resources).unwrap();
     fs::write(resources.join("model.safetensors"), surrogate.to_bytes().unwrap()).unwrap();
     let host = folder.path().join("strict");
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hosts/strict.c");
     let status = compiler().args(FLAGS).arg(source).arg("-o").arg(&host).arg("-ldl").status().unwrap();
     assert!(status.success());
+    let mut found = Vec::new();
     for (version, number, resources) in [
         (FmiVersion::V2, "2", format!("file://{}", resources.display())),
         (FmiVersion::V3, "3", resources.display().to_string()),
     ] {
-        let library = library_of(folder.path(), version);
+        let library = library_of(folder.path(), &surrogate, version);
         for interface in ["cs", "me"] {
-            let arguments = [library.to_str().unwrap(), number, interface, &resources];
-            let output = Command::new(&host).args(arguments).arg(surrogate.instantiation_token()).output().unwrap();
+            let token = surrogate.instantiation_token();
+            let arguments = [library.to_str().unwrap(), number, interface, &resources, &token, model];
+            let output = Command::new(&host).args(arguments).output().unwrap();
             assert!(output.status.success(), "{number} {interface}: {}", String::from_utf8_lossy(&output.stderr));
             assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+            let text = String::from_utf8(output.stdout).unwrap();
+            let numbers: Vec<f64> = text.split_whitespace().map(|number| number.parse().unwrap()).collect();
+            found.extend(numbers.chunks(2).map(|outputs| [outputs[0], outputs[1]]));
+        }
+    }
+    // two versions, two interfaces, three domain policies
+    assert_eq!(found.len(), 12);
+    found
+}
+
+fn packed_library(folder: &Path, _: &Surrogate, _: FmiVersion) -> PathBuf {
+    let binary = Binary::embedded().into_iter().find(|binary| binary.platform == Platform::CURRENT).unwrap();
+    let path = folder.join("packed");
+    fs::write(&path, &binary.bytes).unwrap();
+    path
+}
+
+fn library_of_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
+    write_sources(folder, surrogate, version);
+    compile(folder, surrogate, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
+}
+
+#[test]
+fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none() {
+    for library_of in [packed_library, library_of_sources] {
+        let found = run_strict_host(example::with_input(), "response", library_of);
+        for outputs in &found {
+            assert!((0..2).all(|i| (outputs[i] - found[0][i]).abs() < 1e-12), "{found:?}");
         }
     }
 }
 
+/// The crane of the example, pushed as the host does: its own equations, integrated here.
 #[test]
-fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_packed_library() {
-    run_strict_host(|folder, _| {
-        let binary = Binary::embedded().into_iter().find(|binary| binary.platform == Platform::CURRENT).unwrap();
-        let path = folder.join("packed");
-        fs::write(&path, &binary.bytes).unwrap();
-        path
-    });
-}
-
-#[test]
-fn a_host_that_takes_every_status_but_ok_for_a_failure_finds_none_in_the_sources() {
-    run_strict_host(|folder, version| {
-        let surrogate = seal(example::with_input()).unwrap();
-        write_sources(folder, &surrogate, version);
-        compile(folder, &surrogate, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
-    });
+fn the_same_host_drives_the_input_of_a_motion_by_both_interfaces() {
+    let mut state = SVector::from([0.0, 0.3, 0.0, 0.0]);
+    for force in [4.0, -6.0, 8.0, -3.0] {
+        let derivative = |state: &SVector<f64, 4>| {
+            let (l, [_, theta, v, omega]) = (1.3, (*state).into());
+            let masses = Matrix2::new(3.0, l * theta.cos(), l * theta.cos(), l * l);
+            let swing = l * omega * omega * theta.sin();
+            let forces = Vector2::new(force - 0.3 * v + swing, -9.81 * l * theta.sin());
+            let accelerations = masses.try_inverse().unwrap() * forces;
+            SVector::from([v, omega, accelerations[0], accelerations[1]])
+        };
+        state = integrate(derivative, state, &[0.0, 0.5], TOLERANCE, &Budget::default()).unwrap()[1];
+    }
+    for library_of in [packed_library, library_of_sources] {
+        let found = run_strict_host(example::crane(), "motion", library_of);
+        for outputs in &found {
+            assert!((0..2).all(|i| (outputs[i] - state[i]).abs() < 1e-5), "{found:?}, expected {state}");
+        }
+    }
 }
 
 #[test]
