@@ -5,15 +5,16 @@
 //!
 //!     cargo run --release --example embed_load -- slider-crank.fmu load.fmu > result.csv
 
-use metafmu::{
-    Error, Result,
-    fmi::{Fmu, Instance},
-};
+#[path = "embedding/variables.rs"]
+mod variables;
+
+use metafmu::{Result, fmi::Fmu};
 use std::{
     env,
     fmt::Write as _,
     io::{Write as _, stdout},
 };
+use variables::{references, values};
 
 const STOP: f64 = 5.0;
 const STEP: f64 = 1e-3;
@@ -52,24 +53,4 @@ fn simulate(slider_crank: &Fmu, load: &Fmu) -> Result<String> {
     slider.terminate()?;
     load.terminate()?;
     Ok(table)
-}
-
-/// Value references of an FMU's variables.
-fn references<const N: usize>(fmu: &Fmu, names: [&str; N]) -> Result<[u32; N]> {
-    let description = fmu.description();
-    let mut references = [0; N];
-    for (reference, name) in references.iter_mut().zip(names) {
-        let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
-            name: name.into(),
-            known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
-        })?;
-        *reference = variable.value_reference;
-    }
-    Ok(references)
-}
-
-fn values<const N: usize>(instance: &Instance, references: [u32; N]) -> Result<[f64; N]> {
-    let mut values = [0.0; N];
-    instance.get_real(&references, &mut values)?;
-    Ok(values)
 }

@@ -24,16 +24,17 @@ def build_load(fmu):
             archive.write(library, "binaries/linux64/load.so")
 
 
-def build_ssp(slider_crank, load, ssp):
-    """Both FMUs and how they are connected."""
+def build_ssp(structure, ssp, fmus):
+    """A system of FMUs, by their names in it."""
     with zipfile.ZipFile(ssp, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.write(HERE / "SystemStructure.ssd", "SystemStructure.ssd")
-        archive.write(slider_crank, "resources/slider-crank.fmu")
-        archive.write(load, "resources/load.fmu")
+        archive.write(structure, "SystemStructure.ssd")
+        for name, fmu in fmus.items():
+            archive.write(fmu, f"resources/{name}")
 
 
 if __name__ == "__main__":
     slider_crank, folder = map(Path, sys.argv[1:])
     folder.mkdir(parents=True, exist_ok=True)
     build_load(folder / "load.fmu")
-    build_ssp(slider_crank, folder / "load.fmu", folder / "system.ssp")
+    fmus = {"slider-crank.fmu": slider_crank, "load.fmu": folder / "load.fmu"}
+    build_ssp(HERE / "SystemStructure.ssd", folder / "system.ssp", fmus)

@@ -31,6 +31,11 @@ class Component:
         )
         self.slave.instantiate()
 
+    def initialize(self):
+        self.slave.setupExperiment(startTime=0.0)
+        self.slave.enterInitializationMode()
+        self.slave.exitInitializationMode()
+
     def set(self, name, value):
         self.slave.setReal([self.references[name]], [value])
 
@@ -49,14 +54,10 @@ def simulate(slider_crank, load, stop=5.0, step=1e-3, parameters=None):
         slider, load = Component(slider_crank, "slider_crank"), Component(load, "load")
         stack.callback(slider.close)
         stack.callback(load.close)
-        for component in (slider, load):
-            component.slave.setupExperiment(startTime=0.0)
         for name, value in (parameters or {}).items():
             slider.set(name, value)
         for component in (slider, load):
-            component.slave.enterInitializationMode()
-        for component in (slider, load):
-            component.slave.exitInitializationMode()
+            component.initialize()
 
         rows = [[0.0, *slider.get("xB", "xBdd"), *load.get("displacement", "force")]]
         for index in range(round(stop / step)):

@@ -52,7 +52,8 @@ def system(tmp_path_factory):
     metafmu("build", folder / "slider-crank.toml", "--out", folder)
     slider_crank, load, ssp = (folder / name for name in ["slider-crank.fmu", "load.fmu", "system.ssp"])
     build.build_load(load)
-    build.build_ssp(slider_crank, load, ssp)
+    structure = ROOT / "examples" / "embedding" / "SystemStructure.ssd"
+    build.build_ssp(structure, ssp, {"slider-crank.fmu": slider_crank, "load.fmu": load})
     table = master.simulate(slider_crank, load, STOP, STEP)
     return System(slider_crank, load, ssp, table, json.loads((folder / "metrics.json").read_text())["outputs"])
 

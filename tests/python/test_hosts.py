@@ -30,7 +30,7 @@ def run_in_host(host, interface, fmu, case, step=0.01, steps=200):
     """A table of time and outputs."""
     start_values = dict(zip(PARAMETERS, case))
     if host == "fmi-sim":
-        return run_fmi_sim(interface, fmu, start_values, step, steps)
+        return run_fmi_sim(interface, fmu, start_values, OUTPUTS, step, steps)
     request = {"fmu": str(fmu), "start_values": start_values, "outputs": OUTPUTS, "step": step, "steps": steps}
     return run_python_host(host, request)
 
@@ -40,16 +40,18 @@ def run_python_host(host, request):
     return np.array(json.loads(run(command).stdout.splitlines()[-1]))
 
 
-def run_fmi_sim(interface, fmu, start_values, step, steps):
+def run_fmi_sim(interface, fmu, start_values, outputs, step, steps, inputs=None):
+    """A table of time and outputs; `inputs` is a CSV file."""
     assert FMI_SIM.exists(), "run scripts/fmi-sim.sh first"
     options = [option for name, value in start_values.items() for option in ("--init-values", f"{name}={value!r}")]
     times = ["--output-interval", repr(step), "-f", repr(step * steps)]
+    given = ["-i", inputs] if inputs else []
     with tempfile.TemporaryDirectory() as folder:
         copy, result = Path(folder) / "copy.fmu", Path(folder) / "result.csv"
         rewrite_description(fmu, copy, as_fmi_sim_reads_it)
-        run([FMI_SIM, "--model", copy, "-o", result, interface, *options, *times])
+        run([FMI_SIM, "--model", copy, *given, "-o", result, interface, *options, *times])
         with result.open(newline="") as file:
-            return np.array([[float(row[name]) for name in ["time", *OUTPUTS]] for row in csv.DictReader(file)])
+            return np.array([[float(row[name]) for name in ["time", *outputs]] for row in csv.DictReader(file)])
 
 
 def as_fmi_sim_reads_it(description):
@@ -67,8 +69,8 @@ def rewrite_description(fmu, copy, change):
             target.writestr(name, change(content.decode()) if name == "modelDescription.xml" else content)
 
 
-def run(command):
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+def run(command, **options):
+    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, **options)
     assert result.returncode == 0, f"{command} ended with {result.returncode}:\n{result.stdout}\n{result.stderr}"
     return result
 

@@ -1,0 +1,91 @@
+"""The crane's surrogate in use: with PythonFMU's controller in fmpy, a Rust program and, as SSP, two hosts."""
+
+import io
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.validation import validate_fmu
+from test_dynamics import build
+from test_hosts import run, run_python_host
+
+sys.path[:0] = [str(ROOT / "examples" / folder) for folder in ("embedding", "fmu-source")]
+import crane_control
+from make_fmus import activated
+
+EXAMPLES = ROOT / "target" / "release" / "examples"
+STEPS = round(crane_control.STOP / crane_control.STEP)
+
+
+@dataclass
+class System:
+    crane: Path
+    folder: Path
+    table: np.ndarray
+    errors: list
+
+
+def read_table(text):
+    return np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1)
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory):
+    """What the fmpy script makes of a crane: the controller, the SSP, a table, and the errors that it reports."""
+    folder = tmp_path_factory.mktemp("crane-control")
+    crane = build(folder / "crane").fmu(2)
+    result = run([sys.executable, ROOT / "examples" / "embedding" / "crane_control.py", crane, folder])
+    assert result.stdout.splitlines()[0] == ",".join(crane_control.COLUMNS)
+    errors = [float(error) for error in re.findall(r"off by at most (\S+),", result.stderr)]
+    return System(crane, folder, read_table(result.stdout), errors)
+
+
+def rust_program(name):
+    assert (EXAMPLES / name).exists(), "run `cargo build --release --examples` first"
+    return EXAMPLES / name
+
+
+def test_the_controller_is_a_valid_fmu(system):
+    assert validate_fmu(system.folder / "controller.fmu") == []
+
+
+def test_the_surrogate_moves_under_the_controller_as_the_crane_does(system):
+    expected = crane_control.solve(*crane_control.start_values(system.crane))
+    errors = np.max(np.abs(system.table - expected), axis=0)[1:]
+    assert np.all(errors < [1e-8, 1e-8, 1e-7]), errors
+    np.testing.assert_allclose(errors, system.errors, rtol=0.06)
+    # the load swings at the start, and rests at the target in the end
+    assert np.all(np.abs(system.table[0, 1:3] - [0.0, 0.3]) < 1e-12)
+    assert np.all(np.abs(system.table[-50:, 1:3] - [2.0, 0.0]) < 0.01)
+
+
+def test_the_rust_program_computes_what_the_fmpy_script_does(system):
+    command = [rust_program("crane_control"), system.crane, system.folder / "controller.fmu"]
+    table = read_table(run(command, env=activated()).stdout)
+    # the same calls of the same binaries
+    np.testing.assert_array_equal(table, system.table)
+
+
+def test_ecospy_runs_the_ssp_as_the_fmpy_script_does(system):
+    names = ["crane::x", "crane::theta", "controller::force"]
+    request = {"ssp": str(system.folder / "crane.ssp"), "outputs": names, "step": crane_control.STEP, "steps": STEPS}
+    table = run_python_host("ecospy-ssp", request)
+    # it adds up the times of its steps
+    np.testing.assert_allclose(table, system.table, rtol=0, atol=1e-12 * np.max(np.abs(system.table)))
+
+
+def test_fmpy_runs_the_ssp_with_nothing_measured_at_the_start(system):
+    """Its first step takes all inputs to be 0. A row has the time at which its step begins, and the values at its end."""
+    result = simulate_ssp(system.folder / "crane.ssp", stop_time=crane_control.STOP, step_size=crane_control.STEP)
+    table = np.column_stack([result[name] for name in ("crane.x", "crane.theta", "controller.force")])[:STEPS]
+    measure = lambda index, x, theta: (x, theta) if index > 0 else (0.0, 0.0)
+    expected = crane_control.solve(*crane_control.start_values(system.crane), measure)[1:, 1:]
+    errors = np.max(np.abs(table - expected), axis=0)
+    assert np.all(errors < [1e-8, 1e-8, 1e-7]), errors
+    # which is not what the other hosts compute
+    assert np.max(np.abs(table - system.table[1:, 1:])) > 1
