@@ -1,9 +1,11 @@
 """Surrogates with states: a crane that a motor pushes, in fmpy, against scipy's solution of its equations."""
 
+import io
 import json
 import os
 import re
 import subprocess
+import sys
 from ctypes import c_double, c_int, c_uint32
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +19,10 @@ from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.simulation import instantiate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
-from test_hosts import run_fmutool, run_python_host
+from test_hosts import run_fmi_sim, run_fmutool, run_python_host
+
+sys.path.insert(0, str(ROOT / "examples" / "embedding"))
+from crane_control import rates
 
 STOP, STEP = 5.0, 0.05
 ROWS = np.linspace(0.0, STOP, 101)
@@ -69,18 +74,11 @@ def crane(tmp_path_factory):
 
 def solution(force, knots=ROWS):
     """The states at the rows, by scipy; `force` of a time and the knot before it, smooth between two knots."""
-    l, m, b = PARAMETERS.values()
-
-    def derivative(t, state, knot):
-        _, theta, v, omega = state
-        masses = [[2 + m, m * l * np.cos(theta)], [np.cos(theta), l]]
-        forces = [force(t, knot) - b * v + m * l * omega**2 * np.sin(theta), -9.81 * np.sin(theta)]
-        return [v, omega, *np.linalg.solve(masses, forces)]
-
     rows = [list(STARTS.values())]
     for start, end in zip(knots[:-1], knots[1:]):
         times = ROWS[(ROWS > start + 1e-9) & (ROWS < end + 1e-9)].clip(max=end)
-        run = solve_ivp(derivative, (start, end), rows[-1], "DOP853", times, rtol=1e-11, atol=1e-12, args=(start,))
+        derivative = lambda t, state: rates(state, force(t, start), PARAMETERS.values())
+        run = solve_ivp(derivative, (start, end), rows[-1], "DOP853", times, rtol=1e-11, atol=1e-12)
         rows.extend(run.y.T)
     return np.array(rows)
 
@@ -228,23 +226,58 @@ def test_a_tolerance_makes_co_simulation_more_exact(crane, version, solution_hel
     assert exact < 1e-9 and exact < 0.1 * plain, (plain, exact)
 
 
-@pytest.mark.parametrize(("host", "version"), [("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3)])
-def test_another_host_drives_it_as_fmpy_does(crane, host, version):
-    steps = ROWS.size - 1
-    request = {
-        "fmu": str(crane.fmu(version)),
-        "start_values": PARAMETERS | STARTS,
-        "inputs": {"force": [linear(time, None) for time in ROWS[:-1]]},
-        "outputs": STATES,
-        "step": STEP,
-        "steps": steps,
-    }
+@pytest.fixture
+def force_table(tmp_path):
+    """The linear input for hosts that read tables."""
+    np.savetxt(tmp_path / "force.csv", np.column_stack([KNOTS, FORCES]), delimiter=",", header="time,force", comments="")
+    return tmp_path / "force.csv"
+
+
+def run_metafmu(fmu, table, *options):
+    """Time and outputs by `metafmu simulate`."""
+    starts = [word for name, value in (PARAMETERS | STARTS).items() for word in ("--start", f"{name}={value!r}")]
+    arguments = ["--input", table, *starts, "--stop-time", STOP, "--step-size", STEP, *options]
+    result = pd.read_csv(io.StringIO(metafmu("simulate", fmu, *arguments).stdout))
+    return result[["time", *OUTPUTS]].to_numpy()
+
+
+DRIVEN = [("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3), ("fmi-sim", 2), ("fmi-sim", 3), ("metafmu", 2), ("metafmu", 3)]
+
+
+@pytest.mark.parametrize(("host", "version"), DRIVEN)
+def test_another_host_drives_it_as_fmpy_does(crane, host, version, force_table):
+    fmu, steps = crane.fmu(version), ROWS.size - 1
+    if host == "fmi-sim":
+        table = run_fmi_sim("co-simulation", fmu, PARAMETERS | STARTS, OUTPUTS, STEP, steps, force_table)
+    elif host == "metafmu":
+        table = run_metafmu(fmu, force_table, "--interface", "cs")
+    else:
+        request = {"fmu": str(fmu), "start_values": PARAMETERS | STARTS, "outputs": OUTPUTS, "step": STEP, "steps": steps}
+        inputs = {"force": [linear(time, None) for time in ROWS[:-1]]}
+        table = run_python_host(host, request | {"inputs": inputs})
+    result, _ = simulate(fmu, input=LINEAR)
+    expected = np.column_stack([result[name] for name in ["time", *OUTPUTS]])
     # the first row is not the start's in libcosimpy, if it goes step by step
-    times, *states = run_python_host(host, request)[1:].T
-    result, expected = simulate(crane.fmu(version), input=LINEAR)
-    np.testing.assert_allclose(times, result["time"][1:], rtol=0, atol=1e-9)
-    # ecospy adds up the times of its steps
-    np.testing.assert_allclose(np.transpose(states), expected[1:], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table[1:], expected[1:], rtol=0, atol=1e-12 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_metafmu_integrates_it_with_a_linear_input(crane, version, force_table, linear_solution):
+    table = run_metafmu(crane.fmu(version), force_table, "--interface", "me", "--tolerance", "1e-10")
+    np.testing.assert_allclose(table[:, 1:], linear_solution[:, :2], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmi_sim_drives_it_by_model_exchange(crane, version, force_table):
+    """Its only solver is the forward Euler method: the same steps of the crane's own equations."""
+    step, steps = 0.001, 5000
+    inputs = (PARAMETERS | STARTS, OUTPUTS, step, steps, force_table)
+    table = run_fmi_sim("model-exchange", crane.fmu(version), *inputs)
+    states = [np.array(list(STARTS.values()))]
+    for index in range(steps):
+        force = linear(index * step, None)
+        states.append(states[-1] + step * rates(states[-1], force, PARAMETERS.values()))
+    np.testing.assert_allclose(table[:, 1:], np.array(states)[:, :2], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("version", [2, 3])
