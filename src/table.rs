@@ -1,10 +1,13 @@
-//! Tables of other tools, read row by row: CSV (module `csv`) and Parquet (module `parquet`), told apart by how they begin.
+//! Tables of other tools, read row by row: CSV (module `csv`) and Parquet (module `parquet`), told apart by how they begin; and
+//! tables for other tools ([`writer`]).
 //!
-//! Both give named columns with units and one row after the other; everything is checked here and by the readers of rows,
+//! Both readers give named columns with units and one row after the other; everything is checked here and by the readers of rows,
 //! for both alike.
 
 mod csv;
 mod parquet;
+pub(crate) mod runs;
+pub mod writer;
 
 use crate::{
     Error, Result,
@@ -158,12 +161,21 @@ impl Table {
     /// # Errors
     /// [`Error::Table`].
     pub fn check_unit(&self, column: usize, expected: Option<&str>) -> Result<()> {
-        let Column { name, .. } = &self.columns[column];
-        match (self.columns[column].unit(), expected) {
-            (Some(found), Some(expected)) if found != expected => {
-                Err(self.mistake_in_header(&format!("column `{name}`: unit `{found}`, expected `{expected}`")))
-            }
-            _ => Ok(()),
+        self.unit_problem(column, expected).map_or(Ok(()), |problem| Err(self.mistake_in_header(&problem)))
+    }
+
+    /// What is wrong with a column's unit, if it has one, and one is expected.
+    pub fn unit_problem(&self, column: usize, expected: Option<&str>) -> Option<String> {
+        let column = &self.columns[column];
+        let (found, expected) = (column.unit()?, expected?);
+        (found != expected).then(|| format!("column `{}`: unit `{found}`, expected `{expected}`", column.name))
+    }
+
+    /// How much of the table has been read, from 0 to 1.
+    pub fn share_read(&self) -> f64 {
+        match &self.rows {
+            Rows::Csv(csv) => csv.share_read(),
+            Rows::Parquet(parquet) => parquet.share_read(),
         }
     }
 

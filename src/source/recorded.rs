@@ -15,7 +15,7 @@ use crate::{
     diagnostics::{KeyProblem, names::did_you_mean},
     sampling::{self, Sets, Stream},
     study::{ParameterOptions, Study, read_value},
-    table::Table,
+    table::{Table, runs::check_constants},
     variable::Variable,
 };
 use runs::{Current, Runs};
@@ -179,7 +179,10 @@ impl Recorded {
                 None => current.parameters == point,
             };
             match runs.current.as_ref().filter(|&current| is_current(current)) {
-                Some(current) => self.check_parameters(table, &point, &current.parameters)?,
+                Some(current) => {
+                    let names = self.names.parameters.iter().map(String::as_str);
+                    check_constants(table, names, &point, &current.parameters)?;
+                }
                 None => {
                     runs.finish(table)?;
                     runs.begin(table, name, point)?;
@@ -188,14 +191,6 @@ impl Recorded {
             runs.row(table, time, &outputs)?;
         }
         runs.finish(table)
-    }
-
-    fn check_parameters(&self, table: &Table, found: &[f64], expected: &[f64]) -> Result<()> {
-        let mut columns = self.names.parameters.iter().zip(found.iter().zip(expected));
-        let Some((name, (found, expected))) = columns.find(|(_, (found, expected))| found != expected) else {
-            return Ok(());
-        };
-        Err(table.mistake(&format!("column `{name}`: {found} after {expected}, expected one value in a run")))
     }
 
     fn read_index(&self, index: &mut Table, runs: &mut Runs) -> Result<()> {

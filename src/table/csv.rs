@@ -20,6 +20,9 @@ use std::{
 pub(super) struct Csv {
     path: PathBuf,
     input: BufReader<File>,
+    /// Bytes that were read, and those of the file.
+    read: u64,
+    length: u64,
     parser: Reader,
     separator: u8,
     /// The last character of a line.
@@ -60,9 +63,12 @@ impl Csv {
     /// Reads the header.
     pub(super) fn new(path: &Path, mut input: BufReader<File>) -> Result<(Self, Vec<Column>)> {
         let line_end = line_end(input.fill_buf().map_err(Error::io(path, "read"))?);
+        let length = input.get_ref().metadata().map_err(Error::io(path, "read"))?.len();
         let mut csv = Self {
             path: path.to_owned(),
             input,
+            read: 0,
+            length,
             parser: Reader::new(),
             separator: b',',
             line_end,
@@ -112,6 +118,12 @@ impl Csv {
         Place::Line(self.record.line.max(1))
     }
 
+    /// See [`super::Table::share_read`].
+    pub(super) fn share_read(&self) -> f64 {
+        // a pipe has no length
+        self.read as f64 / self.length.max(self.read).max(1) as f64
+    }
+
     pub(super) fn text(&self, column: usize) -> Cow<'_, str> {
         self.record.field(column)
     }
@@ -148,6 +160,7 @@ impl Csv {
             if count == 0 {
                 return Ok(false);
             }
+            self.read += count as u64;
             self.record.line += 1;
             if !self.record.raw.trim_ascii().is_empty() && !self.record.raw.starts_with(b"#") {
                 return Ok(true);

@@ -129,6 +129,12 @@ impl Parquet {
         }
     }
 
+    /// See [`super::Table::share_read`].
+    pub(super) fn share_read(&self) -> f64 {
+        let rows = self.file.metadata().file_metadata().num_rows().max(1);
+        (self.rows_before + self.row as u64) as f64 / rows as f64
+    }
+
     /// See [`super::Table::text`].
     pub(super) fn text(&mut self, column: usize) -> Result<Cow<'_, str>> {
         let index = self.decode(column, TEXTS)?;

@@ -2,7 +2,15 @@
 //! parameters that no other run has.
 
 use super::{super::list, Recorded};
-use crate::{Error, Result, dataset::Run, diagnostics::Place, table::Table};
+use crate::{
+    Error, Result,
+    dataset::Run,
+    diagnostics::Place,
+    table::{
+        Table,
+        runs::{Labels, check_time, named},
+    },
+};
 use std::{
     collections::HashMap,
     sync::{
@@ -17,8 +25,8 @@ pub(super) struct Runs<'a> {
     stop: &'a AtomicBool,
     pub(super) finished: Vec<Run>,
     pub(super) current: Option<Current>,
-    /// Where each label and each point began.
-    labels: HashMap<String, Place>,
+    labels: Labels,
+    /// Where each point began.
     points: HashMap<Vec<u64>, Place>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
@@ -36,7 +44,7 @@ pub(super) struct Current {
 
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
-        let (labels, points) = (HashMap::new(), HashMap::new());
+        let (labels, points) = (Labels::default(), HashMap::new());
         Self { recorded, stop, finished: Vec::new(), current: None, labels, points, shared_times: Arc::new([]) }
     }
 
@@ -45,16 +53,10 @@ impl<'a> Runs<'a> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let place = table.place();
-        if !label.is_empty()
-            && let Some(before) = self.labels.insert(label.clone(), place)
-        {
-            let message = format!("run `{label}` again, it began in {before}: a run's rows must be contiguous");
-            return Err(table.mistake(&message));
-        }
+        self.labels.begin(table, &label)?;
         // zeros of both signs are one point
         let point = parameters.iter().map(|value| (value + 0.0).to_bits()).collect();
-        if let Some(before) = self.points.insert(point, place) {
+        if let Some(before) = self.points.insert(point, table.place()) {
             let names = &self.recorded.names.parameters;
             let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {value}")));
             let message = format!("a second run with {values}, the first is in {before}: runs must differ");
@@ -68,17 +70,13 @@ impl<'a> Runs<'a> {
     pub(super) fn row(&mut self, table: &mut Table, time: usize, outputs: &[usize]) -> Result<()> {
         let t = table.number(time)?;
         let Some(current) = &mut self.current else { return Ok(()) };
-        let (stop, run) = (self.recorded.stop, named(&current.label));
+        let stop = self.recorded.stop;
         match current.last {
             None if t.abs() > 1e-9 * stop => {
-                return Err(table.mistake(&format!("{run} begins at {t} s, expected 0 s")));
+                return Err(table.mistake(&format!("{} begins at {t} s, expected 0 s", named(&current.label))));
             }
-            Some(last) if last == t => return Err(table.mistake(&format!("time {t} s is duplicated in {run}"))),
-            Some(last) if last > t => {
-                let expected = "expected rows in the order of time";
-                return Err(table.mistake(&format!("time {t} s after {last} s in {run}, {expected}")));
-            }
-            _ => {}
+            None => {}
+            Some(last) => check_time(table, &current.label, last, t)?,
         }
         current.last = Some(t);
         for &column in outputs {
@@ -113,8 +111,4 @@ impl<'a> Runs<'a> {
         self.finished.push(Run { inputs: Vec::new(), parameters, times: Arc::clone(&self.shared_times), outputs });
         Ok(())
     }
-}
-
-fn named(label: &str) -> String {
-    if label.is_empty() { "the run".into() } else { format!("run `{label}`") }
 }
