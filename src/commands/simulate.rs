@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{Outcome, heard, say, terminal::workers, visible, write};
+use super::{Outcome, heard, say, stdout::write_result, terminal::workers};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
@@ -13,13 +13,7 @@ use metafmu::{
     table::header_field,
 };
 use metafmu_runtime::BuiltIn;
-use std::{
-    io::{self, ErrorKind, IsTerminal, Write},
-    path::Path,
-};
-
-/// So many bytes are printed at once: of a run that fails before, nothing.
-const PIECE: usize = 1 << 20;
+use std::{io::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
@@ -46,30 +40,8 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         simulate_apart(&unpacked, &options, watch, &mut rows)
     };
     match (&args.output, &args.plot) {
-        (Some(_), _) => {
-            let mut failure = None;
-            let written = files::write_output(path, |file| {
-                simulate(Some(file)).map(drop).map_err(|error| {
-                    failure = Some(error);
-                    io::Error::other("the simulation failed")
-                })
-            });
-            match failure.map_or(written, Err) {
-                // a reader that has seen enough
-                Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => {}
-                ended => ended?,
-            }
-        }
-        (None, None) => {
-            let mut stdout = Stdout::default();
-            let ended = simulate(Some(&mut stdout));
-            match ended.and_then(|_| stdout.flush().map_err(Error::io(path, "write"))) {
-                // a reader that has seen enough
-                Err(Error::Io { source, .. }) if source.kind() == ErrorKind::BrokenPipe => {}
-                ended => ended?,
-            }
-        }
         (None, Some(_)) => drop(simulate(None)?),
+        _ => drop(write_result(args.output.as_deref(), |csv| simulate(Some(csv)))?),
     }
     domain.warn();
     if let (Some(path), Some(table)) = (&args.plot, &table) {
@@ -110,31 +82,6 @@ impl RowSink for Rows<'_, '_> {
             writeln!(csv)
         };
         write().map_err(Error::io(self.path, "write"))
-    }
-}
-
-/// Standard output, in large pieces.
-#[derive(Default)]
-struct Stdout {
-    waiting: Vec<u8>,
-}
-
-impl Write for Stdout {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.waiting.extend_from_slice(bytes);
-        if self.waiting.len() >= PIECE {
-            self.flush()?;
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        let waiting = std::mem::take(&mut self.waiting);
-        match str::from_utf8(&waiting) {
-            // the names of the columns are not the user's
-            Ok(text) if io::stdout().is_terminal() => write(visible(text).as_bytes()),
-            _ => write(&waiting),
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! A surrogate becomes an FMU.
 //!
-//! - [`pack`]: the archive with everything in it; [`Binary`]: the library for a platform.
+//! - [`pack`]: the archive with everything in it, [`read_surrogate`]: the surrogate of such an archive; [`Binary`]: the library for a platform.
 //! - [`sources`]: the FMU as C source code.
 //! - [`validate()`] and [`validate_apart`]: the checks of any FMU and those of our own; [`serve_worker`] is their process.
 
@@ -16,5 +16,5 @@ pub(crate) mod testing;
 
 pub use binary::Binary;
 pub use checks::{SurrogateChecks, serve_worker, validate, validate_apart};
-pub use package::{Contents, MODEL_FILE, pack};
+pub use package::{Contents, MODEL_FILE, pack, read_surrogate};
 pub use reference::ReferenceOptions;

@@ -9,19 +9,23 @@ use super::{
 use crate::{
     Error, Result,
     evaluation::Accuracy,
-    fmi::{FmiVersion, ModelDescription, model_description::model_identifier, xml},
+    fmi::{Archive, FmiVersion, ModelDescription, model_description::model_identifier, xml},
     report::Drawn,
     study::ExportOptions,
 };
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{FormatError, Surrogate};
 use std::{
     collections::HashSet,
     io::{Cursor, Write},
+    path::Path,
 };
 use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::SimpleFileOptions};
 
 /// Archive entry with the model file, byte for byte what was trained.
 pub const MODEL_FILE: &str = "resources/model.safetensors";
+
+/// Largest model file that is read.
+const MAX_MODEL: u64 = 1 << 30;
 
 const ICON: &[u8] = include_bytes!("assets/icon.png");
 /// Those of the runtime library; that of the model is the author's business.
@@ -109,6 +113,39 @@ fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
         }
     }
     ModelDescription { author, copyright, license, ..description }
+}
+
+/// The surrogate inside an archive, if there is one; a model file of another program is none of ours.
+///
+/// # Errors
+/// [`Error::ArchiveEntry`] if it is damaged.
+pub(super) fn surrogate(archive: &mut Archive) -> Result<Option<Surrogate>> {
+    if !archive.contains(MODEL_FILE) {
+        return Ok(None);
+    }
+    match Surrogate::from_bytes(&archive.read(MODEL_FILE, MAX_MODEL)?) {
+        Ok(surrogate) => Ok(Some(surrogate)),
+        Err(FormatError::NoMetadata) => Ok(None),
+        Err(error) => Err(of_model(archive.path(), error.to_string())),
+    }
+}
+
+/// Reads the surrogate of an FMU that metafmu made, and makes sure that its content is what was once written.
+///
+/// # Errors
+/// [`Error::Io`] or [`Error::Archive`] if it is no FMU, [`Error::ArchiveEntry`] if it has no surrogate of metafmu inside or a
+/// damaged one.
+pub fn read_surrogate(path: &Path) -> Result<Surrogate> {
+    let Some(surrogate) = surrogate(&mut Archive::open(path)?)? else {
+        let problem = "expected a surrogate of metafmu, this FMU was made by another tool: `metafmu simulate` runs it";
+        return Err(of_model(path, problem.into()));
+    };
+    surrogate.check_content().map_err(|error| of_model(path, error.to_string()))?;
+    Ok(surrogate)
+}
+
+fn of_model(path: &Path, problem: String) -> Error {
+    Error::ArchiveEntry { path: path.to_owned(), entry: MODEL_FILE.into(), problem }
 }
 
 fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {

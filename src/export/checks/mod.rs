@@ -5,7 +5,7 @@ mod domain;
 mod prediction;
 mod reference_run;
 
-use super::MODEL_FILE;
+use super::package::{MODEL_FILE, surrogate};
 use crate::{
     Result,
     fmi::{
@@ -15,13 +15,10 @@ use crate::{
     },
 };
 use metafmu_runtime::{
-    FormatError, Map, Model, Surrogate,
+    Map, Model, Surrogate,
     regression::{Function, Regression},
 };
 use std::path::Path;
-
-/// Largest model file that is read.
-const MAX_MODEL: u64 = 1 << 30;
 
 /// Checks an FMU as [`fmi::validate()`] does, and the surrogate and the reference result inside if it is one of ours.
 ///
@@ -54,7 +51,7 @@ pub struct SurrogateChecks;
 impl Checks for SurrogateChecks {
     fn archive(&self, archive: &mut Archive, report: &mut Report) {
         if let Err(problem) = surrogate(archive) {
-            report.problem(Area::Surrogate, problem);
+            report.problem(Area::Surrogate, problem.to_string());
         }
         match reference_run::read(archive) {
             Ok(Some(_)) => {}
@@ -97,19 +94,6 @@ impl Checks for SurrogateChecks {
 
 fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
     matches!(surrogate.model(), Model::Response(Map::Regression(Regression { function: Function::Forest(_), .. })))
-}
-
-/// The surrogate inside, if there is one, or what is wrong with it; a model file of another program is none of ours.
-fn surrogate(archive: &mut Archive) -> std::result::Result<Option<Surrogate>, String> {
-    if !archive.contains(MODEL_FILE) {
-        return Ok(None);
-    }
-    let bytes = archive.read(MODEL_FILE, MAX_MODEL).map_err(|error| error.to_string())?;
-    match Surrogate::from_bytes(&bytes) {
-        Ok(surrogate) => Ok(Some(surrogate)),
-        Err(FormatError::NoMetadata) => Ok(None),
-        Err(error) => Err(format!("`{MODEL_FILE}`: {error}")),
-    }
 }
 
 #[cfg(test)]
