@@ -5,6 +5,7 @@ use metafmu::{
     baseline::BaselineKind,
     fmi::worker,
     source::{shard::Shard, systems::SYSTEMS},
+    table::writer::Format,
 };
 use std::{path::PathBuf, time::Duration};
 
@@ -144,6 +145,17 @@ crashes, exits or hangs is reported as a problem. What it prints goes to stderr.
 
 The FMU runs in a process of its own; what it prints goes to stderr.")]
     Simulate(SimulateArgs),
+    /// Compute a surrogate's outputs for every row of a table, on all cores
+    #[command(after_help = "Examples:
+  metafmu predict out/single-pendulum/single-pendulum.fmu designs.csv > predictions.csv
+  metafmu predict examples/single-pendulum.toml designs.parquet --out predictions.parquet
+  metafmu predict out/crane/crane.fmu out/crane/test.csv --out roll-outs.csv --outputs x,theta
+
+Columns of TABLE are found by the names of the surrogate's parameters, inputs and `time`; of one with states also by those of the
+values at the start, NAME_start. The result has a row for each row, in the same order: `run` and `time` if TABLE has them, the outputs,
+`in_domain` and `domain_distance`. Without states each row is a point; with states the rows of a `run` are one roll-out, whose inputs are
+linear between two rows. Exit code 1 if there are rows that cannot be computed.")]
+    Predict(PredictArgs),
     /// Run an FMU for another process of this program
     #[command(name = worker::ARGUMENT, hide = true)]
     FmuWorker,
@@ -365,6 +377,30 @@ pub struct SimulateArgs {
     /// Plot over time of every output that changes
     #[arg(long, value_name = "FILE.svg", value_parser = svg_file)]
     pub plot: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct PredictArgs {
+    /// Surrogate: an FMU made by metafmu, a model file NAME.safetensors, or a study whose model is in out/NAME
+    #[arg(value_name = "MODEL")]
+    pub model: PathBuf,
+    /// Table with the inputs: CSV or Parquet
+    #[arg(value_name = "TABLE")]
+    pub table: PathBuf,
+    /// File to write: Parquet if it ends in .parquet, else CSV [default: CSV on stdout]
+    #[arg(long, value_name = "FILE", value_parser = table_file)]
+    pub out: Option<(PathBuf, Format)>,
+    /// Outputs to compute [default: all]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub outputs: Vec<String>,
+    /// Print a summary as JSON
+    #[arg(long, requires = "out")]
+    pub json: bool,
+}
+
+fn table_file(text: &str) -> Result<(PathBuf, Format), String> {
+    let path = PathBuf::from(text);
+    Format::of(&path).map(|format| (path, format))
 }
 
 fn name_and_value(text: &str) -> Result<(String, f64), String> {

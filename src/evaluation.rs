@@ -9,7 +9,7 @@ use crate::{
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
-use roll_outs::RollOut;
+pub(crate) use roll_outs::RollOut;
 pub use roll_outs::{Horizon, RollOuts};
 use serde::{Deserialize, Serialize};
 

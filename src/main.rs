@@ -25,6 +25,7 @@ fn main() -> ExitCode {
         Command::Export(args) => commands::export::run(&args),
         Command::Schema(args) => commands::schema::run(&args),
         Command::Validate(args) => commands::validate::run(&args),
+        Command::Predict(args) => commands::predict::run(&args),
         Command::Simulate(args) => commands::simulate::run(&args),
         Command::FmuWorker => export::serve_worker().map(|()| commands::Outcome::Fine),
     };

@@ -6,6 +6,7 @@ pub mod evaluate;
 pub mod export;
 mod interrupt;
 pub mod new;
+pub mod predict;
 pub mod report;
 pub mod sample;
 pub mod schema;

@@ -87,6 +87,7 @@ impl Shown {
             Work::Trials { rung, rungs } => {
                 &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{left}} left")
             }
+            Work::Rows => "predicting {bar:30} {percent}%, {msg}, {elapsed}",
             Work::Models => "comparing {bar:30} {pos}/{len} models, {msg}, {elapsed}",
         };
         let length = total as u64;

@@ -97,6 +97,14 @@ pub enum Error {
         /// How it is wrong.
         source: Box<metafmu_runtime::FormatError>,
     },
+    /// A file that cannot be a surrogate by its name.
+    #[error(
+        "{}: expected a surrogate, a file that ends in .fmu or .safetensors, or its study, which ends in .toml", path.display()
+    )]
+    NoSurrogate {
+        /// The file.
+        path: PathBuf,
+    },
     /// The parts of a surrogate do not fit each other.
     #[error("surrogate: {source}")]
     Surrogate {

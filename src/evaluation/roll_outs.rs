@@ -153,7 +153,7 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
 }
 
 /// A surrogate that follows a run: from its start, by its inputs, which are linear between two rows.
-pub(super) struct RollOut<'a> {
+pub(crate) struct RollOut<'a> {
     surrogate: &'a Surrogate,
     evaluator: &'a Evaluator,
     run: &'a Run,
@@ -163,11 +163,14 @@ pub(super) struct RollOut<'a> {
     point: Vec<f64>,
     rates: Vec<f64>,
     constant: Vec<f64>,
+    /// Outputs and the states' derivatives.
+    results: Vec<f64>,
     scratch: Scratch,
 }
 
 impl<'a> RollOut<'a> {
-    pub(super) fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
+    /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
+    pub(crate) fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
         let mut point = run.parameters.clone();
         point.resize(evaluator.columns(), 0.0);
         evaluator.start(&mut point);
@@ -180,6 +183,7 @@ impl<'a> RollOut<'a> {
             point,
             rates: zeros.clone(),
             constant: zeros,
+            results: vec![0.0; evaluator.results()],
             scratch: evaluator.scratch(),
         }
     }
@@ -187,16 +191,20 @@ impl<'a> RollOut<'a> {
     /// The outputs at all rows: shape `[times, outputs]`. What cannot be computed is not a number.
     pub(super) fn predictions(mut self) -> Vec<f64> {
         let width = self.surrogate.outputs().len();
-        let mut results = vec![0.0; self.evaluator.results()];
         let mut predictions = vec![f64::NAN; self.run.times.len() * width];
         for (row, predictions) in predictions.chunks_mut(width).enumerate() {
-            if self.go_to(row).is_none() {
-                break;
-            }
-            self.evaluator.evaluate(&self.point, &mut results, &mut self.scratch);
+            let Some((_, results)) = self.at(row) else { break };
             predictions.copy_from_slice(&results[..width]);
         }
         predictions
+    }
+
+    /// Goes from the row before to a row: the point there, with inputs and states, and its results; none if the motion cannot be
+    /// computed.
+    pub(crate) fn at(&mut self, row: usize) -> Option<(&[f64], &[f64])> {
+        self.go_to(row)?;
+        self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
+        Some((&self.point, &self.results))
     }
 
     /// From the row before to a row; none if the motion cannot be computed.

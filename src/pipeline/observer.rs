@@ -24,6 +24,8 @@ pub enum Work {
     },
     /// Models of a comparison.
     Models,
+    /// Thousandths of the rows of a table.
+    Rows,
 }
 
 /// What happens in a pipeline. Texts are formatted only by those who show them.

@@ -1,0 +1,58 @@
+//! `metafmu predict`: computes a surrogate's outputs for every row of a table.
+
+use super::{Outcome, print, print_json, say, stdout::write_result, terminal};
+use crate::cli::PredictArgs;
+use metafmu::{
+    Result, files,
+    pipeline::predict::{Found, PredictOptions, Predicted, load, predict},
+    table::writer::Format,
+};
+use std::path::Path;
+
+pub fn run(args: &PredictArgs) -> Result<Outcome> {
+    let out = args.out.as_ref().map(|(path, _)| path.as_path());
+    out.map_or(Ok(()), files::check_output)?;
+    let control = terminal::control()?;
+    let surrogate = load(&args.model, control)?;
+    let format = args.out.as_ref().map_or(Format::Csv, |(_, format)| *format);
+    let options = PredictOptions { outputs: args.outputs.clone(), format };
+    let path = out.unwrap_or(Path::new("stdout"));
+    let predicted = write_result(out, |to| predict(&surrogate, &args.table, &options, control, (to, path)))?;
+    let Some(predicted) = predicted else {
+        // nobody reads the rest
+        terminal::end();
+        return Ok(Outcome::Fine);
+    };
+    warn(&predicted);
+    match out {
+        Some(_) if args.json => print_json(&predicted)?,
+        Some(path) => print(&format!("{}: {}\n", path.display(), summary(&predicted)))?,
+        None => say(summary(&predicted)),
+    }
+    Ok(if predicted.not_finite.rows == 0 { Outcome::Fine } else { Outcome::ProblemsFound })
+}
+
+fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {
+    let runs = runs.map_or(String::new(), |runs| format!(" of {runs} runs"));
+    format!("{rows} rows{runs} in {seconds:.2} s, {:.0} rows/s", *rows as f64 / seconds)
+}
+
+/// Says what would be overlooked in a long table.
+fn warn(Predicted { rows, outside, not_finite, .. }: &Predicted) {
+    let first = |found: &Found| found.first.unwrap_or_default();
+    if outside.rows > 0 {
+        say(format_args!(
+            "warning: outside the ranges that the surrogate was trained in: {} of {rows} rows, the first is row {} (`in_domain` is \
+             false): outputs there cannot be trusted",
+            outside.rows,
+            first(outside)
+        ));
+    }
+    if not_finite.rows > 0 {
+        say(format_args!(
+            "warning: outputs that cannot be computed (NaN or infinite): {} of {rows} rows, the first is row {}",
+            not_finite.rows,
+            first(not_finite)
+        ));
+    }
+}

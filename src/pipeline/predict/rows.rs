@@ -1,0 +1,246 @@
+//! Rows of a table on their way into a surrogate: points, or runs that are rolled out.
+
+use crate::{
+    Error, Result,
+    dataset::Run,
+    diagnostics::names::{did_you_mean, listed},
+    table::{
+        Table,
+        runs::{self, check_constants, check_time},
+        writer::Labels,
+    },
+};
+use metafmu_runtime::{Input, Role, Surrogate};
+use std::{
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+/// Column that labels the runs.
+pub(super) const RUN: &str = "run";
+/// Column of the time, whether it is an input of the surrogate or not.
+pub(super) const TIME: &str = "time";
+
+/// Rows that are read before they are given on: enough for all threads, little memory, and a row group of Parquet.
+const BATCH: usize = 1 << 17;
+/// Rows that a thread evaluates at a time.
+const BLOCK: usize = 1 << 11;
+
+/// Rows that were read together.
+pub(super) enum Batch {
+    /// Each row is a point.
+    Points(Vec<Points>),
+    /// Whole runs.
+    Runs(Vec<LabelledRun>),
+}
+
+/// Points of a surrogate without states.
+#[derive(Default)]
+pub(super) struct Points {
+    pub(super) labels: Option<Labels>,
+    /// The surrogate's inputs, row by row.
+    pub(super) values: Vec<f64>,
+}
+
+/// A run, whose parameters are those of the surrogate and then the values of its states at the start.
+pub(super) struct LabelledRun {
+    /// Empty without a column for it.
+    pub(super) label: String,
+    pub(super) run: Run,
+}
+
+/// Where the values of a surrogate are in a table.
+struct Columns {
+    /// Of each input; none for those that keep their start value.
+    inputs: Vec<Option<usize>>,
+    /// Of a surrogate with states.
+    time: Option<usize>,
+    run: Option<usize>,
+}
+
+/// A table that is being read for a surrogate.
+pub(super) struct Reader<'a> {
+    surrogate: &'a Surrogate,
+    stop: &'a AtomicBool,
+    table: Table,
+    columns: Columns,
+    labels: runs::Labels,
+    current: Option<Current>,
+}
+
+/// The run that is being read.
+struct Current {
+    label: String,
+    constants: Vec<f64>,
+    times: Vec<f64>,
+    inputs: Vec<f64>,
+}
+
+impl<'a> Reader<'a> {
+    /// Opens a table and finds the surrogate's inputs in its header; what is not there and what is not used is told.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Table`] with all that is wrong with the header.
+    pub(super) fn open(
+        surrogate: &'a Surrogate,
+        path: &Path,
+        stop: &'a AtomicBool,
+        tell: impl Fn(&str),
+    ) -> Result<Self> {
+        let table = Table::open(path)?;
+        let columns = Columns::find(surrogate, &table, tell)?;
+        Ok(Self { surrogate, stop, table, columns, labels: runs::Labels::default(), current: None })
+    }
+
+    /// Whether the rows have labels.
+    pub(super) fn has_labels(&self) -> bool {
+        self.columns.run.is_some()
+    }
+
+    /// How much of the table has been read, from 0 to 1.
+    pub(super) fn share_read(&self) -> f64 {
+        self.table.share_read()
+    }
+
+    /// The next rows; none at the end of the table.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Table`] with the first mistake, [`Error::Interrupted`].
+    pub(super) fn next(&mut self) -> Result<Option<Batch>> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        if self.surrogate.states().is_empty() {
+            let points = self.next_points()?;
+            return Ok((!points.is_empty()).then_some(Batch::Points(points)));
+        }
+        let (runs, is_end) = self.next_runs()?;
+        Ok((!(is_end && runs.is_empty())).then_some(Batch::Runs(runs)))
+    }
+
+    fn next_points(&mut self) -> Result<Vec<Points>> {
+        let mut blocks = Vec::with_capacity(BATCH / BLOCK);
+        while blocks.len() < BATCH / BLOCK {
+            let mut block = Points { labels: self.columns.run.map(|_| Labels::default()), values: Vec::new() };
+            block.values.reserve(BLOCK * self.columns.inputs.len());
+            let mut rows = 0;
+            while rows < BLOCK && self.table.next_row()? {
+                self.read_point(&mut block)?;
+                rows += 1;
+            }
+            if rows > 0 {
+                blocks.push(block);
+            }
+            if rows < BLOCK {
+                break;
+            }
+        }
+        Ok(blocks)
+    }
+
+    fn read_point(&mut self, Points { labels, values }: &mut Points) -> Result<()> {
+        for (column, input) in self.columns.inputs.iter().zip(self.surrogate.inputs()) {
+            values.push(column.map_or(Ok(input.start), |column| self.table.number(column))?);
+        }
+        if let (Some(labels), Some(run)) = (labels, self.columns.run) {
+            labels.push(&self.table.text(run)?);
+        }
+        Ok(())
+    }
+
+    /// Whole runs, and whether the table has ended.
+    fn next_runs(&mut self) -> Result<(Vec<LabelledRun>, bool)> {
+        let mut runs = Vec::new();
+        for _ in 0..BATCH {
+            if !self.table.next_row()? {
+                runs.extend(self.current.take().map(Current::finish));
+                return Ok((runs, true));
+            }
+            runs.extend(self.read_row()?);
+        }
+        Ok((runs, false))
+    }
+
+    /// Reads a row, and gives the run that has ended before it.
+    fn read_row(&mut self) -> Result<Option<LabelledRun>> {
+        let Self { surrogate, table, columns, current, labels, .. } = self;
+        let time = columns.time.map_or(Ok(0.0), |column| table.number(column))?;
+        let (mut constants, mut inputs) = (Vec::new(), Vec::new());
+        for (column, input) in columns.inputs.iter().zip(surrogate.inputs()) {
+            let value = column.map_or(Ok(input.start), |column| table.number(column))?;
+            if input.role == Role::Input { &mut inputs } else { &mut constants }.push(value);
+        }
+        let label = columns.run.map_or(Ok("".into()), |run| table.text(run))?.into_owned();
+        if columns.run.is_some() && label.is_empty() {
+            return Err(table.mistake(&format!("column `{RUN}`: is empty, expected the run's label")));
+        }
+        // without labels, a run ends where the time goes back
+        let goes_on = |run: &Current| if columns.run.is_some() { run.label == label } else { time >= run.last() };
+        let Some(run) = current.as_mut().filter(|run| goes_on(run)) else {
+            labels.begin(table, &label)?;
+            let begun = Current { label, constants, times: vec![time], inputs };
+            return Ok(current.replace(begun).map(Current::finish));
+        };
+        check_time(table, &label, run.last(), time)?;
+        let names = surrogate.inputs().iter().filter(|input| input.role != Role::Input);
+        check_constants(table, names.map(|input| input.name.as_str()), &constants, &run.constants)?;
+        run.times.push(time);
+        run.inputs.append(&mut inputs);
+        Ok(None)
+    }
+
+    /// A mistake of the table as a whole.
+    pub(super) fn mistake(&self, message: &str) -> Error {
+        self.table.mistake(message)
+    }
+}
+
+impl Current {
+    /// Time of the row before.
+    fn last(&self) -> f64 {
+        self.times.last().copied().unwrap_or(f64::NEG_INFINITY)
+    }
+
+    fn finish(self) -> LabelledRun {
+        let Self { label, constants, times, inputs } = self;
+        let run = Run { parameters: constants, times: times.into(), inputs, outputs: Vec::new() };
+        LabelledRun { label, run }
+    }
+}
+
+impl Columns {
+    fn find(surrogate: &Surrogate, table: &Table, tell: impl Fn(&str)) -> Result<Self> {
+        let names: Vec<&str> = table.columns().iter().map(|column| column.name.as_str()).collect();
+        let position = |name: &str| names.iter().position(|other| *other == name);
+        let inputs: Vec<Option<usize>> = surrogate.inputs().iter().map(|input| position(&input.name)).collect();
+        let has_states = !surrogate.states().is_empty();
+        let time = if has_states { position(TIME) } else { None };
+        let found = Self { inputs, time, run: position(RUN) };
+
+        let mut problems = Vec::new();
+        let needs_time = has_states || surrogate.time_column().is_some();
+        if needs_time && position(TIME).is_none() {
+            problems.push(format!("no column `{TIME}`, expected it among {}", listed(&names)));
+        }
+        let pairs = || found.inputs.iter().zip(surrogate.inputs());
+        let units = pairs().filter_map(|(column, input)| table.unit_problem((*column)?, Some(&input.unit)));
+        problems.extend(units.chain(time.and_then(|column| table.unit_problem(column, Some("s")))));
+        if !problems.is_empty() {
+            return Err(table.mistake_in_header(&problems.join("; ")));
+        }
+
+        let is_used =
+            |index: usize| found.inputs.contains(&Some(index)) || [found.time, found.run].contains(&Some(index));
+        let unused: Vec<&str> =
+            names.iter().enumerate().filter(|(index, _)| !is_used(*index)).map(|(_, name)| *name).collect();
+        for (_, Input { name, start, unit, .. }) in pairs().filter(|(column, _)| column.is_none()) {
+            let meant = did_you_mean(name, unused.iter().copied());
+            let space = if unit.is_empty() { "" } else { " " };
+            tell(&format!("no column `{name}`: its start value, {start}{space}{unit}, is used in all rows{meant}"));
+        }
+        if !unused.is_empty() {
+            tell(&format!("columns that are not used: {}", listed(&unused)));
+        }
+        Ok(found)
+    }
+}
