@@ -1,6 +1,6 @@
 //! Simulation: order of the integrator, accuracy of mechanisms in both formulations, and cost of a run.
 //!
-//! `cargo bench --bench simulation` prints the tables of docs/multibody.md.
+//! `cargo bench -p metafmu-benches --bench simulation` prints the tables of docs/multibody.md.
 
 use metafmu::{
     integrate::{Budget, Integration, TOLERANCE, advance},

@@ -2,9 +2,10 @@
 # Runs the tests: format, imports, lints, documentation, Rust tests, then the FMU in other people's tools.
 # Usage: scripts/test.sh [--quick | --ci | --all] [OPTION OF PYTEST]...
 #   --quick   format, imports, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
-#   --ci      also the FMU's library with debug assertions, builds that are killed at random moments, and other platforms
+#   --ci      also the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim, which takes a
+#             minute and a half to compile, and other platforms
 #   --all     also fuzzing, for which everything is compiled once more
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), libclang, python3, Chromium, and with --ci and --all
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3, Chromium, and with --ci and --all libclang,
 # Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -27,7 +28,7 @@ else
   mkdir -p target
   # in a process group of its own, which ends with this script
   set -m
-  (scripts/venv.sh && scripts/chromium.sh && scripts/fmi-sim.sh) >target/set-up.log 2>&1 &
+  (scripts/venv.sh && scripts/chromium.sh && { [ $extent = default ] || scripts/fmi-sim.sh; }) >target/set-up.log 2>&1 &
   set_up=$!
   set +m
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
@@ -51,7 +52,7 @@ trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"
 if [ $extent = ci ] || [ $extent = all ]; then
   step "debug assertions";  cargo test --package metafmu-runtime --package fmu-template --locked
-  step "kills";             tests -m thorough "$@"
+  step "kills, fmi-sim";    tests -m thorough "$@"
   step "other platforms";   scripts/test-platforms.sh
 fi
 if [ $extent = all ]; then

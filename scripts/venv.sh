@@ -17,5 +17,6 @@ if ! python3 -m venv --clear .venv; then
   apt-get update -qq && apt-get install -y -qq python3-venv
   python3 -m venv --clear .venv
 fi
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --requirement "$requirements"
+# what is never imported need not be compiled
+.venv/bin/python -m pip install --no-compile --quiet --disable-pip-version-check --requirement "$requirements"
 cp "$requirements" "$stamp"

@@ -117,7 +117,7 @@ def changed(example, *changes):
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "thorough: takes minutes; run by scripts/test.sh --ci and --all only")
+    config.addinivalue_line("markers", "thorough: takes minutes, or its tool does to build; run by scripts/test.sh --ci and --all only")
     config.addinivalue_line("markers", "quick: also run by scripts/test.sh --quick")
 
 

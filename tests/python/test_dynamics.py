@@ -241,7 +241,10 @@ def run_metafmu(fmu, table, *options):
     return result[["time", *OUTPUTS]].to_numpy()
 
 
-DRIVEN = [("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3), ("fmi-sim", 2), ("fmi-sim", 3), ("metafmu", 2), ("metafmu", 3)]
+DRIVEN = [
+    *[("libcosimpy", 2), ("ecospy", 2), ("ecospy", 3), ("metafmu", 2), ("metafmu", 3)],
+    *(pytest.param("fmi-sim", version, marks=pytest.mark.thorough) for version in (2, 3)),
+]
 
 
 @pytest.mark.parametrize(("host", "version"), DRIVEN)
@@ -267,6 +270,7 @@ def test_metafmu_integrates_it_with_a_linear_input(crane, version, force_table, 
     np.testing.assert_allclose(table[:, 1:], linear_solution[:, :2], rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmi_sim_drives_it_by_model_exchange(crane, version, force_table):
     """Its only solver is the forward Euler method: the same steps of the crane's own equations."""

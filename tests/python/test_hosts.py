@@ -18,10 +18,12 @@ RUNS = [
     ("libcosimpy", 2, "co-simulation"),
     ("ecospy", 2, "co-simulation"),
     ("ecospy", 3, "co-simulation"),
-    ("fmi-sim", 2, "co-simulation"),
-    ("fmi-sim", 2, "model-exchange"),
-    ("fmi-sim", 3, "co-simulation"),
-    ("fmi-sim", 3, "model-exchange"),
+    # it takes a minute and a half to compile
+    *(
+        pytest.param("fmi-sim", version, interface, marks=pytest.mark.thorough)
+        for version in (2, 3)
+        for interface in ("co-simulation", "model-exchange")
+    ),
 ]
 FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 
