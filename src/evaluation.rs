@@ -10,7 +10,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
 pub(crate) use roll_outs::RollOut;
-pub use roll_outs::{Horizon, RollOuts};
+pub use roll_outs::{Horizon, OFF, RollOuts, predict_off};
 use serde::{Deserialize, Serialize};
 
 /// What is to be thought of a surrogate.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// How errors grow along the test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RollOuts {
-    /// At a sixth of the runs' length, and at their end.
+    /// At a sixth of the runs' length, and at their end; once if there is no row between.
     pub horizons: Vec<Horizon>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
     /// than half of the runs never come to that.
@@ -36,8 +36,8 @@ pub struct Horizon {
     pub sensitivity: [f64; 2],
 }
 
-/// What a start is off by.
-const OFF: f64 = 1e-9;
+/// What a start is off by where a motion's own sensitivity is measured.
+pub const OFF: f64 = 1e-9;
 /// Part of its standard deviation that an error of an output has when a roll-out has diverged.
 const DIVERGED: f64 = 0.1;
 /// Lengths of a run after which it is to be finite.
@@ -50,13 +50,8 @@ impl RollOuts {
     pub(super) fn of(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let evaluator = Evaluator::new(surrogate);
         let width = test.outputs.len();
-        let off = |run: &Run| {
-            let mut roll_out = RollOut::along(surrogate, &evaluator, run);
-            roll_out.point[run.parameters.len() + roll_out.inputs..].iter_mut().for_each(|state| *state += OFF);
-            roll_out.predictions()
-        };
         let pairs = || test.runs.par_iter().zip(predictions);
-        let off: Vec<Vec<f64>> = test.runs.par_iter().map(off).collect();
+        let off: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict_off(surrogate, &evaluator, run)).collect();
         let rows = test.runs.iter().map(|run| run.times.len()).max().unwrap_or(0);
         let horizon = |rows: usize| {
             let errors =
@@ -67,13 +62,15 @@ impl RollOuts {
             let seconds = times.copied().fold(0.0, f64::max);
             Horizon { seconds, median: errors[0], q90: errors[1], sensitivity: changes }
         };
-        let horizons = [rows.saturating_sub(1) / 6 + 1, rows].map(|rows| horizon(rows.max(1)));
+        // the first row is the start
+        let mut lengths = vec![(rows.saturating_sub(1) / 6 + 1).max(2), rows.max(1)];
+        lengths.dedup();
         let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, width)).collect();
         times.sort_by(f64::total_cmp);
         let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
         Self {
-            horizons: horizons.to_vec(),
+            horizons: lengths.into_iter().map(horizon).collect(),
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
             long_runs: {
@@ -82,6 +79,13 @@ impl RollOuts {
             },
         }
     }
+}
+
+/// The roll-out along a run, as [`predict`](super::predict), from a start that is off by [`OFF`] in every state.
+pub fn predict_off(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    let mut roll_out = RollOut::along(surrogate, evaluator, run);
+    roll_out.point[run.parameters.len() + roll_out.inputs..].iter_mut().for_each(|state| *state += OFF);
+    roll_out.predictions()
 }
 
 /// Median and 90 % quantile. What is too large for a number counts as the largest one.
@@ -155,7 +159,8 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
 /// A surrogate that follows a run: from its start, by its inputs, which are linear between two rows.
 pub(crate) struct RollOut<'a> {
     surrogate: &'a Surrogate,
-    evaluator: &'a Evaluator,
+    /// With the parameters of the run.
+    evaluator: Evaluator,
     run: &'a Run,
     /// Number of inputs.
     inputs: usize,
@@ -170,14 +175,14 @@ pub(crate) struct RollOut<'a> {
 
 impl<'a> RollOut<'a> {
     /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
-    pub(crate) fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
+    pub(crate) fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
+        let evaluator = evaluator.held(&run.parameters);
         let mut point = run.parameters.clone();
         point.resize(evaluator.columns(), 0.0);
         evaluator.start(&mut point);
         let zeros = vec![0.0; point.len()];
         Self {
             surrogate,
-            evaluator,
             run,
             inputs: run.inputs.len() / run.times.len().max(1),
             point,
@@ -185,6 +190,7 @@ impl<'a> RollOut<'a> {
             constant: zeros,
             results: vec![0.0; evaluator.results()],
             scratch: evaluator.scratch(),
+            evaluator,
         }
     }
 

@@ -3,15 +3,16 @@
 use super::{project::Project, rescue, train::TrainingRecord};
 use crate::{
     Result,
-    dataset::Dataset,
+    dataset::{Dataset, Run},
     dynamics::{Fitted, fit},
-    evaluation::predict_all,
+    evaluation::{OFF, predict_all, predict_off},
     files,
     source::{Source, driven::Driven},
     surrogate,
     training::{StopReason, write_history},
 };
-use metafmu_runtime::{Motion, Surrogate};
+use metafmu_runtime::{Evaluator, Motion, Output, Surrogate};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -28,7 +29,7 @@ pub struct MotionRecord {
     pub error: f64,
     /// Largest step of the solver, in seconds.
     pub solver_step: f64,
-    /// What halving that step changes in the outputs of the training runs, relative to the outputs' ranges.
+    /// Error of a start, in all states, that changes the outputs of a training run as much as halving that step does.
     pub solver_error: f64,
 }
 
@@ -48,12 +49,13 @@ impl MotionRecord {
     }
 }
 
-/// Change of the outputs by halving the solver's step that is small enough, relative to their ranges.
-const SOLVER_ERROR: f64 = 1e-8;
-/// The solver's step is divided so often at most.
-const MOST_HALVINGS: u32 = 8;
-/// Rows of a run that the solver's step is chosen by.
-const SOLVER_ROWS: usize = 200;
+/// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as halving the solver's step does.
+const SOLVER_ERROR: f64 = 3e-8;
+/// What halving divides the error by, once it is so small.
+const BY_HALVING: f64 = 16.0;
+const ASYMPTOTIC: f64 = 1e-5;
+/// Steps of the solver in a run at most.
+const MOST_STEPS: f64 = 1e6;
 
 /// Learns the equations of motion, chooses the solver's step by roll-outs along the training runs, and writes the surrogate.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
@@ -120,41 +122,64 @@ fn assemble(
     surrogate::assemble_motion(&project.study, (dataset, rows), (driven, &is_limited), motion)
 }
 
-/// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error: what halving it again
-/// changes.
+/// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error. Errors of the solver
+/// grow with those of the start, so that both are compared along the whole runs: no step is small enough for a chaotic motion's end.
 fn choose_step(
     dataset: &Dataset,
     largest: f64,
     with_step: impl Fn(f64) -> Result<Surrogate>,
 ) -> Result<(Surrogate, f64, f64)> {
-    let end = dataset.runs.first().and_then(|run| run.times.get(SOLVER_ROWS)).copied().unwrap_or(f64::INFINITY);
-    let runs = dataset.clone().until(end);
+    let ends = dataset.runs.iter().filter_map(|run| run.times.last());
+    let smallest = ends.copied().fold(0.0, f64::max) / MOST_STEPS;
     let mut step = largest;
     let mut surrogate = with_step(step)?;
-    let mut rolled_out = predict_all(&surrogate, &runs);
-    for halving in 1.. {
+    let mut rolled_out = predict_all(&surrogate, dataset);
+    loop {
         let finer = with_step(0.5 * step)?;
-        let rolled_out_finer = predict_all(&finer, &runs);
-        let error = difference(&surrogate, &rolled_out, &rolled_out_finer);
-        if error <= SOLVER_ERROR || halving > MOST_HALVINGS {
+        let rolled_out_finer = predict_all(&finer, dataset);
+        let evaluator = Evaluator::new(&surrogate);
+        let runs = dataset.runs.par_iter().zip(&rolled_out).zip(&rolled_out_finer);
+        let errors = runs.map(|((run, one), finer)| start_error(&surrogate, &evaluator, run, [one, finer]));
+        let error = errors.reduce(|| 0.0, f64::max);
+        if error <= ASYMPTOTIC {
+            // the method has order 4, so that the shortest steps, which take the most time, need not be tried
+            let further = (error / SOLVER_ERROR).max(1.0).log(BY_HALVING).ceil();
+            let (step, error) = (step / further.exp2(), error / BY_HALVING.powf(further));
+            return Ok((with_step(step)?, step, error));
+        }
+        if 0.25 * step < smallest {
             return Ok((surrogate, step, error));
         }
         (surrogate, step, rolled_out) = (finer, 0.5 * step, rolled_out_finer);
     }
-    unreachable!("the loop ends by itself")
 }
 
-/// Largest difference of any output, relative to its range.
-fn difference(surrogate: &Surrogate, one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
-    let width = surrogate.outputs().len();
-    let mut largest = 0.0f64;
-    for (one, other) in one.iter().zip(other) {
-        for (index, (one, other)) in one.iter().zip(other).enumerate() {
-            let output = &surrogate.outputs()[index % width];
-            let error = (one - other).abs() / (output.max - output.min).max(f64::MIN_POSITIVE);
-            // a maximum would leave out what is not a number
-            largest = if error.is_nan() { f64::INFINITY } else { largest.max(error) };
-        }
+/// The error of a start that changes the outputs of a run as much as a finer step does: the largest, over the rows, of their change over
+/// the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges, and those by the start
+/// count as [`OFF`] at least.
+fn start_error(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, [one, finer]: [&Vec<f64>; 2]) -> f64 {
+    let changes = changes(surrogate, one, finer);
+    let largest = changes.iter().copied().fold(0.0, f64::max);
+    if largest <= SOLVER_ERROR {
+        return largest;
     }
-    largest
+    let by_start = self::changes(surrogate, one, &predict_off(surrogate, evaluator, run));
+    let mut so_far = OFF;
+    let errors = changes.iter().zip(by_start).map(|(change, by_start)| {
+        so_far = so_far.max(by_start);
+        OFF * change / so_far
+    });
+    // a maximum would leave out what is not a number
+    errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
+}
+
+/// Largest difference of any output at each row, relative to its range; infinite if it is not a number.
+fn changes(surrogate: &Surrogate, one: &[f64], other: &[f64]) -> Vec<f64> {
+    let range = |output: &Output| (output.max - output.min).max(f64::MIN_POSITIVE);
+    let ranges: Vec<f64> = surrogate.outputs().iter().map(range).collect();
+    let at_row = |(one, other): (&[f64], &[f64])| {
+        let changes = one.iter().zip(other).zip(&ranges).map(|((one, other), range)| (one - other).abs() / range);
+        changes.fold(0.0, |largest, change| if change.is_nan() { f64::INFINITY } else { change.max(largest) })
+    };
+    one.chunks(ranges.len()).zip(other.chunks(ranges.len())).map(at_row).collect()
 }

@@ -11,7 +11,7 @@
 
 use super::{expect_finite, expect_shape, jet::Number};
 use crate::FormatError;
-use std::ops::Range;
+use std::{collections::BTreeMap, ops::Range};
 
 /// What a column contributes to the products.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,17 @@ pub enum Factor {
         /// Half of its range.
         half: f64,
     },
+}
+
+impl Factor {
+    /// `f(e, x)`.
+    fn value(self, exponent: i16, x: f64) -> f64 {
+        match self {
+            Self::Angle if exponent < 0 => (-f64::from(exponent) * x).sin(),
+            Self::Angle => (f64::from(exponent) * x).cos(),
+            Self::Power { middle, half } => ((x - middle) / half).powi(i32::from(exponent)),
+        }
+    }
 }
 
 /// A product and what each output has of it.
@@ -129,6 +140,30 @@ impl Dictionary {
             self.products.push(Product { factors, coefficients });
         }
         Ok(())
+    }
+
+    /// The same with the columns from `first` on held at some values: they stay, and no term depends on them.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a coefficient is too large for a number.
+    ///
+    /// # Panics
+    /// If there are not as many values as columns from `first` on.
+    pub fn held(&self, first: usize, values: &[f64]) -> Result<Self, FormatError> {
+        let factors: Vec<Factor> = self.factors().collect();
+        assert_eq!(values.len(), factors.len() - first, "number of values");
+        let mut sums: BTreeMap<Vec<i16>, Vec<f64>> = BTreeMap::new();
+        for Term { mut exponents, coefficients } in self.terms() {
+            let held = exponents[first..].iter_mut().zip(&factors[first..]).zip(values);
+            let factor = held.fold(1.0, |product, ((exponent, factor), value)| {
+                product * factor.value(std::mem::take(exponent), *value)
+            });
+            let sum = sums.entry(exponents).or_insert_with(|| vec![0.0; self.outputs]);
+            sum.iter_mut().zip(coefficients).for_each(|(sum, coefficient)| *sum += factor * coefficient);
+        }
+        let terms: Vec<Term> =
+            sums.into_iter().map(|(exponents, coefficients)| Term { exponents, coefficients }).collect();
+        Self::new(&factors, self.outputs, &terms)
     }
 
     /// Number of columns.
@@ -287,6 +322,26 @@ mod tests {
         for (found, expected) in y.iter().zip(formula(POINT)) {
             assert!((found - expected).abs() < 1e-15, "{found} {expected}");
         }
+    }
+
+    #[test]
+    fn held_columns_are_constants() {
+        for first in 0..=3 {
+            let held = example().held(first, &POINT[first..]).unwrap();
+            // what is held has no effect any more
+            let mut point = POINT;
+            point[first..].fill(0.1);
+            let (mut y, mut gradient, mut expected) = ([0.0; 2], vec![0.0; 2 * first], vec![0.0; 2 * first]);
+            held.compute(&point, &mut y, &mut gradient, first, &mut held.work());
+            for (found, expected) in y.iter().zip(formula(POINT)) {
+                assert!((found - expected).abs() < 1e-15, "{found} {expected}");
+            }
+            example().compute(&POINT, &mut y, &mut expected, first, &mut example().work());
+            for (found, expected) in gradient.iter().zip(&expected) {
+                assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+            }
+        }
+        assert_eq!(example().held(1, &POINT[1..]).unwrap().products(), 4);
     }
 
     #[test]

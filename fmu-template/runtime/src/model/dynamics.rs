@@ -84,6 +84,17 @@ impl Dynamics {
         Ok(Self { coordinates, inputs, law })
     }
 
+    /// The same with some values of the parameters, of which nothing depends any more: faster where they do not change.
+    ///
+    /// # Errors
+    /// As [`Dictionary::held`].
+    ///
+    /// # Panics
+    /// Likewise.
+    pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
+        Ok(Self { law: self.law.held(self.coordinates, parameters)?, ..*self })
+    }
+
     /// Number of generalized coordinates: half the number of states.
     pub fn coordinates(&self) -> usize {
         self.coordinates

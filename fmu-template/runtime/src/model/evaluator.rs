@@ -55,6 +55,20 @@ impl Evaluator {
         }
     }
 
+    /// The same where the parameters of equations of motion keep these values, which is faster; of other models the same.
+    ///
+    /// # Panics
+    /// If there are fewer values than parameters.
+    pub fn held(&self, parameters: &[f64]) -> Self {
+        let mut held = self.clone();
+        if let Engine::Motion(motion) = &mut held.engine
+            && let Ok(of_these) = motion.held(&parameters[..motion.dynamics.parameters()])
+        {
+            *motion = of_these;
+        }
+        held
+    }
+
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
         Scratch(match &self.engine {

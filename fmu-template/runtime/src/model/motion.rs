@@ -123,6 +123,16 @@ impl Motion {
         Layout { coordinates: dynamics.coordinates(), parameters: dynamics.parameters(), inputs: dynamics.inputs() }
     }
 
+    /// The same with some values of the parameters, as [`Dynamics::held`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
+        let positions = self.positions.held(self.dynamics.coordinates(), parameters)?;
+        let (windings, outputs) = (self.windings.clone(), self.outputs.clone());
+        Ok(Self { dynamics: self.dynamics.held(parameters)?, positions, windings, outputs, step: self.step })
+    }
+
     /// Number of states, twice that of the coordinates.
     pub fn states(&self) -> usize {
         2 * self.dynamics.coordinates()
