@@ -105,6 +105,12 @@ const UNSEEN: usize = 200;
 /// Configurations at which it is checked whether the equations can be learned.
 const CHECKED: usize = 16;
 
+/// Of them those at which it is looked for what each parameter changes.
+const COMPARED: usize = 4;
+
+/// Largest change of a function, relative to its largest value, that is rounding.
+const UNCHANGED: f64 = 1e-9;
+
 /// Highest harmonic and highest power to begin with.
 const FIRST_ORDER: [usize; 2] = [2, 1];
 
@@ -153,12 +159,32 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
     Ok(best)
 }
 
-/// Whether the equations can be learned at all: asks for them at a few configurations.
+/// Whether the equations can be learned at all: asks for them at a few configurations. Gives the parameters on which neither they nor
+/// the outputs depend.
 ///
 /// # Errors
 /// As [`fit`].
-pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<(), String> {
-    Samples::default().extend(&Labels::new(mechanism, region)?, CHECKED, seed)
+pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<String>, String> {
+    let labels = Labels::new(mechanism, region)?;
+    let mut samples = Samples::default();
+    samples.extend(&labels, CHECKED, seed)?;
+    let scales = labels.scales(samples.labels.iter());
+    let mut idle = Vec::new();
+    for (index, parameter) in region.parameters.iter().enumerate() {
+        let changes = samples.points.iter().take(COMPARED).map(|point| {
+            let at = |value: f64| {
+                let mut point = point.clone();
+                point[labels.coordinates() + index] = value;
+                labels.at(&point)
+            };
+            let differences = at(parameter.min)?.into_iter().zip(at(parameter.max)?).map(|(low, high)| high - low);
+            Ok(differences.zip(&scales).any(|(change, scale)| change.abs() > UNCHANGED * scale))
+        });
+        if !changes.collect::<Result<Vec<bool>, String>>()?.contains(&true) {
+            idle.push(parameter.name.clone());
+        }
+    }
+    Ok(idle)
 }
 
 /// Configurations from which so many terms are found.

@@ -3,8 +3,7 @@
 
 use super::reference::{OPTIONS_FILE, RESULT_FILE};
 use crate::{
-    evaluation::Accuracy,
-    evaluation::Verdict,
+    evaluation::{Accuracy, Horizon, RollOuts, Verdict},
     html::{activation, escape, number, rejection},
     report::Drawn,
     study::ExportOptions,
@@ -41,9 +40,15 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     line(
         &mut page,
         &format!(
-            "<p>This FMU is {} that stands in for a simulation model. It computes its outputs directly from its inputs, \
-             parameters and the time, any step size will do{}.</p>",
+            "<p>This FMU is {} that stands in for a simulation model. {}{}.</p>",
             what(surrogate.model()),
+            match surrogate.model() {
+                Model::Motion(_) =>
+                    "It integrates its states, driven by its inputs; any communication step size will do",
+                _ => {
+                    "It computes its outputs directly from its inputs, parameters and the time, any step size will do"
+                }
+            },
             match verdict {
                 Some(Verdict { accepted: true, .. }) => {
                     format!(", and it may be trusted inside the ranges below only{}", unchanged(surrogate))
@@ -148,6 +153,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
     }
     line(page, "</table>");
+    roll_outs(page, accuracy.roll_outs.as_ref());
     if let Some(Bounds { coverage, runs, half_widths }) = surrogate.bounds() {
         let bounds = surrogate.outputs().iter().zip(half_widths).map(|(output, &half_width)| {
             let unit = if output.unit.is_empty() { String::new() } else { format!(" {}", escape(&output.unit)) };
@@ -163,6 +169,23 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
             ),
         );
     }
+}
+
+/// How errors grow along roll-outs.
+fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
+    let Some(RollOuts { horizons, .. }) = roll_outs else { return };
+    line(
+        page,
+        "<p>In each test run the states were set once, at the start, and driven by the inputs of the run. Root mean square error up to a \
+         time, relative to the spread of the run's outputs, of the worst output; beside it, what a start that is off by 1e-9 changes in the \
+         model, the motion's own sensitivity.</p>\n<table><tr><th>After</th><th>Median of the \
+         runs</th><th>90 % of the runs</th><th>Start off by 1e-9: median</th><th>90 %</th></tr>",
+    );
+    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
+        let numbers = [median, q90, changed, changed_q90].map(|value| format!("<td class=\"n\">{value:.1e}</td>"));
+        line(page, &format!("<tr><td class=\"n\">{} s</td>{}</tr>", number(*seconds), numbers.concat()));
+    }
+    line(page, "</table>");
 }
 
 fn domain(page: &mut String) {

@@ -298,6 +298,12 @@ impl<'a> Builder<'a> {
         if let Some(index) = description.drivers.get_index_of(owner) {
             return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));
         }
+        if !owner.contains('.') && owner != "ground" && !description.bodies.contains_key(owner) {
+            let (joints, bodies) = (description.joints.keys(), description.bodies.keys());
+            let names = joints.chain(bodies).chain(description.springs.keys()).chain(description.drivers.keys());
+            let known: Vec<&str> = names.map(String::as_str).chain(["ground"]).collect();
+            return Err(format!("no joint or body `{owner}`, {}", expected_one_of(owner, &known)));
+        }
         let point = self.point(owner)?;
         let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
         let body = description.bodies.get_index_of(owner);

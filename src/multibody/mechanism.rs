@@ -247,6 +247,14 @@ impl Mechanism {
         Ok(rows)
     }
 
+    /// Makes sure that every name is that of the measure of a position.
+    ///
+    /// # Errors
+    /// Every one that is not, with the name as its key.
+    pub fn check_positions(&self, values: &[f64], names: &[&str]) -> std::result::Result<(), Problems> {
+        position_coordinates(&self.description, values, names).map(|_| ())
+    }
+
     /// The equations of motion in independent coordinates, with a value for each parameter. `coordinates` names as many measures of
     /// positions (`JOINT.angle`, `BODY.x`) as there are degrees of freedom; if it is empty, the first independent ones are
     /// taken of those that the joints leave free, in the order of the file, then of the bodies.
@@ -261,8 +269,8 @@ impl Mechanism {
         } else if named.len() == model.degrees_of_freedom() {
             named
         } else {
-            let (found, expected) = (named.len(), model.degrees_of_freedom());
-            return Err(format!("{found} coordinates, expected {expected}: one for each degree of freedom"));
+            let found = counted(named.len(), "coordinate", "coordinates");
+            return Err(format!("{found}, expected {}: one for each degree of freedom", model.degrees_of_freedom()));
         };
         Reduced::new(model, &candidates)
     }
@@ -277,6 +285,8 @@ pub struct FreeCoordinate {
     pub start: f64,
     /// Its rate there.
     pub rate: f64,
+    /// Largest magnitude of its second derivative there, all inputs at the lower or all at the upper ends of their ranges.
+    pub acceleration: f64,
     /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction.
     pub reach: [f64; 2],
 }
@@ -299,12 +309,17 @@ impl Mechanism {
         let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();
         let reduced = Reduced::new(model, &coordinates)?;
         let (s, rates) = reduced.start();
+        let inputs = self.description.inputs.values();
+        let ends = [inputs.clone().map(|input| input.min).collect::<Vec<_>>(), inputs.map(|input| input.max).collect()];
+        let accelerations =
+            ends.map(|u| reduced.accelerations(s, rates, &u).unwrap_or_else(|_| DVector::zeros(s.len())));
         let chosen = reduced.coordinates().iter().enumerate();
         let free = chosen.filter_map(|(k, coordinate)| {
             let name = names[coordinates.iter().position(|known| known == coordinate)?].clone();
             let furthest = if coordinate.is_angle() { std::f64::consts::PI } else { 1.0 };
             let reach = [-furthest, furthest].map(|end| s[k] + reach(&reduced, s, k, end));
-            Some(FreeCoordinate { name, start: s[k], rate: rates[k], reach })
+            let acceleration = accelerations.iter().fold(0.0, |largest: f64, at| largest.max(at[k].abs()));
+            Some(FreeCoordinate { name, start: s[k], rate: rates[k], acceleration, reach })
         });
         Ok(free.collect())
     }

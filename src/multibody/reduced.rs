@@ -317,9 +317,9 @@ fn choose(model: &Model, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<
         }
     }
     if chosen.len() < count {
-        let found = chosen.len();
+        let (found, tried) = (chosen.len(), candidates.len());
         return Err(format!(
-            "{found} independent coordinates, expected {count}: as many as there are degrees of freedom"
+            "only {found} of {tried} coordinates are independent, expected {count}: as many as there are degrees of freedom"
         ));
     }
     Ok(chosen)

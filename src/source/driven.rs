@@ -75,19 +75,17 @@ impl Driven {
             });
         }
         // said elsewhere, or of a section that is damaged
-        if study.states.is_empty() {
+        if study.states.is_empty() || study.states.keys().any(|name| velocity_name(name).is_none()) {
             return Err(problems);
         }
         let coordinates: Vec<String> = study.states.keys().cloned().collect();
         let names: Vec<&str> = coordinates.iter().map(String::as_str).collect();
-        let start: Vec<f64> = match mechanism.reduced(values, &names) {
-            Ok(reduced) => reduced.start().0.iter().chain(reduced.start().1).copied().collect(),
-            Err(message) => {
-                let key = names.iter().find(|name| message.contains(**name));
-                problems.add(key.map_or("states".into(), |name| format!("states.{name}")), message);
-                Vec::new()
-            }
-        };
+        let mut start = Vec::new();
+        match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
+            Ok(Ok(reduced)) => start.extend(reduced.start().0.iter().chain(reduced.start().1)),
+            Ok(Err(message)) => problems.add("states", message),
+            Err(found) => problems.add_section("states", found),
+        }
         for ((name, state), start) in study.states.iter().zip(&start) {
             if !state.goes_around(name) && state.min < state.max && !(state.min..=state.max).contains(start) {
                 let (min, max) = (state.min, state.max);
@@ -98,15 +96,23 @@ impl Driven {
         }
         let region = region(study, mechanism, values);
         let mut ranges = region.coordinates.iter().chain(&region.parameters);
-        if problems.is_empty()
-            && names_are_known
-            && ranges.all(|range| range.min < range.max)
-            && let Err(message) = dynamics::check(mechanism, &region, study.seed)
-        {
-            let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
-            let is_force = message.contains("force");
-            let key = output.map(|name| format!("outputs.{name}"));
-            problems.add(key.unwrap_or_else(|| if is_force { "source.mechanism" } else { "states" }.into()), message);
+        if problems.is_empty() && names_are_known && ranges.all(|range| range.min < range.max) {
+            match dynamics::check(mechanism, &region, study.seed) {
+                Ok(idle) => {
+                    for name in idle {
+                        let message = "acts neither on the equations of motion nor on an output; states have parameters of their \
+                                       own for their values at the start";
+                        problems.add(format!("parameters.{name}"), message);
+                    }
+                }
+                Err(message) => {
+                    let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
+                    let is_force = message.contains("force");
+                    let key = output.map(|name| format!("outputs.{name}"));
+                    let other = if is_force { "source.mechanism" } else { "states" };
+                    problems.add(key.unwrap_or_else(|| other.into()), message);
+                }
+            }
         }
         if problems.is_empty() {
             Ok(Self { coordinates, drivers, start, region, seed: study.seed })

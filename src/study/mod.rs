@@ -236,6 +236,7 @@ impl Draft {
         let mut root = origin.parse()?;
         let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
         origin.refuse_section("bodies", hint)?;
+        states::join_names(root.get_mut());
         let (mut problems, damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
         replace(&mut root, &damaged);
         let mut study: Study = origin.deserialize(root)?;
@@ -375,7 +376,8 @@ impl Study {
 
     /// Reads the points of a list. False if that failed.
     fn load_points(&mut self, found: &mut Problems) -> bool {
-        let Some(file) = &self.sampling.file else { return true };
+        // a motion has no method, which is said elsewhere
+        let Some(file) = self.sampling.file.as_ref().filter(|_| !self.has_states()) else { return true };
         match points::read_points(&self.beside(file), &self.parameters) {
             Ok(points) => {
                 self.points = Some(Arc::new(points));
@@ -466,7 +468,7 @@ impl Study {
         problems.extend(inputs::problems(&self.inputs));
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));
-        problems.extend(self.sampling.problems());
+        problems.extend(self.sampling.problems(self.structure));
         problems.add_section("network", self.network.problems());
         problems.add_section("training", self.training.problems());
         problems.extend(self.target.map(|target| target.problems()).unwrap_or_default());

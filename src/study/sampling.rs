@@ -1,6 +1,6 @@
 //! `[sampling]`: where in the parameters' ranges runs are placed.
 
-use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, size::MAX_RUNS};
+use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, StudyStructure, size::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,13 +62,14 @@ pub enum Method {
 
 impl SamplingOptions {
     /// Every mistake, by dotted key.
-    pub(super) fn problems(&self) -> Problems {
+    pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
         let Self { method, levels, runs, file, faces, test_runs } = self;
         let mut problems = Problems::default();
         if *test_runs == 0 {
             problems.add("sampling.test_runs", "expected at least 1");
         }
-        let Some(method) = method else { return problems };
+        // others have no method
+        let Some(method) = method.as_ref().filter(|_| structure == StudyStructure::Response) else { return problems };
         let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
         problems.expect_absent(!mesh && levels.is_some(), "sampling.levels", "belongs to the method \"mesh\"");
         problems.expect_absent(!list && file.is_some(), "sampling.file", "belongs to the method \"list\"");

@@ -3,10 +3,15 @@
 use super::{NetworkOptions, ParameterOptions, Study, StudyStructure, TrainingOptions};
 use crate::diagnostics::Problems;
 use indexmap::IndexMap;
+use metafmu_baselines::Baselines;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::TAU;
+use std::{borrow::Cow, f64::consts::TAU};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
 
 /// An entry of `[states]`: an independent coordinate, by the measure that names it, and its velocity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -65,6 +70,32 @@ pub(super) fn starts(states: &IndexMap<String, StateOptions>) -> IndexMap<String
     coordinates.chain(velocities).collect()
 }
 
+/// Makes names of the dotted keys of `[states]`: `rail.position = { ... }` is `"rail.position" = { ... }`, as it is in a mechanism file.
+pub(super) fn join_names(root: &mut DeTable<'_>) {
+    let Some(DeValue::Table(states)) = root.get_mut("states").map(Spanned::get_mut) else { return };
+    let mut joined = DeTable::new();
+    add_joined(std::mem::take(states), "", &mut joined);
+    *states = joined;
+}
+
+fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
+    let is_table = |value: &Spanned<DeValue>| matches!(value.get_ref(), DeValue::Table(_));
+    for (name, value) in table {
+        let span = name.span();
+        let name = format!("{prefix}{}", name.get_ref());
+        let value_span = value.span();
+        match value.into_inner() {
+            // a coordinate has keys whose values are no tables
+            DeValue::Table(inner) if !inner.is_empty() && inner.values().all(is_table) => {
+                add_joined(inner, &format!("{name}."), joined);
+            }
+            value => {
+                joined.insert(Spanned::new(span, Cow::Owned(name)), Spanned::new(value_span, value));
+            }
+        }
+    }
+}
+
 /// Every mistake in `[states]`, by dotted key.
 pub(super) fn problems(states: &IndexMap<String, StateOptions>) -> Problems {
     let mut problems = Problems::default();
@@ -114,6 +145,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     problems.expect_absent(study.target.is_some(), "target", of_network);
     problems.expect_absent(study.bounds.is_some(), "bounds", of_network);
     problems.expect_absent(study.search.is_some(), "search", of_network);
+    problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_network);
     problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);
     let is_single = study.export.precision == Precision::Single;
     problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks");

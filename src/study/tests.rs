@@ -372,3 +372,19 @@ fn the_schemas_limits_are_those_of_the_checks() {
     }
     assert_eq!(wrong, [""; 0]);
 }
+
+#[test]
+fn names_of_coordinates_need_no_quotes() {
+    let crane = include_str!("../../examples/dynamics/crane-study.toml");
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/dynamics/s.toml"));
+    let parse = |text: &str| Study::parse(text, path);
+    let quoted = parse(crane).unwrap();
+    let bare = crane.replace("\"rail.position\"", "rail.position").replace("\"rope.angle\"", "rope.angle");
+    assert_ne!(bare, crane);
+    assert_eq!(parse(&bare).unwrap().states, quoted.states);
+    assert_eq!(parse(&bare).unwrap().digest(), quoted.digest());
+    // a mistake has its line
+    let error = parse(&bare.replace("min = -5.0, max = 5.0", "min = 5.0, max = -5.0")).unwrap_err().to_string();
+    let line = bare.lines().position(|line| line.starts_with("rail.position")).unwrap() + 1;
+    assert!(error.contains(&format!("s.toml:{line}: states.rail.position: range is empty")), "{error}");
+}

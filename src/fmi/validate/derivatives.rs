@@ -115,7 +115,7 @@ fn differences(
 struct Difference {
     value: f64,
     error: f64,
-    /// What changes the output by less than its last digit.
+    /// What changes the output by less than its last digit, and half of what slopes above and below differ by at every step.
     unseen: f64,
     /// Of the known variable.
     magnitude: f64,
@@ -148,16 +148,20 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
     let last_digit = f64::EPSILON * line.iter().fold(0.0, |largest: f64, output| largest.max(output.abs()));
     let mut values = [0.0; STEPS.len()];
+    // where the slopes above and below differ at every step there is a kink, and both are right
+    let mut kink = f64::INFINITY;
     for (value, step) in values.iter_mut().zip(STEPS) {
         let step = step * magnitude;
         let (above, below) = (center + step, center - step);
-        *value = (at(above)? - at(below)?) / (above - below);
+        let (high, low) = (at(above)?, at(below)?);
+        *value = (high - low) / (above - below);
+        kink = kink.min((high - 2.0 * line[3] + low).abs() / step);
     }
     at(center)?;
     let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
     let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
         let error = disagreement(of).max(rounding / (step * magnitude));
-        Difference { value: of[1], error, unseen: last_digit / (step * magnitude), magnitude }
+        Difference { value: of[1], error, unseen: last_digit / (step * magnitude) + 0.5 * kink, magnitude }
     });
     let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
     Ok(best.expect("there are several steps"))
