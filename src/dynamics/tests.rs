@@ -61,11 +61,10 @@ fn the_same_seed_gives_the_same_bits() {
 
 #[test]
 fn andrews_mechanism_with_its_torque_as_an_input_is_within_1e_8_after_two_and_a_half_turns() {
-    let text = include_str!("../../tests/data/andrews.toml")
-        .replace("parameters.mom = { default = 0.033, unit = \"N.m\" }", "inputs.mom = { min = -0.1, max = 0.1 }");
+    let text = include_str!("../../examples/dynamics/andrews.toml");
     let start = -0.061_713_890_014_276_45;
     let region = Region { coordinates: vec![Range::new("K1.angle", start, start + TAU)], ..Region::default() };
-    let fitted = fit(&parse(&text), &region, 1).unwrap();
+    let fitted = fit(&parse(text), &region, 1).unwrap();
     let mut accelerations = [0.0];
     let mut scratch = fitted.dynamics.scratch();
     let mut derivative = |y: &Vector2<f64>| {
@@ -103,8 +102,11 @@ fn what_cannot_be_learned_is_refused() {
     assert_eq!(message(CRANE, &unknown), "the mechanism has no parameter `length`");
     let empty = with(&|region| region.coordinates[0].max = -5.0);
     assert_eq!(message(CRANE, &empty), "`rail.position`: range from -5 to -5, expected an end above the beginning");
+    let idle = CRANE.replace("[0, \"-l\"]", "[\"l*sin(b)\", \"-l*cos(b)\"]").replace("-b * rail", "-0.1 * rail");
+    assert_eq!(check(&parse(CRANE), &region, 1).unwrap(), [""; 0]);
+    assert_eq!(check(&parse(&idle), &region, 1).unwrap(), ["b"]);
     let few = with(&|region| region.coordinates.truncate(1));
-    assert!(message(CRANE, &few).contains("1 coordinates, expected 2: one for each degree of freedom"));
+    assert!(message(CRANE, &few).contains("1 coordinate, expected 2: one for each degree of freedom"));
 }
 
 #[test]

@@ -231,8 +231,8 @@ fn andrews_squeezing_mechanism_is_the_reference_solution() {
         (5, [12.107149234447, 0.440973355583, 0.490519544682, 1.219766771810, 587.4597890778]),
         (6, [15.810771195153, 0.040822240120, 0.524409965880, 1.048080741042, 1139.92030225]),
     ];
-    for mechanism in both_formulations(include_str!("../../tests/data/andrews.toml")) {
-        let rows = mechanism.simulate(&[0.033], &grid(0.03, 6), TOLERANCE, &Budget::default()).unwrap();
+    for mechanism in both_formulations(include_str!("../../examples/dynamics/andrews.toml")) {
+        let rows = mechanism.simulate(&[4530.0], &grid(0.03, 6), TOLERANCE, &Budget::default()).unwrap();
         let rows: Vec<&[f64]> = rows.chunks(mechanism.outputs().len()).collect();
         for (index, [beta, k3, k5, k7, betad]) in reference {
             let row = rows[index];

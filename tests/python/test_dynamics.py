@@ -10,6 +10,7 @@ from ctypes import c_double, c_int, c_uint32
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copy
+from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
@@ -385,6 +386,54 @@ def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
     for output, start in zip(OUTPUTS, STARTS):
         np.testing.assert_allclose(firsts[output], firsts[start], rtol=0, atol=1e-15)
     assert "crane" in (crane.folder / "report.html").read_text()
+
+
+def test_the_model_card_has_the_errors_of_the_roll_outs(crane):
+    horizons = json.loads((crane.folder / "metrics.json").read_text())["roll_outs"]["horizons"]
+    with ZipFile(crane.fmu(2)) as archive:
+        card = archive.read("documentation/index.html").decode()
+    for horizon in horizons:
+        numbers = [horizon["median"], horizon["q90"], *horizon["sensitivity"]]
+        cells = "".join(f'<td class="n">{mantissa(number)}</td>' for number in numbers)
+        assert cells in card, (cells, card)
+
+
+def mantissa(number):
+    """As Rust writes it: 1.2e-7."""
+    return re.sub(r"e([+-])0*(\d)", lambda match: "e" + match[1].strip("+") + match[2], f"{number:.1e}")
+
+
+SHORT = ("stop = 5.0", "stop = 0.05")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param([SHORT], id="one-step"),
+        pytest.param([("stop = 5.0", "stop = 60.0"), ("step = 0.05", "step = 60.0"), ("bandwidth = 1.0, ", "")], id="one-long-step"),
+        # where domain_distance has a kink
+        pytest.param([SHORT, ("max = 3.141592653589793, start = [-0.5, 0.5]", "max = 0.3, start = [-0.5, 0.3]")], id="start-at-the-end-of-a-range"),
+    ],
+)
+def test_validation_has_no_finding_in_extreme_studies(tmp_path, changes):
+    crane = write(tmp_path, *changes)
+    result = metafmu("build", crane.study, "--out", crane.folder, check=False)
+    assert result.returncode == 0 and "no problems found" in result.stderr, result.stderr
+
+
+def test_andrews_mechanism_is_the_published_solution(tmp_path):
+    """Seven bodies in three loops, 2.5 turns of the crank in 0.03 s: IVP test set, recomputed to 1e-12."""
+    for name in ("andrews.toml", "andrews-study.toml"):
+        copy(ROOT / "examples" / "dynamics" / name, tmp_path)
+    study = tmp_path / "andrews-study.toml"
+    study.write_text(study.read_text().replace("test_runs = 20", "runs = 2\ntest_runs = 2"))
+    metafmu("build", study, "--out", tmp_path)
+    options = {"start_values": {"mom": 0.033}, "stop_time": 0.03, "output": ["beta", "K3", "K5", "K7"]}
+    expected = [15.810771195153, 0.040822240120, 0.524409965880, 1.048080741042]
+    for tolerance, allowed in [(None, 1e-8), (1e-12, 1e-10)]:
+        result = simulate_fmu(fmu_of(tmp_path, "andrews", 2), fmi_type="CoSimulation", output_interval=1e-3, relative_tolerance=tolerance, **options)
+        assert abs(result["beta"][0] + 0.0617138900142764) < 1e-15
+        np.testing.assert_allclose(list(result[-1])[1:], expected, rtol=0, atol=allowed)
 
 
 def test_a_crane_that_stands_elsewhere_is_learned_as_exactly(tmp_path):

@@ -42,16 +42,16 @@ fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
     let double = include_str!("../../../examples/mechanisms/double-pendulum.toml");
     let four_bar = include_str!("../../../examples/mechanisms/four-bar.toml");
     let car = include_str!("../../../examples/mechanisms/quarter-car.toml");
-    let andrews = include_str!("../../../tests/data/andrews.toml");
+    let andrews = include_str!("../../../examples/dynamics/andrews.toml");
     let mut states = vec![(reduced(CRANE, &[]).unwrap(), [vec![0.7, -0.4], vec![1.1, -2.3], vec![5.0]])];
-    for (text, s, rates) in [
-        (double, vec![0.9, -0.3], vec![1.3, 2.1]),
-        (four_bar, vec![2.5], vec![3.0]),
-        (andrews, vec![1.0], vec![300.0]),
-        (car, vec![0.02, -0.01], vec![0.3, 1.2]),
+    for (text, s, rates, u) in [
+        (double, vec![0.9, -0.3], vec![1.3, 2.1], vec![]),
+        (four_bar, vec![2.5], vec![3.0], vec![]),
+        (andrews, vec![1.0], vec![300.0], vec![0.033]),
+        (car, vec![0.02, -0.01], vec![0.3, 1.2], vec![]),
     ] {
         if let Ok(reduced) = reduced(text, &[]) {
-            states.push((reduced, [s, rates, Vec::new()]));
+            states.push((reduced, [s, rates, u]));
         }
     }
     assert!(states.len() >= 4, "{}", states.len());
@@ -141,10 +141,10 @@ fn a_driven_run_is_the_solution_of_the_reduced_equations() {
 
 #[test]
 fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
-    let mechanism = parse(include_str!("../../../tests/data/andrews.toml"));
-    let reduced = mechanism.reduced(&[0.033], &[]).unwrap();
+    let mechanism = parse(include_str!("../../../examples/dynamics/andrews.toml"));
+    let reduced = mechanism.reduced(&[4530.0], &[]).unwrap();
     let derivative = |y: &Vector2<f64>| {
-        let acceleration = reduced.accelerations(&vector(&[y[0]]), &vector(&[y[1]]), &[]).unwrap();
+        let acceleration = reduced.accelerations(&vector(&[y[0]]), &vector(&[y[1]]), &[0.033]).unwrap();
         Vector2::new(y[1], acceleration[0])
     };
     let (s, rates) = reduced.start();
@@ -158,8 +158,8 @@ fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
 
 #[test]
 fn a_crank_is_followed_around_on_the_same_assembly() {
-    let mechanism = parse(include_str!("../../../tests/data/andrews.toml"));
-    let reduced = mechanism.reduced(&[0.033], &[]).unwrap();
+    let mechanism = parse(include_str!("../../../examples/dynamics/andrews.toml"));
+    let reduced = mechanism.reduced(&[4530.0], &[]).unwrap();
     let start = reduced.start().0[0];
     let first = reduced.configuration(&vector(&[start + 1.0])).unwrap();
     for turns in [1.0, 3.0, -2.0] {
@@ -183,9 +183,9 @@ fn what_has_no_such_equations_is_refused() {
     assert_eq!(refused(&driven, &[]), "`drivers.swing` prescribes the motion `sin(time)`");
     let timed = CRANE.replace("\"-0.3 * rail.velocity\"", "\"sin(2 * time)\"");
     assert_eq!(refused(&timed, &[]), "the force `sin(2 * time)` depends on time");
-    assert_eq!(refused(CRANE, &["rail.position"]), "1 coordinates, expected 2: one for each degree of freedom");
+    assert_eq!(refused(CRANE, &["rail.position"]), "1 coordinate, expected 2: one for each degree of freedom");
     let same = refused(CRANE, &["rail.position", "cart.x"]);
-    assert_eq!(same, "1 independent coordinates, expected 2: as many as there are degrees of freedom");
+    assert_eq!(same, "only 1 of 2 coordinates are independent, expected 2: as many as there are degrees of freedom");
     let unknown = refused(CRANE, &["rail.position", "rope.force"]);
     assert!(unknown.starts_with("rope.force: `rope` has no `force`"), "{unknown}");
     let squared = reduced(&CRANE.replace("effort = \"force\"", "effort = \"force^2\""), &[]).unwrap();
