@@ -53,7 +53,7 @@ impl MotionRecord {
 const SOLVER_ERROR: f64 = 3e-8;
 /// What halving divides the error by, once it is so small.
 const BY_HALVING: f64 = 16.0;
-const ASYMPTOTIC: f64 = 1e-5;
+const ASYMPTOTIC: f64 = 1e-6;
 /// Steps of the solver in a run at most.
 const MOST_STEPS: f64 = 1e6;
 

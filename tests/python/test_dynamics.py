@@ -428,7 +428,7 @@ def test_andrews_mechanism_is_the_published_solution(tmp_path):
     study = tmp_path / "andrews-study.toml"
     study.write_text(study.read_text().replace("test_runs = 20", "runs = 2\ntest_runs = 2"))
     metafmu("build", study, "--out", tmp_path)
-    options = {"start_values": {"mom": 0.033}, "stop_time": 0.03, "output": ["beta", "K3", "K5", "K7"]}
+    options = {"start_values": {"c0": 4530.0, "mom": 0.033}, "stop_time": 0.03, "output": ["beta", "K3", "K5", "K7"]}
     expected = [15.810771195153, 0.040822240120, 0.524409965880, 1.048080741042]
     for tolerance, allowed in [(None, 1e-8), (1e-12, 1e-10)]:
         result = simulate_fmu(fmu_of(tmp_path, "andrews", 2), fmi_type="CoSimulation", output_interval=1e-3, relative_tolerance=tolerance, **options)
