@@ -84,7 +84,7 @@ impl Dynamics {
         Ok(Self { coordinates, inputs, law })
     }
 
-    /// The same with some values of the parameters, of which nothing depends any more: faster where they do not change.
+    /// The same with some values of the parameters, on which nothing depends any more: faster where they do not change.
     ///
     /// # Errors
     /// As [`Dictionary::held`].
