@@ -34,6 +34,7 @@ pub enum Command {
   metafmu new my-pendulum --system single-pendulum
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
+  metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
 
@@ -173,8 +174,9 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by the mechanism's inputs
-    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with_all = ["system", "fmu", "table"])]
+    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism or of an
+    /// FMU for model exchange
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with_all = ["system", "table"])]
     #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool

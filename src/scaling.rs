@@ -64,6 +64,25 @@ pub fn fit<'a>(dataset: &Dataset, layout: &RowLayout, runs: impl Iterator<Item =
     Scaling { input_mean, input_scale, output_mean, output_scale }
 }
 
+/// Mean and standard deviation of each column of rows, at least one; a constant column gets scale 1.
+pub fn of_columns(rows: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
+    let mut moments = Moments::new(rows.first().map_or(0, Vec::len));
+    rows.iter().for_each(|row| moments.count(row));
+    moments.center();
+    rows.iter().for_each(|row| moments.spread(row));
+    moments.finish()
+}
+
+/// Standardised rows, in single precision, one after the other.
+pub fn standardise_rows(rows: &[Vec<f64>], means: &[f64], scales: &[f64]) -> Vec<f32> {
+    let standardised = |row: &Vec<f64>| standardise_row(row, means, scales).collect::<Vec<_>>();
+    rows.iter().flat_map(standardised).collect()
+}
+
+fn standardise_row(row: &[f64], means: &[f64], scales: &[f64]) -> impl Iterator<Item = f32> {
+    row.iter().zip(means).zip(scales).map(|((value, mean), scale)| ((value - mean) / scale) as f32)
+}
+
 /// Standardised rows of the runs, in single precision: inputs of shape `[rows, input columns]`, outputs of shape
 /// `[rows, outputs]`.
 pub fn standardise<'a>(
@@ -72,13 +91,10 @@ pub fn standardise<'a>(
     scaling: &Scaling,
 ) -> (Vec<f32>, Vec<f32>) {
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-    let standardised = |to: &mut Vec<f32>, values: &[f64], means: &[f64], scales: &[f64]| {
-        to.extend(values.iter().zip(means).zip(scales).map(|((value, mean), scale)| ((value - mean) / scale) as f32));
-    };
     for run in runs {
         layout.for_each(run, |columns, row| {
-            standardised(&mut inputs, columns, &scaling.input_mean, &scaling.input_scale);
-            standardised(&mut outputs, row, &scaling.output_mean, &scaling.output_scale);
+            inputs.extend(standardise_row(columns, &scaling.input_mean, &scaling.input_scale));
+            outputs.extend(standardise_row(row, &scaling.output_mean, &scaling.output_scale));
         });
     }
     (inputs, outputs)

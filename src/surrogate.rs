@@ -11,8 +11,8 @@ use crate::{
     variable::Variable,
 };
 use metafmu_runtime::{
-    Bounds, Encoding, Input, Map, Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Role, State,
-    Surrogate, Variability,
+    Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, State, Surrogate,
+    Variability,
     regression::{Function, Regression},
 };
 use std::path::Path;
@@ -52,20 +52,20 @@ pub fn assemble_baseline(
     finish(metadata, Model::Response(Map::Regression(regression)))
 }
 
-/// The same of equations of motion, whose outputs have the ranges of the dataset's. `is_limited`: which coordinates the equations depend
-/// on; of the others every number is as good.
+/// The same of a model with states, whose outputs have the ranges of the dataset's. `is_limited`: of the first states, whether the
+/// equations were learned in a range of it; of the others every number is as good.
 ///
 /// # Errors
 /// As [`assemble`].
-pub fn assemble_motion(
+pub fn assemble_with_states(
     study: &Study,
     (dataset, rows): (&Dataset, usize),
     (driven, is_limited): (&Driven, &[bool]),
-    motion: Motion,
+    model: Model,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
     let parameters = study.parameters.len();
-    // the time is no input of a motion
+    // the time is no input
     metadata.inputs.pop();
     for (input, start) in metadata.inputs[parameters..].iter_mut().zip(driven.start()) {
         input.role = Role::Start;
@@ -84,17 +84,25 @@ pub fn assemble_motion(
     }));
     let limited = study.states.values().zip(is_limited).map(|(options, is_limited)| is_limited.then_some(options));
     let ranges = limited.chain(study.states.values().map(|_| None));
+    let is_output = |name: &str| study.outputs.contains_key(name);
+    let own_name = |state: &Variable| match is_output(&state.name) {
+        // an FMU's state may be an output as well, which keeps the name
+        true => Variable { name: format!("{}_state", state.name), ..state.clone() },
+        false => state.clone(),
+    };
     metadata.states =
-        driven.states().into_iter().zip(ranges).map(|(state, options)| of_state(state, options)).collect();
+        driven.states().iter().zip(ranges).map(|(state, range)| of_state(own_name(state), range)).collect();
     metadata.stop_time = Some(study.time.stop);
-    finish(metadata, Model::Motion(Box::new(motion)))
+    finish(metadata, model)
 }
 
-/// A coordinate has options, its velocity none: it enters exactly, whatever it is.
+/// A velocity of a mechanism has no options: it enters exactly, whatever it is.
 fn of_state(Variable { name, unit, description, .. }: Variable, options: Option<&StateOptions>) -> State {
-    let rate_unit = match unit.strip_suffix("/s") {
-        Some(unit) => format!("{unit}/s2"),
-        None => format!("{unit}/s"),
+    let rate_unit = match (unit.as_str(), unit.strip_suffix("/s"), unit.strip_suffix("/s2")) {
+        ("", ..) => "1/s".into(),
+        (_, Some(unit), _) => format!("{unit}/s2"),
+        (_, _, Some(unit)) => format!("{unit}/s3"),
+        _ => format!("{unit}/s"),
     };
     let range = options.filter(|options| !options.goes_around(&name)).map(|options| [options.min, options.max]);
     let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));

@@ -25,6 +25,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
     let text = match (&args.mechanism, &args.fmu, &args.table) {
         (Some(file), _, _) if args.structure == "dynamics" => dynamics::study(name, file)?,
         (Some(file), _, _) => of_mechanism(name, file)?,
+        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(name, file)?,
         (None, Some(file), _) => fmu::study(name, file)?,
         (None, None, Some(file)) => table::study(name, file, args)?,
         (None, None, None) => of_system(name, args.system.as_deref().unwrap_or_default()),

@@ -22,6 +22,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         stop: args.stop_time,
         step: args.step_size,
         tolerance: args.tolerance,
+        states: None,
         start_values: args.start.clone(),
         inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
         record: Vec::new(),

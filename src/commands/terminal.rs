@@ -82,6 +82,7 @@ impl Shown {
     fn begin(work: Work, total: usize) -> Self {
         let template = match work {
             Work::Runs => "sampling {bar:30} {pos}/{len} runs, {speed}, {left} left",
+            Work::Equations => "asking for equations {bar:30} {pos}/{len} batches of states, {left} left",
             Work::Steps => "training {bar:30} {percent}%, {msg}",
             Work::Networks => "training {bar:30} {pos}/{len} networks, {msg}, {left} left",
             Work::Trials { rung, rungs } => {

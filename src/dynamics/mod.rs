@@ -10,7 +10,9 @@
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
 mod labels;
+mod least_squares;
 mod outputs;
+mod state_space;
 mod terms;
 
 #[cfg(test)]
@@ -20,12 +22,11 @@ use crate::multibody::Mechanism;
 use labels::{Labels, Point};
 use metafmu_runtime::{
     Dynamics, Shown,
-    dictionary::{Dictionary, Factor, Term},
+    dictionary::{Dictionary, Factor},
 };
-use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
-use std::ops;
+pub use state_space::{FittedFunctions, fit_functions};
 
 /// Where the equations are learned.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -193,13 +194,21 @@ fn rows(exponents: &[Vec<i16>]) -> usize {
 }
 
 /// Points and the labels there.
-#[derive(Default)]
-struct Samples {
-    points: Vec<Point>,
-    labels: Vec<Vec<f64>>,
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// A value for each column.
+    pub points: Vec<Vec<f64>>,
+    /// A value for each function.
+    pub labels: Vec<Vec<f64>>,
 }
 
 impl Samples {
+    /// The first ones.
+    fn first(&self, count: usize) -> Self {
+        let count = count.min(self.points.len());
+        Self { points: self.points[..count].to_vec(), labels: self.labels[..count].to_vec() }
+    }
+
     /// Adds points until there are `count`, the same ones for the same seed.
     fn extend(&mut self, labels: &Labels, count: usize, seed: u64) -> Result<(), String> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -226,53 +235,14 @@ fn solve(
     unseen: &Samples,
 ) -> Result<Fitted, String> {
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
-    let rows = rows(exponents);
-    let matrix = terms::values(factors, exponents, &samples.points[..rows]).map_err(|error| error.to_string())?;
-    let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
     let scales = labels.scales(samples.labels.iter().chain(&unseen.labels));
-    let decomposition = matrix.qr();
-    decomposition.q_tr_mul(&mut sides);
-    let sides = sides.rows(0, exponents.len()).into_owned();
-    let mut coefficients = decomposition
-        .r()
-        .solve_upper_triangular(&sides)
-        .filter(|solution| solution.iter().all(|value| value.is_finite()))
-        .ok_or("the terms depend on each other in these configurations")?;
-    // the functions of some columns of the coefficients
-    let law = |coefficients: &DMatrix<f64>, columns: ops::Range<usize>| {
-        let rows = exponents.iter().zip(coefficients.row_iter());
-        let terms: Vec<Term> = rows
-            .map(|(exponents, row)| Term {
-                exponents: exponents.clone(),
-                coefficients: row.columns_range(columns.clone()).iter().copied().collect(),
-            })
-            .collect();
-        Dictionary::new(factors, columns.len(), &terms).map_err(|error| error.to_string())
-    };
-    // coefficients that together are far below the error cost time and are worth nothing
-    let error = error_of(&law(&coefficients, 0..functions)?, unseen, &scales);
-    let negligible = (0.1 * error / exponents.len() as f64).max(1e-14);
-    for (mut column, scale) in coefficients.column_iter_mut().zip(&scales) {
-        column.iter_mut().filter(|value| value.abs() < negligible * scale).for_each(|value| *value = 0.0);
-    }
-    let error = error_of(&law(&coefficients, 0..functions)?, unseen, &scales);
-    let equations = law(&coefficients, 0..of_equations)?;
+    let (coefficients, error) =
+        least_squares::solve(factors, exponents, &samples.first(rows(exponents)), unseen, &scales)?;
+    let law = |columns| least_squares::dictionary(factors, exponents, &coefficients, columns);
+    let equations = law(0..of_equations)?;
     let dynamics =
         Dynamics::new(labels.coordinates(), labels.inputs(), equations).map_err(|error| error.to_string())?;
-    let positions = law(&coefficients, of_equations..functions)?;
+    let positions = law(of_equations..functions)?;
     let (windings, outputs) = (labels.outputs().windings.clone(), labels.outputs().shown.clone());
     Ok(Fitted { dynamics, positions, windings, outputs, order, terms: exponents.len(), error })
-}
-
-/// Largest error of any function at unseen points, relative to its scale.
-fn error_of(law: &Dictionary, unseen: &Samples, scales: &[f64]) -> f64 {
-    let mut found = vec![0.0; scales.len()];
-    let mut error = 0.0f64;
-    for (point, expected) in unseen.points.iter().zip(&unseen.labels) {
-        law.evaluate(point, &mut found);
-        for ((found, expected), scale) in found.iter().zip(expected).zip(scales) {
-            error = error.max((found - expected).abs() / scale);
-        }
-    }
-    error
 }

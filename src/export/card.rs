@@ -9,7 +9,7 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, Surrogate,
+    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace, Surrogate,
     Variability,
     regression::{Function, Regression},
 };
@@ -89,6 +89,7 @@ fn what(model: &Model) -> &'static str {
             Function::Kernel(_) => "a sum of kernels",
         },
         Model::Motion(_) => "equations of motion with learned functions of the configuration",
+        Model::StateSpace(_) => "learned derivatives of states",
     }
 }
 
@@ -212,6 +213,7 @@ fn model(surrogate: &Surrogate) -> String {
         Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
         Model::Response(Map::Regression(regression)) => return size(regression),
         Model::Motion(motion) => return size_of_motion(motion),
+        Model::StateSpace(space) => return size_of_state_space(space),
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
@@ -223,6 +225,19 @@ fn model(surrogate: &Surrogate) -> String {
         String::new()
     };
     format!("network, {}{each}, computed in {precision}", nodes(layers))
+}
+
+/// What derivatives and outputs are computed with, and how the states are integrated.
+fn size_of_state_space(space: &StateSpace) -> String {
+    let StateSpace { counts: [.., states], functions, network, step, .. } = space;
+    let network =
+        network.as_ref().map_or(String::new(), |network| format!(", and a network, {}", nodes(&network.layers)));
+    format!(
+        "{} functions of {states} states, of inputs and parameters: {} products of sines, cosines and powers{network}; integrated in \
+         steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
+        functions.outputs(),
+        functions.products(),
+    )
 }
 
 /// How large the functions in equations of motion are, and how they are integrated.

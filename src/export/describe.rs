@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    BuiltIn, DomainPolicy, Encoding, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray, Quantity, Role,
-    Shown, State, Surrogate, Variable,
+    BuiltIn, DomainPolicy, Encoding, Given, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray,
+    Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -325,7 +325,13 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     let later = [driven.as_slice(), &states].concat();
     // what does not follow at once from an input is not said to: hosts would see algebraic loops
     let known = |position: usize| -> Vec<usize> {
-        let Model::Motion(motion) = surrogate.model() else { return later.clone() };
+        let motion = match surrogate.model() {
+            Model::Motion(motion) => motion,
+            Model::StateSpace(space) => {
+                return known_in_state_space(space, table[position].1.quantity, surrogate, &states, &later);
+            }
+            Model::Response(_) | Model::PerInstant { .. } => return later.clone(),
+        };
         let follows_inputs = |output: &usize| matches!(motion.outputs[*output], Shown::Acceleration(_));
         let n = states.len() / 2;
         match table[position].1.quantity {
@@ -361,6 +367,30 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
             .collect(),
         ..ModelStructure::default()
+    }
+}
+
+/// What a result of a state space is computed from while the simulation runs: a state by itself, all states, or all states and what
+/// drives them.
+fn known_in_state_space(
+    space: &StateSpace,
+    quantity: Quantity,
+    surrogate: &Surrogate,
+    states: &[usize],
+    all: &[usize],
+) -> Vec<usize> {
+    let of_result = |result: usize| match space.results[result] {
+        Given::State(state) => vec![states[state]],
+        Given::Function(function) if space.is_driven(function) => all.to_vec(),
+        Given::Function(_) => states.to_vec(),
+    };
+    match quantity {
+        Quantity::Output(output) => of_result(output),
+        Quantity::Derivative(state) => of_result(surrogate.outputs().len() + state),
+        Quantity::Array(array) if !surrogate.array_elements(array).1.iter().any(|output| of_result(*output) == all) => {
+            states.to_vec()
+        }
+        _ => all.to_vec(),
     }
 }
 

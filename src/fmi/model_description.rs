@@ -637,6 +637,17 @@ impl ModelDescription {
         self.elements(&self.structure.derivatives)
     }
 
+    /// The continuous states in the order of the state vector; none if it has elements of arrays, or the description does not say which
+    /// variable has which derivative.
+    pub fn states(&self) -> Option<Vec<&ScalarVariable>> {
+        let state = |unknown: &Unknown| {
+            let derivative = self.variables.get(unknown.variable)?;
+            let state = self.variables.get(derivative.kind.as_real()?.derivative?)?;
+            (state.dimensions.is_empty() && derivative.dimensions.is_empty()).then_some(state)
+        };
+        self.structure.derivatives.iter().map(state).collect()
+    }
+
     /// Number of event indicators, those of arrays included.
     pub fn indicator_count(&self) -> usize {
         match self.fmi_version {

@@ -20,6 +20,7 @@ mod rescue;
 mod rounds;
 pub mod sample;
 pub mod search;
+pub mod state_space;
 pub mod train;
 
 pub use build::{Built, build};

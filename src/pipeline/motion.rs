@@ -11,7 +11,7 @@ use crate::{
     surrogate,
     training::{StopReason, write_history},
 };
-use metafmu_runtime::{Evaluator, Motion, Output, Surrogate};
+use metafmu_runtime::{Evaluator, Model, Motion, Output, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -66,8 +66,9 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
     let (Some(driven), Some(mechanism)) = (simulation.driven(), study.mechanism()) else {
         return Err(study.refusal("source", "expected a mechanism"));
     };
+    let region = driven.region().ok_or_else(|| study.refusal("source", "expected a mechanism"))?;
     let began = Instant::now();
-    let fitted = fit(mechanism, driven.region(), study.seed).map_err(|message| study.refusal("states", message))?;
+    let fitted = fit(mechanism, region, study.seed).map_err(|message| study.refusal("states", message))?;
     for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !fitted.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }
@@ -91,6 +92,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
             solver_step,
             solver_error,
         }),
+        state_space: None,
     };
     project.finish(format_args!(
         "learned equations of motion from {rows} configurations in {:.1} s: harmonics up to {}, powers up to {}, {} products, error \
@@ -119,12 +121,13 @@ fn assemble(
     let Fitted { dynamics, positions, windings, outputs, .. } = fitted.clone();
     let is_limited: Vec<bool> = (0..dynamics.coordinates()).map(|column| fitted.depends_on(column)).collect();
     let motion = Motion { dynamics, positions, windings, outputs, step };
-    surrogate::assemble_motion(&project.study, (dataset, rows), (driven, &is_limited), motion)
+    let model = Model::Motion(Box::new(motion));
+    surrogate::assemble_with_states(&project.study, (dataset, rows), (driven, &is_limited), model)
 }
 
 /// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error. Errors of the solver
 /// grow with those of the start, so that both are compared along the whole runs: no step is small enough for a chaotic motion's end.
-fn choose_step(
+pub(super) fn choose_step(
     dataset: &Dataset,
     largest: f64,
     with_step: impl Fn(f64) -> Result<Surrogate>,

@@ -11,6 +11,8 @@ use std::{
 pub enum Work {
     /// Simulated runs.
     Runs,
+    /// Batches of states at which a source is asked for its equations.
+    Equations,
     /// Optimizer steps of a training.
     Steps,
     /// Networks, one per instant.

@@ -69,6 +69,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         added_runs: 0,
         target_met: None,
         motion: None,
+        state_space: None,
     };
     project.finish(format_args!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",

@@ -97,6 +97,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
     let source = match (&study.source.system, study.mechanism()) {
         (Some(system), _) => format!("built-in system {system}"),
         (None, Some(_)) => "mechanism".into(),
+        (None, None) if study.source.fmu.is_some() => "FMU".into(),
         (None, None) => "recorded runs".into(),
     };
     let method = match study.sampling.method {
@@ -119,18 +120,22 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         train_seconds,
         added_runs,
         motion,
+        state_space,
         ..
     } = training;
-    let how = match motion {
-        None => {
+    let how = match (motion, state_space) {
+        (None, Some(space)) => format!("{rows} states, {}", space.describe()),
+        (None, None) => {
             format!(
                 "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
             )
         }
-        Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }) => format!(
-            "{rows} configurations, least squares; harmonics up to {harmonics}, powers up to {powers}, {equations} products in the \
+        (Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }), _) => {
+            format!(
+                "{rows} configurations, least squares; harmonics up to {harmonics}, powers up to {powers}, {equations} products in the \
              equations and {positions} in positions, error {error:.1e} at unseen configurations; solver steps of {solver_step} s"
-        ),
+            )
+        }
     };
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };

@@ -7,6 +7,7 @@ use super::{
     prepare::{Prepared, held_out, prepare},
     project::Project,
     rescue, rounds,
+    state_space::{self, StateSpaceRecord},
 };
 use crate::{
     Error, Result, acceptance, calibration,
@@ -54,6 +55,9 @@ pub struct TrainingRecord {
     /// What was found by least squares, of a surrogate with states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionRecord>,
+    /// What was learned of the equations of an FMU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state_space: Option<StateSpaceRecord>,
 }
 
 impl TrainingRecord {
@@ -64,8 +68,9 @@ impl TrainingRecord {
 
     /// Problems of the training itself, regardless of the accuracy.
     pub fn problems(&self, study: &Study) -> Vec<String> {
-        let Self { epochs, stopped, target_met, motion, .. } = self;
+        let Self { epochs, stopped, target_met, motion, state_space, .. } = self;
         let poor = motion.as_ref().and_then(MotionRecord::problem);
+        let poor = poor.or(state_space.as_ref().and_then(StateSpaceRecord::problem));
         let diverged = *stopped == StopReason::Diverged;
         let diverged = diverged.then(|| format!("the training diverged after {epochs} epochs: {stopped}"));
         let short = study
@@ -117,7 +122,8 @@ pub(super) fn once(
         return Ok(finished);
     }
     if project.study.has_states() {
-        return motion::train(project, dataset);
+        let is_fmu = project.study.source.fmu.is_some();
+        return if is_fmu { state_space::train(project, dataset) } else { motion::train(project, dataset) };
     }
     let trained = match project.study.network.structure {
         Structure::Full => train(project, dataset, added, start, resume)?,
@@ -181,6 +187,7 @@ fn train(
         added_runs: added,
         target_met: None,
         motion: None,
+        state_space: None,
     };
     project.finish(format_args!(
         "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
@@ -244,7 +251,7 @@ fn unusable_checkpoint(project: &Project, error: TrainingError) -> Error {
 }
 
 /// Reports the progress of the training, ends it if the work must stop, and keeps its checkpoints.
-struct Follower<'a> {
+pub(super) struct Follower<'a> {
     project: &'a Project<'a>,
     /// Rows of an epoch.
     rows: usize,
@@ -253,13 +260,19 @@ struct Follower<'a> {
     began: Option<(f64, Instant)>,
     /// When the last checkpoint was complete, and how long it took.
     written: Option<(Instant, Duration)>,
+    keeps_checkpoints: bool,
 }
 
 impl<'a> Follower<'a> {
-    fn new(project: &'a Project<'a>, rows: usize) -> Self {
+    pub(super) fn new(project: &'a Project<'a>, rows: usize) -> Self {
         let options = &project.study.training;
         project.begin(Work::Steps, rows.div_ceil(options.batch) * options.epochs);
-        Self { project, rows, history: Vec::new(), began: None, written: None }
+        Self { project, rows, history: Vec::new(), began: None, written: None, keeps_checkpoints: true }
+    }
+
+    /// For a network that is one of several.
+    pub(super) fn without_checkpoints(self) -> Self {
+        Self { keeps_checkpoints: false, ..self }
     }
 
     fn epochs(&self) -> usize {
@@ -312,7 +325,7 @@ impl Observer for Follower<'_> {
 
     fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
         let due = self.written.is_none_or(|(at, took)| at.elapsed().mul_f64(CHECKPOINT_SHARE) >= took);
-        if !due || epoch == self.epochs() {
+        if !self.keeps_checkpoints || !due || epoch == self.epochs() {
             return;
         }
         // a full disk must not cost the training

@@ -1,4 +1,4 @@
-//! Runs of a mechanism from states, driven by inputs: how its surrogate with states is used.
+//! Runs from states, driven by inputs: how a surrogate with states is used.
 
 use super::wrong_unit;
 use crate::{
@@ -7,13 +7,13 @@ use crate::{
     integrate::Budget,
     multibody::Mechanism,
     signal::{Knots, Signal, Sine},
-    study::{Excitation, Study, is_angle, velocity_name},
+    study::{Excitation, InputOptions, StateOptions, Study, is_angle, velocity_name},
     variable::Variable,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{PI, TAU};
 
-/// A quantity that acts on the mechanism.
+/// A quantity that acts on the source.
 #[derive(Clone, Debug)]
 pub struct Driver {
     /// Name, unit, description; the value at the start.
@@ -31,12 +31,60 @@ pub struct Driver {
 /// How runs start and what drives them.
 #[derive(Clone, Debug)]
 pub struct Driven {
-    coordinates: Vec<String>,
+    /// In the order in which the study has them; of a mechanism coordinates, then velocities.
+    states: Vec<Variable>,
     drivers: Vec<Driver>,
-    /// Values at the start as the mechanism file has them: coordinates, then velocities.
+    /// Values of the states at the start as the source has them.
     start: Vec<f64>,
-    region: Region,
+    /// Where the equations of motion of a mechanism are learned.
+    region: Option<Region>,
     seed: u64,
+}
+
+/// What a source says of an input.
+#[derive(Clone, Debug)]
+pub struct OwnInput {
+    /// Name, unit and description.
+    pub variable: Variable,
+    /// Its range, if there is one.
+    pub range: [Option<f64>; 2],
+    /// Its value at the start, if there is one.
+    pub start: Option<f64>,
+}
+
+impl Driver {
+    /// An input of the source with the study's options, `step` being the time between two rows.
+    fn new(own: OwnInput, options: &InputOptions, step: f64) -> Result<Self, Problems> {
+        let mut problems = Problems::default();
+        let OwnInput { variable: Variable { name, unit, description, .. }, range, start } = own;
+        let key = format!("inputs.{name}");
+        problems.extend(wrong_unit(&key, options.unit.as_deref(), &unit));
+        let ends = (options.min.or(range[0]), options.max.or(range[1]));
+        let (Some(min), Some(max)) = ends else {
+            problems.add(&key, "has no range in the source either, expected `min` and `max`");
+            return Err(problems);
+        };
+        let start = options.start.or(start).unwrap_or(0.5 * (min + max));
+        // that of the source may be outside the study's range
+        let start = if options.start.is_some() { start } else { start.clamp(min.min(max), max.max(min)) };
+        if min >= max {
+            problems.add(&key, format!("range is empty: min {min} is not below max {max}"));
+        } else if !(min..=max).contains(&start) {
+            problems.add(format!("{key}.start"), format!("{start} is outside the range from {min} to {max}"));
+        }
+        if !problems.is_empty() {
+            return Err(problems);
+        }
+        let description = options.description.as_deref().unwrap_or(&description);
+        Ok(Self {
+            variable: Variable::new(&name, &unit, description),
+            min,
+            max,
+            start,
+            bandwidth: options.bandwidth(step),
+            excitations: options.excitations().to_vec(),
+        })
+    }
 }
 
 impl Driven {
@@ -55,31 +103,18 @@ impl Driven {
         let mut drivers = Vec::new();
         for (name, own) in mechanism.inputs() {
             let options = study.inputs.get(name).cloned().unwrap_or_default();
-            let key = format!("inputs.{name}");
-            problems.extend(wrong_unit(&key, options.unit.as_deref(), &own.unit));
-            let (min, max) = (options.min.unwrap_or(own.min), options.max.unwrap_or(own.max));
-            let start = options.start.unwrap_or_else(|| own.start.clamp(min.min(max), max.max(min)));
-            if min >= max {
-                problems.add(&key, format!("range is empty: min {min} is not below max {max}"));
-            } else if !(min..=max).contains(&start) {
-                problems.add(format!("{key}.start"), format!("{start} is outside the range from {min} to {max}"));
+            let variable = Variable::new(name, &own.unit, &own.description);
+            let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
+            match Driver::new(own, &options, study.time.step) {
+                Ok(driver) => drivers.push(driver),
+                Err(more) => problems.extend(more),
             }
-            let description = options.description.as_deref().unwrap_or(&own.description);
-            drivers.push(Driver {
-                variable: Variable::new(name, &own.unit, description),
-                min,
-                max,
-                start,
-                bandwidth: options.bandwidth(study.time.step),
-                excitations: options.excitations().to_vec(),
-            });
         }
         // said elsewhere, or of a section that is damaged
         if study.states.is_empty() || study.states.keys().any(|name| velocity_name(name).is_none()) {
             return Err(problems);
         }
-        let coordinates: Vec<String> = study.states.keys().cloned().collect();
-        let names: Vec<&str> = coordinates.iter().map(String::as_str).collect();
+        let names: Vec<&str> = study.states.keys().map(String::as_str).collect();
         let mut start = Vec::new();
         match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
             Ok(Ok(reduced)) => start.extend(reduced.start().0.iter().chain(reduced.start().1)),
@@ -115,30 +150,56 @@ impl Driven {
             }
         }
         if problems.is_empty() {
-            Ok(Self { coordinates, drivers, start, region, seed: study.seed })
+            let states = coordinates_and_velocities(&names);
+            Ok(Self { states, drivers, start, region: Some(region), seed: study.seed })
         } else {
             Err(problems)
         }
     }
 
-    /// Names of the independent coordinates.
-    pub fn coordinates(&self) -> &[String] {
-        &self.coordinates
+    /// The study's inputs and an FMU's states, with the values that they have at the start, or none where the FMU does not say.
+    ///
+    /// # Errors
+    /// Every range that is not known or empty, every unit that is not the FMU's, by dotted key.
+    pub fn of_fmu(
+        study: &Study,
+        states: Vec<(Variable, Option<f64>)>,
+        inputs: Vec<OwnInput>,
+    ) -> Result<Self, Problems> {
+        let mut problems = Problems::default();
+        let mut drivers = Vec::new();
+        for own in inputs {
+            let options = study.inputs.get(&own.variable.name).cloned().unwrap_or_default();
+            match Driver::new(own, &options, study.time.step) {
+                Ok(driver) => drivers.push(driver),
+                Err(more) => problems.extend(more),
+            }
+        }
+        if !problems.is_empty() {
+            return Err(problems);
+        }
+        let within = |((_, start), options): (&(Variable, Option<f64>), &StateOptions)| {
+            let middle = 0.5 * (options.min + options.max);
+            start.filter(|start| (options.min..=options.max).contains(start)).unwrap_or(middle)
+        };
+        let start = states.iter().zip(study.states.values()).map(within).collect();
+        let states = states.into_iter().map(|(state, _)| state).collect();
+        Ok(Self { states, drivers, start, region: None, seed: study.seed })
     }
 
-    /// What acts on the mechanism, in the order of its file.
+    /// What acts on the source, in its order.
     pub fn drivers(&self) -> &[Driver] {
         &self.drivers
     }
 
-    /// The states as the mechanism file has them at the start: coordinates, then velocities.
+    /// The states as the source has them at the start.
     pub fn start(&self) -> &[f64] {
         &self.start
     }
 
-    /// Where the equations of motion are learned.
-    pub fn region(&self) -> &Region {
-        &self.region
+    /// Where the equations of motion of a mechanism are learned.
+    pub fn region(&self) -> Option<&Region> {
+        self.region.as_ref()
     }
 
     /// The inputs.
@@ -146,24 +207,16 @@ impl Driven {
         self.drivers.iter().map(|driver| driver.variable.clone()).collect()
     }
 
-    /// The states: coordinates, then velocities.
-    pub fn states(&self) -> Vec<Variable> {
-        let coordinates = self.coordinates.iter().map(|name| {
-            let unit = if is_angle(name) { "rad" } else { "m" };
-            Variable::new(name, unit, &format!("coordinate {name}"))
-        });
-        let velocities = self.coordinates.iter().map(|name| {
-            let unit = if is_angle(name) { "rad/s" } else { "m/s" };
-            Variable::new(&velocity_name(name).unwrap_or_default(), unit, &format!("derivative of {name}"))
-        });
-        coordinates.chain(velocities).collect()
+    /// The states; of a mechanism coordinates, then velocities.
+    pub fn states(&self) -> &[Variable] {
+        &self.states
     }
 
     /// The parameters that are the states' values at the start.
     pub fn starts(&self) -> impl Iterator<Item = Variable> {
-        self.states().into_iter().map(|Variable { name, unit, .. }| {
+        self.states.iter().map(|Variable { name, unit, .. }| {
             let description = format!("{name} at the start");
-            Variable::new(&metafmu_runtime::State::start_name(&name), &unit, &description)
+            Variable::new(&metafmu_runtime::State::start_name(name), unit, &description)
         })
     }
 
@@ -190,18 +243,30 @@ impl Driven {
         times: &[f64],
         integration: (f64, &Budget),
     ) -> Result<Vec<f64>, String> {
-        let count = self.coordinates.len();
-        let (_, starts) = parameters.split_at(parameters.len() - 2 * count);
-        let (coordinates, velocities) = starts.split_at(count);
+        let count = self.states.len();
+        let (_, starts) = parameters.split_at(parameters.len() - count);
+        let (coordinates, velocities) = starts.split_at(count / 2);
         let inputs = self.inputs(parameters, times);
         let signal = |column: usize| {
             let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
             Ok(Signal::Linear(Knots::new(times.to_vec(), values)?))
         };
         let signals = (0..self.drivers.len()).map(signal).collect::<Result<Vec<_>, String>>()?;
-        let names: Vec<&str> = self.coordinates.iter().map(String::as_str).collect();
+        let names: Vec<&str> = self.states[..count / 2].iter().map(|state| state.name.as_str()).collect();
         mechanism.simulate_from(values, (&names, [coordinates, velocities]), &signals, times, integration)
     }
+}
+
+fn coordinates_and_velocities(names: &[&str]) -> Vec<Variable> {
+    let coordinates = names.iter().map(|name| {
+        let unit = if is_angle(name) { "rad" } else { "m" };
+        Variable::new(name, unit, &format!("coordinate {name}"))
+    });
+    let velocities = names.iter().map(|name| {
+        let unit = if is_angle(name) { "rad/s" } else { "m/s" };
+        Variable::new(&velocity_name(name).unwrap_or_default(), unit, &format!("derivative of {name}"))
+    });
+    coordinates.chain(velocities).collect()
 }
 
 /// Where the study wants the equations of motion, `values` being those of the mechanism's parameters.

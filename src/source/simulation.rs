@@ -52,7 +52,7 @@ enum Model {
     /// This program.
     Equations(Box<Equations>),
     /// An FMU.
-    Fmu(FmuModel),
+    Fmu(Box<FmuModel>),
 }
 
 /// A run, or why it failed.
@@ -74,8 +74,16 @@ impl Simulation {
         };
         if let Some(file) = fmu {
             let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-            let inputs = Vec::new();
-            return Ok(Self { model: Model::Fmu(model), parameters, inputs, outputs, times, max_failed, source });
+            let inputs = model.driven().map_or(Vec::new(), Driven::variables);
+            return Ok(Self {
+                model: Model::Fmu(Box::new(model)),
+                parameters,
+                inputs,
+                outputs,
+                times,
+                max_failed,
+                source,
+            });
         }
         let (equations, parameters, outputs) = Equations::new(study)?;
         let inputs = equations.driven.as_ref().map_or(Vec::new(), Driven::variables);
@@ -99,7 +107,7 @@ impl Simulation {
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
             Model::Equations(equations) => equations.driven.as_ref(),
-            Model::Fmu(_) => None,
+            Model::Fmu(model) => model.driven(),
         }
     }
 
@@ -108,6 +116,14 @@ impl Simulation {
         match &self.model {
             Model::Equations(equations) => &equations.quantities,
             Model::Fmu(_) => &[],
+        }
+    }
+
+    /// The FMU, if it is one.
+    pub fn fmu(&self) -> Option<&FmuModel> {
+        match &self.model {
+            Model::Equations(_) => None,
+            Model::Fmu(model) => Some(model),
         }
     }
 

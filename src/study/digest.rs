@@ -81,6 +81,8 @@ struct Trained<'a> {
     precision: Precision,
     bounds: Option<BoundsOptions>,
     target: Option<TargetOptions>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    states: Option<usize>,
     samples: String,
 }
 
@@ -152,7 +154,7 @@ fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
 }
 
 fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> Plan<'a> {
-    let &SamplingOptions { method, levels, runs, file: _, faces, test_runs } = options;
+    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs } = options;
     Plan { method, levels, runs, points: study.points(), faces, test_runs }
 }
 
@@ -176,7 +178,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         states: _,
         inputs: _,
         outputs: _,
-        sampling: _,
+        sampling,
         starts: _,
         mechanism: _,
         points: _,
@@ -198,6 +200,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         precision: *precision,
         bounds: *bounds,
         target: *target,
+        states: sampling.states,
         samples: of_samples(study),
     })
 }

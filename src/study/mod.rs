@@ -242,7 +242,7 @@ impl Draft {
         let mut study: Study = origin.deserialize(root)?;
         study.origin = origin.clone();
         if study.structure == StudyStructure::Dynamics {
-            study.starts = states::starts(&study.states);
+            study.starts = states::starts(&study);
         }
         // what a damaged section says is unknown: the other ones are checked without it
         let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);

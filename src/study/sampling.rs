@@ -19,6 +19,10 @@ pub struct SamplingOptions {
     /// ranges of the outputs and the steps of the solver are known, 8 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
+    /// Of the structure "dynamics" of an FMU: number of states, with inputs and parameters, at which it is asked for its equations, 5000
+    /// unless given. A tenth of them is held out.
+    #[schemars(range(min = 100, max = MAX_RUNS))]
+    pub states: Option<usize>,
     /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
     #[schemars(extend("format" = "path"))]
     pub file: Option<PathBuf>,
@@ -34,7 +38,15 @@ pub struct SamplingOptions {
 
 impl Default for SamplingOptions {
     fn default() -> Self {
-        Self { method: None, levels: None, runs: None, file: None, faces: None, test_runs: default_test_runs() }
+        Self {
+            method: None,
+            levels: None,
+            runs: None,
+            states: None,
+            file: None,
+            faces: None,
+            test_runs: default_test_runs(),
+        }
     }
 }
 
@@ -63,8 +75,12 @@ pub enum Method {
 impl SamplingOptions {
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
-        let Self { method, levels, runs, file, faces, test_runs } = self;
+        let Self { method, levels, runs, states, file, faces, test_runs } = self;
         let mut problems = Problems::default();
+        if let Some(states) = states {
+            let expected = format!("a number from 100 to {MAX_RUNS}");
+            problems.expect((100..=MAX_RUNS).contains(states), "sampling.states", states, &expected);
+        }
         if *test_runs == 0 {
             problems.add("sampling.test_runs", "expected at least 1");
         }
@@ -93,8 +109,11 @@ impl SamplingOptions {
 
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
-        let Self { method, levels, runs, file, faces, .. } = self;
+        let Self { method, levels, runs, states, file, faces, .. } = self;
         let mut problems = Problems::default();
+        let is_asked = study.has_states() && study.source.fmu.is_some();
+        let message = "belongs to the structure \"dynamics\" of an FMU";
+        problems.expect_absent(states.is_some() && !is_asked, "sampling.states", message);
         if study.source.is_recorded() {
             let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {

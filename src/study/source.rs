@@ -122,8 +122,9 @@ impl SourceOptions {
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        if study.has_states() && self.count() == 1 && self.mechanism.is_none() {
-            let message = "the structure \"dynamics\" is learned from a mechanism, expected `mechanism`";
+        if study.has_states() && self.count() == 1 && self.mechanism.is_none() && self.fmu.is_none() {
+            let message =
+                "the structure \"dynamics\" is learned from a mechanism or an FMU, expected `mechanism` or `fmu`";
             problems.add("source", message);
         }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };

@@ -13,12 +13,13 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-/// An entry of `[states]`: an independent coordinate, by the measure that names it, and its velocity.
+/// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity; of an FMU a continuous
+/// state, by its name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
 pub struct StateOptions {
-    /// Lower end of the range in which the functions of the configuration are learned.
+    /// Lower end of the range in which the equations are learned.
     #[schemars(extend("x-unit" = "rad or m"))]
     pub min: f64,
     /// Upper end; of an angle that goes around, a turn above `min`.
@@ -27,9 +28,12 @@ pub struct StateOptions {
     /// Where runs start that the surrogate is tested with; the middle fifth of the range unless given.
     #[schemars(extend("x-unit" = "rad or m"))]
     pub start: Option<[f64; 2]>,
-    /// The velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
+    /// Of a mechanism: the velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
+    /// Of an FMU: whether the state is an angle in rad, and the equations are the same a turn later; the range then is a turn.
+    #[serde(default)]
+    pub periodic: bool,
 }
 
 /// What an independent coordinate may be, and its velocity.
@@ -50,7 +54,7 @@ pub fn is_angle(coordinate: &str) -> bool {
 impl StateOptions {
     /// Whether the coordinate is an angle whose range is a full turn: every number is a good value of it.
     pub fn goes_around(&self, name: &str) -> bool {
-        is_angle(name) && self.max - self.min > TAU - 1e-6
+        self.periodic || is_angle(name) && self.max - self.min > TAU - 1e-6
     }
 
     fn start(&self) -> [f64; 2] {
@@ -61,13 +65,15 @@ impl StateOptions {
 
 /// The values of the states at the start of a run, which are sampled like parameters: those of the coordinates, then those of the
 /// velocities.
-pub(super) fn starts(states: &IndexMap<String, StateOptions>) -> IndexMap<String, ParameterOptions> {
+pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
     let range = |name: &str, [min, max]: [f64; 2]| (State::start_name(name), ParameterOptions::range(min, max));
-    let coordinates = states.iter().map(|(name, state)| range(name, state.start()));
-    let velocities = states
-        .iter()
+    let states = &study.states;
+    let own = states.iter().map(|(name, state)| range(name, state.start()));
+    // those of an FMU are states by themselves
+    let of_mechanism = states.iter().filter(|_| study.source.fmu.is_none());
+    let velocities = of_mechanism
         .map(|(name, state)| range(&velocity_name(name).unwrap_or_default(), state.velocity.unwrap_or_default()));
-    coordinates.chain(velocities).collect()
+    own.chain(velocities).collect()
 }
 
 /// Makes names of the dotted keys of `[states]`: `rail.position = { ... }` is `"rail.position" = { ... }`, as it is in a mechanism file.
@@ -99,15 +105,14 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 /// Every mistake in `[states]`, by dotted key.
 pub(super) fn problems(states: &IndexMap<String, StateOptions>) -> Problems {
     let mut problems = Problems::default();
-    for (name, StateOptions { min, max, start, velocity }) in states {
+    for (name, StateOptions { min, max, start, velocity, periodic }) in states {
         let key = format!("states.{name}");
-        if velocity_name(name).is_none() {
-            let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
-            problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
-        }
         if !(min.is_finite() && max.is_finite() && min < max) {
             problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
             continue;
+        }
+        if *periodic && (max - min - TAU).abs() > 1e-6 {
+            problems.add(format!("{key}.periodic"), format!("the range from {min} to {max} is not a turn of 2 pi"));
         }
         for (field, range) in [("start", start), ("velocity", velocity)] {
             let Some([low, high]) = range else { continue };
@@ -134,14 +139,35 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         return problems;
     }
     if states.is_empty() {
-        problems.add("states", "no state, expected a coordinate for each degree of freedom");
+        let expected = if study.source.fmu.is_some() {
+            "every continuous state of the FMU"
+        } else {
+            "a coordinate for each degree of freedom"
+        };
+        problems.add("states", format!("no state, expected {expected}"));
+    }
+    let is_fmu = study.source.fmu.is_some();
+    for (name, state) in states {
+        let key = format!("states.{name}");
+        if is_fmu {
+            let message = "belongs to mechanisms: every state of an FMU has a range of its own";
+            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
+        } else if velocity_name(name).is_none() {
+            let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
+            problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
+        } else {
+            let message = "belongs to FMUs: an angle of a mechanism is periodic";
+            problems.expect_absent(state.periodic, format!("{key}.periodic"), message);
+        }
     }
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
     let of_network = "belongs to the structure \"response\"";
-    problems.expect_absent(study.network != NetworkOptions::default(), "network", of_network);
-    problems.expect_absent(study.training != TrainingOptions::default(), "training", of_network);
+    if !is_fmu {
+        problems.expect_absent(study.network != NetworkOptions::default(), "network", of_network);
+        problems.expect_absent(study.training != TrainingOptions::default(), "training", of_network);
+    }
     problems.expect_absent(study.target.is_some(), "target", of_network);
     problems.expect_absent(study.bounds.is_some(), "bounds", of_network);
     problems.expect_absent(study.search.is_some(), "search", of_network);

@@ -1,8 +1,8 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Dynamics, Encoder, Encoding, Input, Layer, Map, Metadata, Model, Motion, Output, OutputArray,
-    Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, Surrogate, Variability,
+    Activation, Bounds, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model, Motion, Output,
+    OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, StateSpace, Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
 };
 
@@ -142,7 +142,9 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         Model::PerInstant { instants, networks } => {
             Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
         }
-        Model::Response(Map::Regression(_)) | Model::Motion(_) => panic!("the examples are networks"),
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => {
+            panic!("the examples are networks")
+        }
     };
     debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
     Surrogate::new(metadata, model).expect("the example is valid")
@@ -258,4 +260,60 @@ pub fn crane() -> Surrogate {
         step: 0.005,
     };
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
+/// Van der Pol's oscillator with a force, `xdd = mu (1 - x^2) xd - x + force`, exact unless a network from `(mu, force, x, v)`
+/// is added to the acceleration. `mu` is a parameter; the output is `x`.
+pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
+    let state = |name: &str, unit: &str, rate_unit: &str| State {
+        name: name.into(),
+        unit: unit.into(),
+        rate_unit: rate_unit.into(),
+        description: format!("example state {name}"),
+        range: Some([-4.0, 4.0]),
+        nominal: 2.0,
+    };
+    let metadata = Metadata {
+        name: "oscillator".into(),
+        description: "Van der Pol's oscillator with a force".into(),
+        inputs: vec![
+            variable("mu", Role::Parameter(Variability::Fixed), "1", [0.5, 2.0, 1.0]),
+            variable("x_start", Role::Start, "m", [-4.0, 4.0, 1.0]),
+            variable("v_start", Role::Start, "m/s", [-4.0, 4.0, 0.0]),
+            variable("force", Role::Input, "N", [-1.0, 1.0, 0.0]),
+        ],
+        outputs: vec![shown("position", "m", 4.0)],
+        states: vec![state("x", "m", "m/s"), state("v", "m/s", "m/s2")],
+        ..surrogate().metadata().clone()
+    };
+    let plain = Factor::Power { middle: 0.0, half: 1.0 };
+    let term = |exponents: [i16; 4], value: f64| Term { exponents: exponents.to_vec(), coefficients: vec![value] };
+    // of mu, force, x, v
+    let terms = [term([1, 0, 0, 1], 1.0), term([1, 0, 2, 1], -1.0), term([0, 0, 1, 0], -1.0), term([0, 1, 0, 0], 1.0)];
+    let space = StateSpace {
+        counts: [1, 1, 2],
+        functions: Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid"),
+        network,
+        results: vec![Given::State(0), Given::State(1), Given::Function(0)],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).expect("the example is valid")
+}
+
+/// A network for [`oscillator`] with made-up numbers.
+pub fn residual_network() -> ScaledNetwork {
+    let mut uniform = uniform_sequence();
+    let mut layer = |inputs: usize, outputs: usize, activation| {
+        let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
+        let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
+        Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
+    };
+    let layers = vec![layer(4, 6, Activation::Tanh), layer(6, 1, Activation::Identity)];
+    let scaling = Scaling {
+        input_mean: vec![1.0, 0.0, 0.0, 0.0],
+        input_scale: vec![0.5, 1.0, 2.0, 2.0],
+        output_mean: vec![0.0],
+        output_scale: vec![0.25],
+    };
+    ScaledNetwork { scaling, layers }
 }

@@ -44,18 +44,28 @@
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
 //!
+//! A [`Model::StateSpace`] has a dictionary over parameters, inputs and states, and the tensors `outputs.` of a network if there is one
+//! (MAP then is that of the network).
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `counts` | U32 | `[3]` | number of parameters, of inputs and of states |
+//! | `columns`, `functions.exponents`, `functions.coefficients` | | | as those of a motion |
+//! | `results.given` | U32 | `[outputs + states, 2]` | outputs, then derivatives: 0: state K, 1: function K |
+//! | `solver.step` | F64 | `[1]` | largest step, in seconds |
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 //!
 //! | field | |
 //! |---|---|
 //! | `format` | 2, the version of this layout |
-//! | `model` | `{"structure": "response", "per-instant" or "motion", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
+//! | `model` | `{"structure": "response", "per-instant", "motion" or "state-space", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
 use crate::{
-    Activation, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, Surrogate,
+    Activation, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
     regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
@@ -163,6 +173,9 @@ pub enum FormatError {
     /// A structure with a map that it cannot have.
     #[error("a motion has dictionaries, and only a motion")]
     MotionMap,
+    /// A state space of another map.
+    #[error("a state space has a dictionary or a network beside one")]
+    StateSpaceMap,
     /// The value at the start of nothing.
     #[error("variable `{name}` is the value of a state at the start, but the model has no states")]
     NoState {
@@ -411,6 +424,7 @@ enum Structure {
     Response,
     PerInstant,
     Motion,
+    StateSpace,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -442,6 +456,11 @@ impl ModelHeader {
             Model::Motion(_) => {
                 let outputs = MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
                 Self { structure: Structure::Motion, outputs }
+            }
+            Model::StateSpace(space) => {
+                let dictionary = || MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
+                let outputs = space.network.as_ref().map_or_else(dictionary, MapHeader::of_network);
+                Self { structure: Structure::StateSpace, outputs }
             }
         }
     }
@@ -482,8 +501,9 @@ impl Surrogate {
             Model::Response(Map::Regression(regression)) => regression.tensors(),
             Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
             Model::Motion(motion) => motion.tensors(),
+            Model::StateSpace(space) => space.tensors(),
         };
-        if !matches!(self.model(), Model::Motion(_)) {
+        if !matches!(self.model(), Model::Motion(_) | Model::StateSpace(_)) {
             tensors.iter_mut().for_each(|(name, ..)| name.insert_str(0, OUTPUTS));
         }
         if let Model::PerInstant { instants, .. } = self.model() {
@@ -540,6 +560,14 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::PerInstant, _) => Err(FormatError::PerInstantMap),
         (Structure::Motion, MapKind::Dictionary) => Ok(Model::Motion(Box::new(Motion::read(tensors)?))),
         (Structure::Motion, _) => Err(FormatError::MotionMap),
+        (Structure::StateSpace, MapKind::Dictionary | MapKind::Network) => {
+            let network = match map {
+                MapKind::Network => Some(unstacked(tensors, activations, None)?.remove(0)),
+                _ => None,
+            };
+            Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, network)?)))
+        }
+        (Structure::StateSpace, _) => Err(FormatError::StateSpaceMap),
     }
 }
 
@@ -691,5 +719,6 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
 }
 
 mod motion;
+mod state_space;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 //!
 //! - [`Surrogate`]: the variables and the model of a surrogate, as the model file has them.
 //! - [`Map`]: a pure function from columns to outputs: a network, or a formula such as a polynomial or a forest.
-//! - [`Model`]: maps together with time, and equations of motion with states.
+//! - [`Model`]: maps together with time, and equations with states.
 //! - [`Variables`]: the variables of its FMU in the order of their value references.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
 //! - [`Evaluator`]: the model prepared for evaluation, with exact derivatives.
@@ -41,7 +41,8 @@ pub use encoding::{Encoder, Encoding};
 pub use format::FormatError;
 pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, regression};
 pub use model::{
-    Drive, Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Scratch, Shown, StepError,
+    Drive, Evaluator, Given, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Scratch, Shown, StateSpace,
+    StepError,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
 pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, State, Surrogate, Variability};

@@ -272,7 +272,10 @@ impl Surrogate {
     pub fn network(&self) -> Option<&ScaledNetwork> {
         match &self.model {
             Model::Response(Map::Network(network)) => Some(network),
-            Model::Response(Map::Regression(_)) | Model::PerInstant { .. } | Model::Motion(_) => None,
+            Model::Response(Map::Regression(_))
+            | Model::PerInstant { .. }
+            | Model::Motion(_)
+            | Model::StateSpace(_) => None,
         }
     }
 

@@ -6,10 +6,11 @@ use metafmu::{
     fmi::{
         ModelDescription,
         host::{InterfaceKind, describe, element_names},
-        model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable},
+        model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable, Variability},
     },
     source::fmu::variables::{range, recordable, varied},
 };
+use metafmu_runtime::State;
 use std::{fmt::Write, path::Path};
 
 /// A run has at most this many rows unless the study is changed.
@@ -24,6 +25,8 @@ const AROUND: f64 = 0.1;
 const OUTPUTS: usize = 1000;
 /// How many variables are listed that the study does not use.
 const LISTED: usize = 40;
+/// States at which the FMU is asked for its equations.
+const STATES: usize = 5000;
 
 pub fn study(name: &str, file: &Path) -> Result<String> {
     let (description, interface) = describe(file, None)?;
@@ -88,6 +91,116 @@ margin = 0.05               # training runs are longer by this share of `stop`; 
         // it is meant to replace the FMU
         FmiVersion::V3 => text.replacen("\nfmi = \"2\"", "\nfmi = \"3\"", 1),
     })
+}
+
+/// A study of the FMU's equations: its states, continuous inputs, and parameters with a range.
+pub fn study_of_states(name: &str, file: &Path) -> Result<String> {
+    let (description, _) = describe(file, Some(InterfaceKind::ModelExchange))?;
+    let refuse = |what: String| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
+    let indicators = description.indicator_count();
+    if indicators > 0 {
+        return refuse(format!("has {indicators} event indicators: equations with events cannot be learned"));
+    }
+    let Some(states) = description.states().filter(|states| !states.is_empty()) else {
+        return refuse("offers no scalar continuous states: a study without --structure dynamics may do".into());
+    };
+    if chosen(&description).is_empty() {
+        return refuse("has no real variable to be an output".into());
+    }
+    let file = file.display().to_string();
+    let Times { stop, step, .. } = Times::new(description.default_experiment.unwrap_or_default());
+    let mut text = format!(
+        "# Made by `metafmu new {name} --fmu {file} --structure dynamics`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+description = {}
+seed = 1                    # everything random follows from it
+structure = \"dynamics\"      # the FMU has states, and inputs drive it
+
+[source]
+fmu = {}    # relative to this file; asked for its equations by model exchange
+# tolerance = 1e-8          # of the runs that the surrogate is compared with; the FMU's else
+# constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
+
+[time]                      # rows of the runs that it is tested with
+stop = {stop:?}                  # s
+step = {step:?}                 # s
+
+[states]                    # every continuous state, and the range in which the equations are learned
+",
+        quoted(description.description.as_deref().unwrap_or_default()),
+        quoted(&file),
+    );
+    // writing to a string does not fail
+    let names_of_starts: Vec<String> = states.iter().map(|state| State::start_name(&state.name)).collect();
+    for state in states {
+        let start = state.kind.as_real().and_then(|real| real.start).unwrap_or(0.0);
+        let (range, comment) = match known_range(&description, state) {
+            Some(range) => (range, "of the FMU"),
+            None => ((-guess(start), guess(start)), "a guess: how far does it go?"),
+        };
+        let ((min, max), unit) = (range, description.unit_of(state).unwrap_or_default());
+        let hint = if unit == "rad" { "; an angle that goes around: a range of 2 pi and periodic = true" } else { "" };
+        let start = start.clamp(min, max);
+        let spread = 0.1 * (max - min);
+        let starts = [(start - spread).max(min), (start + spread).min(max)];
+        let _ = writeln!(
+            text,
+            "{} = {{ min = {min:?}, max = {max:?}, start = {starts:?} }}    # {comment}{hint}",
+            key(&state.name)
+        );
+    }
+    let is_input = |variable: &&ScalarVariable| {
+        let is_continuous = variable.variability == Variability::Continuous && variable.dimensions.is_empty();
+        variable.causality == Causality::Input && is_continuous && varied(variable).is_ok()
+    };
+    let inputs: Vec<&ScalarVariable> = description.variables.iter().filter(is_input).collect();
+    if !inputs.is_empty() {
+        text += "\n[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of test runs; docs/dynamics.md\n";
+    }
+    for input in inputs {
+        let (range, comment) = match known_range(&description, input) {
+            Some(range) => (range, ""),
+            None => ((-1.0, 1.0), "    # a guess"),
+        };
+        let (min, max) = range;
+        let kinds = "[\"multisine\", \"steps\", \"spline\"]";
+        let _ = writeln!(
+            text,
+            "{} = {{ min = {min:?}, max = {max:?}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
+            key(&input.name),
+            short(10.0 / stop),
+        );
+    }
+    let with_range = |variable: &&ScalarVariable| {
+        variable.causality == Causality::Parameter
+            && varied(variable).is_ok()
+            && known_range(&description, variable).is_some()
+    };
+    // a start of a state is a parameter of the surrogate anyway
+    let is_start = |variable: &&ScalarVariable| names_of_starts.contains(&variable.name);
+    text += "\n[parameters]                # those with a range in the FMU\n";
+    for parameter in description.variables.iter().filter(with_range).filter(|p| !is_start(p)).take(VARIED.0) {
+        if let Some((min, max)) = known_range(&description, parameter) {
+            let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?} }}", key(&parameter.name));
+        }
+    }
+    let _ = write!(
+        text,
+        "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU is asked for its equations\ntest_runs = 20              # random \
+         starts, parameters and inputs\n\n{}",
+        outputs(&description),
+        rest(STATES, 1.0),
+    );
+    Ok(match description.fmi_version {
+        FmiVersion::V2 => text,
+        FmiVersion::V3 => text.replacen("\nfmi = \"2\"", "\nfmi = \"3\"", 1),
+    })
+}
+
+/// Half the width of a range around zero for a state that starts there.
+fn guess(start: f64) -> f64 {
+    (2.0 * start.abs()).max(1.0)
 }
 
 /// Times of a run.

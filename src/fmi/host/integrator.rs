@@ -100,6 +100,17 @@ impl<'a> Exchange<'a> {
         Ok((run, begun))
     }
 
+    /// Begins in other states than those that the initialization has found.
+    ///
+    /// # Errors
+    /// [`Error::Fmi`], also if there is another number of states.
+    pub fn set_states(&mut self, states: &[f64]) -> Result<()> {
+        let position = &mut self.position;
+        self.model.instance.set_continuous_states(states)?;
+        position.states = states.to_vec();
+        self.model.read_indicators(&mut position.indicators)
+    }
+
     /// Where the run is.
     pub fn position(&self) -> &Position {
         &self.position

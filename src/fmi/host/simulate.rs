@@ -19,6 +19,8 @@ pub struct SimulationOptions {
     /// Model exchange: tolerance of a step, relative to each state and to its nominal value; else that of the FMU's default
     /// experiment, else 1e-8.
     pub tolerance: Option<f64>,
+    /// Model exchange: continuous states that the run begins with, in place of those after the initialization.
+    pub states: Option<Vec<f64>>,
     /// Values that variables start with, by name: 0 or 1 for a boolean.
     pub start_values: Vec<(String, f64)>,
     /// Inputs that change over time.
@@ -120,8 +122,11 @@ pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mu
 
     let (mut terminated, mut integration) = (false, None);
     if exchange {
-        let (run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
+        let (mut run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
         terminated = begun != Step::Done;
+        if let (Some(states), false) = (&options.states, terminated) {
+            run.set_states(states)?;
+        }
         integration = Some(run);
     }
     sink.row(start, &recorder.row()?)?;

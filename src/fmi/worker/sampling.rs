@@ -3,7 +3,7 @@
 use super::Replies;
 use crate::{
     Result,
-    fmi::host::{Fmu, Inputs, InterfaceKind, SimulationOptions, simulate},
+    fmi::host::{Column, Fmu, Inputs, InterfaceKind, Labels, SimulationOptions, simulate},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -36,6 +36,22 @@ pub struct Task {
     pub recorded: Vec<String>,
     /// The outputs: names of variables or of elements of arrays.
     pub outputs: Vec<String>,
+    /// What is asked of the continuous states, if they are.
+    pub driven: Option<Driven>,
+}
+
+/// Runs of model exchange that begin in given states and are driven by inputs, or the equations in some states.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Driven {
+    /// Position of each of the study's states in the FMU's state vector.
+    pub states: Vec<usize>,
+    /// Inputs.
+    pub inputs: Vec<String>,
+    /// Whether derivatives are asked for, not a run. A request has the parameters, then
+    ///
+    /// - of a run: the states at its start, then the inputs at each row, between which they are linear;
+    /// - of derivatives: inputs and states; then the same of further points. For each the reply has derivatives, then outputs.
+    pub derivatives: bool,
 }
 
 /// What became of a request.
@@ -58,7 +74,11 @@ pub(super) fn serve(task: &Task, folder: &Path, requests: Receiver<String>, mut 
     replies.send(&Reply::Ready, &[])?;
     for line in requests {
         let values: Vec<f64> = serde_json::from_str(&line).map_err(|error| super::stream(error.into()))?;
-        match run(&fmu, task, values) {
+        let reply = match &task.driven {
+            Some(driven) if driven.derivatives => derivatives(&fmu, task, driven, &values),
+            _ => run(&fmu, task, values),
+        };
+        match reply {
             Ok(outputs) => replies.send(&Reply::Done, &outputs)?,
             Err(message) => replies.send(&Reply::Failed(message), &[])?,
         }
@@ -67,17 +87,23 @@ pub(super) fn serve(task: &Task, folder: &Path, requests: Receiver<String>, mut 
 }
 
 /// One run in an instance of its own: what an FMU forgets to reset cannot get from one run into the next.
-fn run(fmu: &Fmu, task: &Task, mut values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
-    values.extend_from_slice(&task.constants);
-    let set = || task.variables.iter().cloned().zip(values.iter().copied()).zip(&task.is_input);
-    let (names, row) = set().filter_map(|(setting, is_input)| is_input.then_some(setting)).unzip();
+fn run(fmu: &Fmu, task: &Task, values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
+    let (values, rest) = values.split_at(task.parameters());
+    let Settings { start_values, mut inputs } = task.settings(values);
+    let mut states = None;
+    if let Some(driven) = &task.driven {
+        let (starts, signals) = rest.split_at(driven.states.len());
+        states = Some(driven.state_vector(starts));
+        inputs = driven.inputs(task, inputs, signals);
+    }
     let options = SimulationOptions {
         start: Some(0.0),
         stop: Some(task.stop),
         step: Some(task.step),
         tolerance: task.tolerance,
-        start_values: set().filter_map(|(setting, is_input)| (!is_input).then_some(setting)).collect(),
-        inputs: Inputs { names, times: vec![0.0], rows: vec![row] },
+        states,
+        start_values,
+        inputs,
         record: task.recorded.clone(),
         record_only: true,
     };
@@ -87,11 +113,7 @@ fn run(fmu: &Fmu, task: &Task, mut values: Vec<f64>) -> std::result::Result<Vec<
         let end = table.times.last().copied().unwrap_or(0.0);
         return Err(format!("the FMU ended the simulation at {end} s"));
     }
-    let position = |name: &String| {
-        let found = table.columns.iter().position(|column| column.name == *name);
-        found.ok_or_else(|| format!("`{name}` was not recorded"))
-    };
-    let columns = task.outputs.iter().map(position).collect::<std::result::Result<Vec<_>, _>>()?;
+    let columns = task.columns(&table.columns)?;
     let mut outputs = Vec::with_capacity(columns.len() * (table.rows.len() / task.steps_per_row + 1));
     for (time, row) in table.times.iter().zip(&table.rows).step_by(task.steps_per_row) {
         for (&column, name) in columns.iter().zip(&task.outputs) {
@@ -102,4 +124,104 @@ fn run(fmu: &Fmu, task: &Task, mut values: Vec<f64>) -> std::result::Result<Vec<
         }
     }
     Ok(outputs)
+}
+
+/// Derivatives of the states and outputs at points, one after the other.
+fn derivatives(fmu: &Fmu, task: &Task, driven: &Driven, values: &[f64]) -> std::result::Result<Vec<f64>, String> {
+    let (parameters, states) = (task.parameters(), driven.states.len());
+    let mut reply = Vec::new();
+    for point in values.chunks_exact(parameters + driven.inputs.len() + states) {
+        let (settings, rest) = point.split_at(parameters);
+        let (inputs, states) = rest.split_at(driven.inputs.len());
+        let mut settings = task.settings(settings);
+        settings.inputs.names.extend_from_slice(&driven.inputs);
+        settings.inputs.rows[0].extend_from_slice(inputs);
+        let explain = |message: String| {
+            let names = driven.inputs.iter().map(|name| format!("{name} = ")).zip(inputs);
+            let known: Vec<String> = names.map(|(name, value)| format!("{name}{value}")).collect();
+            format!("in the states {states:?} with {}: {message}", known.join(", "))
+        };
+        let options = SimulationOptions {
+            start: Some(0.0),
+            stop: Some(task.stop),
+            states: Some(driven.state_vector(states)),
+            start_values: settings.start_values,
+            inputs: settings.inputs,
+            record: task.recorded.clone(),
+            record_only: true,
+            ..SimulationOptions::default()
+        };
+        let instance = fmu.instantiate("metafmu", false).map_err(|error| error.to_string())?;
+        let labels = Labels::of(&instance, &options).map_err(|error| explain(error.to_string()))?;
+        let columns = task.columns(&labels.columns)?;
+        let derivatives = driven.states.iter().map(|position| labels.derivatives.get(*position).copied());
+        let found = derivatives.chain(columns.into_iter().map(|column| labels.outputs.get(column).copied()));
+        for value in found {
+            let value = value.filter(|value| value.is_finite());
+            reply.push(value.ok_or_else(|| explain("a derivative or output is not finite".into()))?);
+        }
+    }
+    Ok(reply)
+}
+
+/// What is set before a run, and the inputs that stay as they are.
+struct Settings {
+    start_values: Vec<(String, f64)>,
+    inputs: Inputs,
+}
+
+impl Task {
+    /// Number of parameters, whose values come with each run.
+    fn parameters(&self) -> usize {
+        self.variables.len() - self.constants.len()
+    }
+
+    fn settings(&self, parameters: &[f64]) -> Settings {
+        let values = parameters.iter().chain(&self.constants).copied();
+        let set: Vec<_> = self.variables.iter().cloned().zip(values).zip(&self.is_input).collect();
+        let of =
+            |wanted: bool| set.iter().filter(move |(_, is_input)| **is_input == wanted).map(|(set, _)| set.clone());
+        let (names, row) = of(true).unzip();
+        Settings { start_values: of(false).collect(), inputs: Inputs { names, times: vec![0.0], rows: vec![row] } }
+    }
+
+    /// Position of each output among the columns of a recorder.
+    fn columns(&self, recorded: &[Column]) -> std::result::Result<Vec<usize>, String> {
+        let position = |name: &String| {
+            let found = recorded.iter().position(|column| column.name == *name);
+            found.ok_or_else(|| format!("`{name}` was not recorded"))
+        };
+        self.outputs.iter().map(position).collect()
+    }
+}
+
+impl Driven {
+    /// From the study's order to that of the FMU.
+    fn state_vector(&self, states: &[f64]) -> Vec<f64> {
+        let mut vector = vec![0.0; states.len()];
+        for (position, value) in self.states.iter().zip(states) {
+            // each position is that of one state
+            if let Some(to) = vector.get_mut(*position) {
+                *to = *value;
+            }
+        }
+        vector
+    }
+
+    /// Inputs that stay as they are, and those that change from row to row.
+    fn inputs(&self, task: &Task, constant: Inputs, signals: &[f64]) -> Inputs {
+        if self.inputs.is_empty() {
+            return constant;
+        }
+        let rows = signals.len() / self.inputs.len();
+        let Inputs { mut names, rows: fixed, .. } = constant;
+        names.extend_from_slice(&self.inputs);
+        let row = |signals: &[f64]| [fixed.concat().as_slice(), signals].concat();
+        let last = rows.saturating_sub(1).max(1) as f64;
+        Inputs {
+            names,
+            times: (0..rows).map(|row| task.stop * row as f64 / last).collect(),
+            rows: signals.chunks_exact(self.inputs.len()).map(row).collect(),
+        }
+    }
 }

@@ -7,7 +7,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Map, Model, Role};
+use metafmu_runtime::{Map, Model, Role, ScaledNetwork};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -21,10 +21,10 @@ pub fn summary(material: &Material) -> Section {
         0 => (format!("{} parameters and the time", evaluated.test.parameters.len()), "rows"),
         states => {
             let parameters = evaluated.test.parameters.len() - states;
-            (
-                format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len()),
-                "configurations",
-            )
+            let from =
+                format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len());
+            let of_states = matches!(evaluated.surrogate.model(), Model::StateSpace(_));
+            (from, if of_states { "states" } else { "configurations" })
         }
     };
     blocks.push(paragraph(&format!(
@@ -97,6 +97,13 @@ fn roll_outs(RollOuts { horizons, divergence_time, energy_drift, long_runs: [run
     [table(&headings, rows), paragraph(&text)]
 }
 
+/// Sizes of the hidden layers.
+fn sizes(network: &ScaledNetwork) -> String {
+    let sizes = network.sizes();
+    let hidden: Vec<String> = sizes.iter().take(sizes.len() - 1).map(usize::to_string).collect();
+    if hidden.is_empty() { "no hidden layer".into() } else { format!("hidden layers of {} nodes", hidden.join(", ")) }
+}
+
 /// Nodes and activation in words.
 fn network(material: &Material) -> String {
     let NetworkOptions { hidden, activation, .. } = &material.study.network;
@@ -110,6 +117,16 @@ fn network(material: &Material) -> String {
         Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
         Model::Response(Map::Regression(_)) => "A baseline model gives".into(),
         Model::Motion(_) => "Equations of motion with learned functions of the configuration give".into(),
+        Model::StateSpace(space) => match &space.network {
+            Some(network) if space.functions.products() == 0 => {
+                format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(network))
+            }
+            Some(network) => format!(
+                "States whose derivatives are sums of products and a feed-forward network ({}) give",
+                sizes(network)
+            ),
+            None => "States whose derivatives are sums of products give".into(),
+        },
         Model::PerInstant { instants, .. } => {
             format!(
                 "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",

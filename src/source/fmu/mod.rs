@@ -7,7 +7,7 @@
 
 pub mod variables;
 
-use super::{Journal, journal::WORTH_KEEPING};
+use super::{Journal, driven::Driven, journal::WORTH_KEEPING};
 use crate::{
     Error, Result,
     diagnostics::Problems,
@@ -16,7 +16,7 @@ use crate::{
         host::{Unpacked, describe},
         worker::{
             Job, ReplyStatus, Worker, Workers,
-            sampling::{Reply, Task},
+            sampling::{self, Reply, Task},
         },
     },
     study::Study,
@@ -35,6 +35,8 @@ use variables::{Resolved, resolve};
 
 /// Time limit of a run unless `source.time_limit` sets it.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
+/// Points whose derivatives a process is asked for at a time.
+const BATCH: usize = 64;
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
 
@@ -51,6 +53,8 @@ pub struct FmuModel {
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
+    /// States and what drives them, if the study wants states.
+    driven: Option<Driven>,
 }
 
 impl FmuModel {
@@ -61,8 +65,9 @@ impl FmuModel {
     /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
     /// errors of an FMU that cannot be read.
     pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
-        let (description, interface) = describe(path, None)?;
-        let Resolved { parameters, outputs, mut task } = resolve(study, &description)?;
+        let wanted = study.has_states().then_some(InterfaceKind::ModelExchange);
+        let (description, interface) = describe(path, wanted)?;
+        let Resolved { parameters, outputs, mut task, driven } = resolve(study, &description)?;
         let options = &study.source;
         let times = study.time.training_grid();
         let (rows, stop) = (times.len() - 1, times[times.len() - 1]);
@@ -84,8 +89,63 @@ impl FmuModel {
             one_run_per_process: capabilities.is_some_and(|interface| interface.only_once_per_process),
             time_limit: options.time_limit().unwrap_or(TIME_LIMIT),
             retries: options.retries.unwrap_or(RETRIES),
+            driven,
         };
         Ok((model, parameters, outputs))
+    }
+
+    /// States and what drives them, if the study wants states.
+    pub fn driven(&self) -> Option<&Driven> {
+        self.driven.as_ref()
+    }
+
+    /// What a process is asked for a point.
+    fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
+        match (&self.driven, &self.task.driven) {
+            (Some(driven), Some(asked)) if !asked.derivatives => {
+                let stop = self.task.stop;
+                let rows = self.values / self.task.outputs.len().max(1);
+                let times: Vec<f64> = (0..rows).map(|row| stop * row as f64 / (rows - 1).max(1) as f64).collect();
+                [point, &driven.inputs(point, &times)].concat().into()
+            }
+            _ => point.into(),
+        }
+    }
+
+    /// Number of times that `done` is called for so many points by [`FmuModel::derivatives`].
+    pub fn batches(&self, points: usize) -> usize {
+        points.div_ceil(BATCH)
+    }
+
+    /// The equations at points, each parameters, inputs and states: derivatives, then outputs, for each point.
+    ///
+    /// # Errors
+    /// Those of [`FmuModel::run_all`]; [`Error::Worker`] if the FMU has no derivatives at a point, has events, or depends on the time.
+    pub fn derivatives(
+        &self,
+        points: &[Vec<f64>],
+        workers: Workers<'_>,
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<Vec<f64>>> {
+        let (Some(asked), Some(last)) = (&self.task.driven, points.last()) else { return Ok(Vec::new()) };
+        let width = asked.states.len() + self.task.outputs.len();
+        let mut task = (*self.task).clone();
+        task.driven = Some(sampling::Driven { derivatives: true, ..asked.clone() });
+        let model = Self { task: Arc::new(task), values: BATCH * width, ..self.clone() };
+        // the last batch is filled up
+        let batch = |points: &[Vec<f64>]| {
+            let more = std::iter::repeat_n(last, BATCH - points.len());
+            points.iter().chain(more).flatten().copied().collect::<Vec<f64>>()
+        };
+        let batches: Vec<Vec<f64>> = points.chunks(BATCH).map(batch).collect();
+        let failure =
+            |_: &[f64], reason: &str| Err(Error::Worker { message: format!("{}: {reason}", self.task.path.display()) });
+        let replies = model.run_all(&batches, None, workers, &failure, done)?;
+        let rows = replies
+            .into_iter()
+            .flatten()
+            .flat_map(|reply| reply.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>());
+        Ok(rows.take(points.len()).collect())
     }
 
     /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
@@ -188,7 +248,7 @@ impl Campaign<'_> {
         for _ in 0..=self.model.retries {
             let begin = Instant::now();
             let Some(process) = self.ready(worker)? else { return Ok(None) };
-            process.ask(&point);
+            process.ask(&self.model.request(point));
             let mut status = process.reply(Some(self.model.time_limit), self.workers.stop);
             let complete = |outputs: &[f64]| outputs.len() == self.model.values;
             if !matches!(&status, ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs))

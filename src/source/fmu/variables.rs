@@ -1,14 +1,20 @@
 //! Which of an FMU's variables can be what in a study.
 
-use super::super::wrong_unit;
+use super::super::{
+    driven::{Driven, OwnInput},
+    wrong_unit,
+};
 use crate::{
     Result,
-    diagnostics::{Problems, names::did_you_mean},
+    diagnostics::{
+        Problems,
+        names::{did_you_mean, expected_one_of},
+    },
     fmi::{
         ModelDescription,
         host::{InterfaceKind, element_names},
         model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
-        worker::sampling::Task,
+        worker::sampling::{self, Task},
     },
     study::Study,
     variable::Variable,
@@ -22,6 +28,8 @@ pub struct Resolved {
     pub outputs: Vec<Variable>,
     /// What is set and recorded; the rest is not filled in.
     pub task: Task,
+    /// States and what drives them, if the study wants states.
+    pub driven: Option<Driven>,
 }
 
 /// Finds a study's parameters, constants and outputs.
@@ -41,14 +49,23 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
         constants: Vec::new(),
         recorded: Vec::new(),
         outputs: Vec::new(),
+        driven: None,
     };
     let mut resolver = Resolver { study, description, parameters: Vec::new(), outputs: Vec::new(), task };
     let mut problems = resolver.parameters();
     problems.extend(resolver.constants());
     problems.extend(resolver.outputs());
+    let mut driven = None;
+    if study.has_states() {
+        match resolver.driven() {
+            Ok(found) => driven = Some(found),
+            Err(more) => problems.extend(more),
+        }
+    }
     study.refuse(problems)?;
-    let Resolver { parameters, outputs, task, .. } = resolver;
-    Ok(Resolved { parameters, outputs, task })
+    let Resolver { mut parameters, outputs, task, .. } = resolver;
+    parameters.extend(driven.iter().flat_map(Driven::starts));
+    Ok(Resolved { parameters, outputs, task, driven })
 }
 
 struct Resolver<'a> {
@@ -119,6 +136,75 @@ impl Resolver<'_> {
             }
         }
         problems
+    }
+
+    /// The study's states and inputs.
+    fn driven(&mut self) -> std::result::Result<Driven, Problems> {
+        let mut problems = Problems::default();
+        let (study, description) = (self.study, self.description);
+        let indicators = description.indicator_count();
+        if indicators > 0 {
+            let message = format!("the FMU has {indicators} event indicators; equations with events cannot be learned");
+            problems.add("source.fmu", message);
+        }
+        let Some(known) = description.states().filter(|_| description.model_exchange.is_some()) else {
+            let message = "the FMU does not offer its states one by one by model exchange, which \"dynamics\" needs";
+            return Err(Problems::one("source.fmu", message));
+        };
+        let known_names: Vec<&str> = known.iter().map(|state| state.name.as_str()).collect();
+        let (mut states, mut positions) = (Vec::new(), Vec::new());
+        for (name, options) in &study.states {
+            let key = format!("states.{name}");
+            match known.iter().position(|state| state.name == *name) {
+                None => {
+                    problems.add(key, format!("the FMU has no state `{name}`, {}", expected_one_of(name, &known_names)))
+                }
+                Some(position) => {
+                    let unit = description.unit_of(known[position]).unwrap_or_default();
+                    if options.periodic && !matches!(unit, "rad" | "") {
+                        problems
+                            .add(format!("{key}.periodic"), format!("belongs to angles in rad; its unit is `{unit}`"));
+                    }
+                    positions.push(position);
+                    let start = known[position].kind.as_real().and_then(|real| real.start);
+                    states.push((named(name, unit, None, known[position]), start));
+                }
+            }
+        }
+        let missing: Vec<&str> =
+            known_names.iter().filter(|name| !study.states.contains_key(**name)).copied().collect();
+        if !missing.is_empty() && !study.states.is_empty() {
+            problems.add("states", format!("without {}: expected every state of the FMU", missing.join(", ")));
+        }
+        if known.is_empty() {
+            problems.add("source.fmu", "the FMU has no states; a study without `structure` takes it");
+        }
+        let mut inputs = Vec::new();
+        for name in study.inputs.keys() {
+            let key = format!("inputs.{name}");
+            let is_continuous = |variable: &ScalarVariable| {
+                let is_input = variable.causality == Causality::Input && variable.dimensions.is_empty();
+                is_input && variable.variability == fmi::Variability::Continuous && varied(variable).is_ok()
+            };
+            let Some(variable) = description.variable(name).filter(|variable| is_continuous(variable)) else {
+                let what = "continuous scalar input";
+                problems.add(key, unknown(description, name, problems.iter().len(), what, is_continuous));
+                continue;
+            };
+            let unit = description.unit_of(variable).unwrap_or_default();
+            let (min, max) = range(description, variable);
+            inputs.push(OwnInput {
+                variable: named(name, unit, None, variable),
+                range: [min, max],
+                start: variable.kind.as_real().and_then(|real| real.start),
+            });
+        }
+        if !problems.is_empty() {
+            return Err(problems);
+        }
+        let inputs_in_order = study.inputs.keys().cloned().collect();
+        self.task.driven = Some(sampling::Driven { states: positions, inputs: inputs_in_order, derivatives: false });
+        Driven::of_fmu(study, states, inputs)
     }
 
     fn outputs(&mut self) -> Problems {
@@ -277,7 +363,7 @@ mod tests {
 
     #[test]
     fn parameters_keep_where_they_start() {
-        let Resolved { parameters, outputs, task } = resolved("stop = 1", "stop = 1").unwrap();
+        let Resolved { parameters, outputs, task, .. } = resolved("stop = 1", "stop = 1").unwrap();
         assert_eq!(task.is_input, [false, true]);
         assert!(parameters.iter().all(|p| p.start.is_some() && !p.unit.is_empty()));
         assert_eq!((outputs[0].unit.as_str(), task.recorded.as_slice()), ("rad", &["angle".to_owned()][..]));

@@ -13,14 +13,6 @@ impl Motion {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
         let Self { dynamics, positions, windings, outputs, step } = self;
-        let factors: Vec<f64> = dynamics
-            .law()
-            .factors()
-            .flat_map(|factor| match factor {
-                Factor::Angle => [0.0, 0.0],
-                Factor::Power { middle, half } => [middle, half],
-            })
-            .collect();
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -31,44 +23,22 @@ impl Motion {
                 Shown::PotentialEnergy => [4, 0],
             })
             .collect();
-        let double = |name: &str, shape: &[usize], values: &[f64]| -> Tensor {
-            (name.into(), Dtype::F64, shape.into(), bytes(values, f64::to_le_bytes))
-        };
         let mut tensors = vec![
-            double("columns", &[factors.len() / 2, 2], &factors),
+            columns(dynamics.law()),
             double("positions.windings", &[positions.outputs(), dynamics.coordinates()], windings),
             ("outputs.shown".into(), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
             double("solver.step", &[1], &[*step]),
         ];
         for (name, dictionary) in [("law", dynamics.law()), ("positions", positions)] {
-            let terms: Vec<Term> = dictionary.terms().collect();
-            let exponents: Vec<i16> = terms.iter().flat_map(|term| term.exponents.iter().copied()).collect();
-            let coefficients: Vec<f64> = terms.iter().flat_map(|term| term.coefficients.iter().copied()).collect();
-            let shape = vec![terms.len(), dictionary.columns()];
-            tensors.push((format!("{name}.exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes)));
-            let shape = [terms.len(), dictionary.outputs()];
-            tensors.push(double(&format!("{name}.coefficients"), &shape, &coefficients));
+            tensors.extend(of_dictionary(name, dictionary));
         }
         tensors
     }
 
     pub(super) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
-        let mut doubles = |name: &str, dimensions| {
-            let view = take(tensors, name, Dtype::F64, dimensions)?;
-            let values = elements(view.data(), f64::from_le_bytes);
-            expect_finite(name, values.iter().copied())?;
-            Ok((values, view.shape().to_vec()))
-        };
-        let (columns, shape) = doubles("columns", 2)?;
-        expect_shape("columns", &shape[1..], &[2])?;
-        let (windings, winding_shape) = doubles("positions.windings", 2)?;
-        let (step, step_shape) = doubles("solver.step", 1)?;
-        expect_shape("solver.step", &step_shape, &[1])?;
-        let factor = |pair: &[f64; 2]| match *pair {
-            [middle, half] if half != 0.0 => Factor::Power { middle, half },
-            _ => Factor::Angle,
-        };
-        let factors: Vec<Factor> = columns.as_chunks::<2>().0.iter().map(factor).collect();
+        let factors = factors(tensors)?;
+        let (windings, winding_shape) = doubles(tensors, "positions.windings", 2)?;
+        let step = step(tensors)?;
         let law = dictionary(tensors, "law", &factors)?;
         let positions = dictionary(tensors, "positions", &factors)?;
         let coordinates = winding_shape[1];
@@ -91,11 +61,60 @@ impl Motion {
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { dynamics: Dynamics::new(coordinates, inputs, law)?, positions, windings, outputs, step: step[0] })
+        Ok(Self { dynamics: Dynamics::new(coordinates, inputs, law)?, positions, windings, outputs, step })
     }
 }
 
-fn dictionary(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
+pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {
+    (name.into(), Dtype::F64, shape.into(), bytes(values, f64::to_le_bytes))
+}
+
+/// What the columns of a dictionary contribute.
+pub(super) fn columns(dictionary: &Dictionary) -> Tensor {
+    let pair = |factor| match factor {
+        Factor::Angle => [0.0, 0.0],
+        Factor::Power { middle, half } => [middle, half],
+    };
+    let pairs: Vec<f64> = dictionary.factors().flat_map(pair).collect();
+    double("columns", &[pairs.len() / 2, 2], &pairs)
+}
+
+pub(super) fn of_dictionary(name: &str, dictionary: &Dictionary) -> [Tensor; 2] {
+    let terms: Vec<Term> = dictionary.terms().collect();
+    let exponents: Vec<i16> = terms.iter().flat_map(|term| term.exponents.iter().copied()).collect();
+    let coefficients: Vec<f64> = terms.iter().flat_map(|term| term.coefficients.iter().copied()).collect();
+    let shape = vec![terms.len(), dictionary.columns()];
+    let exponents = (format!("{name}.exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes));
+    [exponents, double(&format!("{name}.coefficients"), &[terms.len(), dictionary.outputs()], &coefficients)]
+}
+
+/// Finite numbers and their shape.
+fn doubles(tensors: &mut Views, name: &str, dimensions: usize) -> Result<(Vec<f64>, Vec<usize>), FormatError> {
+    let view = take(tensors, name, Dtype::F64, dimensions)?;
+    let values = elements(view.data(), f64::from_le_bytes);
+    expect_finite(name, values.iter().copied())?;
+    Ok((values, view.shape().to_vec()))
+}
+
+/// Largest step of the solver.
+pub(super) fn step(tensors: &mut Views) -> Result<f64, FormatError> {
+    let (step, shape) = doubles(tensors, "solver.step", 1)?;
+    expect_shape("solver.step", &shape, &[1])?;
+    Ok(step[0])
+}
+
+/// The inverse of [`columns`].
+pub(super) fn factors(tensors: &mut Views) -> Result<Vec<Factor>, FormatError> {
+    let (columns, shape) = doubles(tensors, "columns", 2)?;
+    expect_shape("columns", &shape[1..], &[2])?;
+    let factor = |pair: &[f64; 2]| match *pair {
+        [middle, half] if half != 0.0 => Factor::Power { middle, half },
+        _ => Factor::Angle,
+    };
+    Ok(columns.as_chunks::<2>().0.iter().map(factor).collect())
+}
+
+pub(super) fn dictionary(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
     let view = take(tensors, &format!("{name}.exponents"), Dtype::I16, 2)?;
     let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
     let (coefficients_name, exponents_name) = (format!("{name}.coefficients"), format!("{name}.exponents"));

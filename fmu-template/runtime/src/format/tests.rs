@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Bounds, BuiltIn, Encoding, Precision, Quantity, Role, Shown, Variability, example};
+use crate::{Bounds, BuiltIn, Encoding, Given, Precision, Quantity, Role, Shown, Variability, example};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
@@ -552,5 +552,36 @@ fn a_motion_that_makes_no_sense_is_refused() {
         assert!(header.contains(from), "{from} is not in {header}");
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
         assert!(found.contains(expected), "{found}");
+    }
+}
+
+#[test]
+fn a_state_space_survives_the_round_trip_with_and_without_a_network() {
+    for network in [None, Some(example::residual_network())] {
+        let surrogate = example::oscillator(network).sealed().unwrap();
+        let bytes = surrogate.to_bytes().unwrap();
+        assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
+        for length in (0..bytes.len()).step_by(97) {
+            assert!(Surrogate::from_bytes(&bytes[..length]).is_err(), "{length}");
+        }
+    }
+}
+
+#[test]
+fn a_state_space_that_makes_no_sense_is_refused() {
+    for (expected, change) in [
+        ("nothing", &(|_: &mut StateSpace| {}) as &dyn Fn(&mut StateSpace)),
+        ("tensor `results.given`, element 2: 1, expected less than 1", &|space| space.results[2] = Given::Function(1)),
+        ("tensor `results.given`, element 0: 2, expected less than 2", &|space| space.results[0] = Given::State(2)),
+        ("tensor `results.given` has shape [2], expected [3]", &|space| space.results.truncate(2)),
+        ("tensor `inputs` has shape [1, 2, 1, 0], expected [2, 2, 1, 0]", &|space| space.counts[0] = 2),
+        ("time step 0 is not positive", &|space| space.step = 0.0),
+    ] {
+        let surrogate = example::oscillator(Some(example::residual_network()));
+        let Model::StateSpace(mut space) = surrogate.model().clone() else { unreachable!("it has states") };
+        change(&mut space);
+        let found = Surrogate::new(surrogate.metadata().clone(), Model::StateSpace(space));
+        let found = found.map_or_else(|error| error.to_string(), |_| "nothing".into());
+        assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
 }

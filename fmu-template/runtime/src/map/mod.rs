@@ -8,7 +8,7 @@ mod layers;
 mod network;
 pub mod regression;
 
-use crate::FormatError;
+use crate::{FormatError, Precision, simd::Simd};
 pub use activation::Activation;
 pub(crate) use evaluate::{MapScratch, PreparedMap, Task};
 use regression::Regression;
@@ -140,6 +140,21 @@ impl Map {
 }
 
 impl ScaledNetwork {
+    /// The outputs at each row of columns, in double precision.
+    ///
+    /// # Panics
+    /// If a row has the wrong length.
+    pub fn evaluate(&self, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let (map, simd) = (PreparedMap::of_network(self, Precision::Double), Simd::detect());
+        let mut scratch = map.scratch();
+        let at = |row: &Vec<f64>| {
+            let mut outputs = vec![0.0; self.scaling.output_mean.len()];
+            map.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
+            outputs
+        };
+        rows.iter().map(at).collect()
+    }
+
     /// Sizes of the layers' outputs.
     pub fn sizes(&self) -> Vec<usize> {
         self.layers.iter().map(|layer| layer.outputs).collect()

@@ -4,6 +4,7 @@ use super::{
     Drive, Model, Motion, StepError,
     maps::{Maps, MapsScratch},
     motion::MotionScratch,
+    state_space::{PreparedStateSpace, StateSpaceScratch},
 };
 use crate::{Surrogate, map::Task};
 
@@ -28,6 +29,7 @@ pub struct Evaluator {
 enum Engine {
     Maps(Maps),
     Motion(Motion),
+    StateSpace(Box<PreparedStateSpace>),
 }
 
 /// Working memory of one evaluation at a time.
@@ -38,6 +40,7 @@ pub struct Scratch(Working);
 enum Working {
     Maps(MapsScratch),
     Motion(MotionScratch),
+    StateSpace(StateSpaceScratch),
 }
 
 impl Evaluator {
@@ -50,6 +53,9 @@ impl Evaluator {
             results: metadata.outputs.len() + states,
             engine: match surrogate.model() {
                 Model::Motion(motion) => Engine::Motion((**motion).clone()),
+                Model::StateSpace(space) => {
+                    Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
+                }
                 Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(surrogate)),
             },
         }
@@ -74,6 +80,7 @@ impl Evaluator {
         Scratch(match &self.engine {
             Engine::Maps(maps) => Working::Maps(maps.scratch()),
             Engine::Motion(motion) => Working::Motion(motion.scratch()),
+            Engine::StateSpace(space) => Working::StateSpace(space.scratch()),
         })
     }
 
@@ -108,7 +115,7 @@ impl Evaluator {
         self.perform(point, Task::Adjoint { weights, gradient }, scratch);
     }
 
-    /// Integrates the states of a point over `size` seconds, by the method that [`Motion`] describes: with steps of fixed size, or
+    /// Integrates the states of a point over `size` seconds, with steps of fixed size, or
     /// with a tolerance relative to the states and their nominal values. Nothing happens without states.
     ///
     /// # Errors
@@ -124,6 +131,7 @@ impl Evaluator {
         match (&self.engine, &mut scratch.0) {
             (Engine::Maps(_), _) => Ok(()),
             (Engine::Motion(motion), Working::Motion(scratch)) => motion.advance(point, method, drive, scratch),
+            (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.advance(point, method, drive, scratch),
             _ => panic!("{OTHER}"),
         }
     }
@@ -141,10 +149,13 @@ impl Evaluator {
     /// Gives the states of a point the values that its inputs have for the start.
     pub fn start(&self, point: &mut [f64]) {
         self.check_point(point);
-        if let Engine::Motion(motion) = &self.engine {
-            let first = self.columns - motion.states();
-            point.copy_within(motion.start_columns(), first);
-        }
+        let starts = match &self.engine {
+            Engine::Maps(_) => return,
+            Engine::Motion(motion) => motion.start_columns(),
+            Engine::StateSpace(space) => space.start_columns(),
+        };
+        let first = self.columns - starts.len();
+        point.copy_within(starts, first);
     }
 
     fn check_point(&self, point: &[f64]) {
@@ -161,6 +172,7 @@ impl Evaluator {
         match (&self.engine, &mut scratch.0) {
             (Engine::Maps(maps), Working::Maps(scratch)) => maps.perform(point, task, scratch),
             (Engine::Motion(motion), Working::Motion(scratch)) => motion.perform(point, task, scratch),
+            (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.perform(point, task, scratch),
             _ => panic!("{OTHER}"),
         }
     }

@@ -5,13 +5,17 @@ mod evaluator;
 mod maps;
 pub(crate) mod motion;
 mod per_instant;
+mod solver;
+pub(crate) mod state_space;
 
 use crate::{
-    Encoder, FormatError, Input, Metadata, Role,
+    Encoder, FormatError, Input, Metadata, Role, State,
     map::{Map, ScaledNetwork, expect_finite, expect_shape},
 };
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
-pub use motion::{Drive, MAX_SOLVER_STEPS, Motion, Shown, StepError};
+pub use motion::{Motion, Shown};
+pub use solver::{Drive, MAX_SOLVER_STEPS, StepError};
+pub use state_space::{Given, StateSpace};
 
 /// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them, and one for each of its
 /// states.
@@ -30,6 +34,8 @@ pub enum Model {
     },
     /// Equations of motion, whose coordinates and velocities are the states.
     Motion(Box<Motion>),
+    /// Derivatives of states and outputs as functions of parameters, inputs and states.
+    StateSpace(Box<StateSpace>),
 }
 
 impl Model {
@@ -54,8 +60,33 @@ impl Model {
                 check_per_instant(instants, networks, inputs, outputs)
             }
             Self::Motion(motion) => motion.check(inputs, states, outputs),
+            Self::StateSpace(space) => space.check(inputs, states, outputs),
         }
     }
+}
+
+/// Makes sure that a model's inputs are, in this order, so many parameters, a start for each state, and so many inputs: `counts` are the
+/// numbers of parameters, inputs and states.
+fn expect_roles(inputs: &[Input], states: &[State], counts: [usize; 3]) -> Result<(), FormatError> {
+    let mut rest = inputs;
+    let mut count = |is_wanted: fn(Role) -> bool| {
+        let count = rest.iter().take_while(|input| is_wanted(input.role)).count();
+        rest = &rest[count..];
+        count
+    };
+    let parameters = count(|role| matches!(role, Role::Parameter(_)));
+    let found = [parameters, count(|role| role == Role::Start), count(|role| role == Role::Input), rest.len()];
+    let [parameters, drivers, expected] = counts;
+    expect_shape("inputs", &found, &[parameters, expected, drivers, 0])?;
+    expect_shape("states", &[states.len()], &[expected])?;
+    match inputs.iter().find(|input| !input.encoding.is_plain()) {
+        Some(input) => Err(FormatError::Encoding { name: input.name.clone(), expected: "none with states" }),
+        None => Ok(()),
+    }
+}
+
+fn expect_step(step: f64) -> Result<(), FormatError> {
+    if step.is_finite() && step > 0.0 { Ok(()) } else { Err(FormatError::TimeStep { found: step }) }
 }
 
 fn check_per_instant(

@@ -12,9 +12,13 @@
 //! and the results are the outputs and the states' derivatives `v`, `vd`. A position is a function of the configuration,
 //! `r(q, p) + w^T q` with whole numbers `w`, so that an angle may go around; its velocity and acceleration are exact derivatives.
 
-use super::dynamics::{Dynamics, Work};
+use super::{
+    dynamics::{Dynamics, Work},
+    expect_roles, expect_step,
+    solver::{Drive, Solver, StepError},
+};
 use crate::{
-    Domain, FormatError, Input, Role, State,
+    FormatError, Input, State,
     map::{
         Task,
         dictionary::{Atom, Dictionary},
@@ -53,21 +57,6 @@ pub enum Shown {
     PotentialEnergy,
 }
 
-/// Why a step of the solver was not made; the states are as before.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum StepError {
-    /// After so many seconds a state is not finite: the mass matrix is not positive definite there, or the motion diverged.
-    NotFinite {
-        /// Since the beginning of the step.
-        after: f64,
-    },
-    /// More steps of the solver than [`MAX_SOLVER_STEPS`].
-    TooManySteps,
-}
-
-/// Steps of the solver in one communication step at most.
-pub const MAX_SOLVER_STEPS: f64 = 1e7;
-
 /// Working memory of one evaluation at a time.
 #[derive(Clone, Debug)]
 pub(crate) struct MotionScratch {
@@ -75,9 +64,7 @@ pub(crate) struct MotionScratch {
     series: Parts<Jet>,
     /// Of an adjoint derivative: a direction, and the change of the results.
     direction: [Vec<f64>; 2],
-    /// Columns at a stage, and the rates of the states at each stage.
-    stage: Vec<f64>,
-    rates: Vec<Vec<f64>>,
+    solver: Solver,
 }
 
 #[derive(Clone, Debug)]
@@ -150,16 +137,7 @@ impl Motion {
     /// The first [`FormatError`].
     pub(crate) fn check(&self, inputs: &[Input], states: &[State], outputs: usize) -> Result<(), FormatError> {
         let layout = self.layout();
-        let mut rest = inputs;
-        let mut count = |is_wanted: fn(Role) -> bool| {
-            let count = rest.iter().take_while(|input| is_wanted(input.role)).count();
-            rest = &rest[count..];
-            count
-        };
-        let parameters = count(|role| matches!(role, Role::Parameter(_)));
-        let found = [parameters, count(|role| role == Role::Start), count(|role| role == Role::Input), rest.len()];
-        expect_shape("inputs", &found, &[layout.parameters, self.states(), layout.inputs, 0])?;
-        expect_shape("states", &[states.len()], &[self.states()])?;
+        expect_roles(inputs, states, [layout.parameters, layout.inputs, self.states()])?;
         expect_shape("shown", &[self.outputs.len()], &[outputs])?;
         let columns = layout.coordinates + layout.parameters;
         expect_shape("positions", &[self.positions.columns()], &[columns])?;
@@ -173,13 +151,7 @@ impl Motion {
                 return Err(FormatError::Index { name: "shown".into(), index, found, limit });
             }
         }
-        if let Some(input) = inputs.iter().find(|input| !input.encoding.is_plain()) {
-            return Err(FormatError::Encoding { name: input.name.clone(), expected: "none with states" });
-        }
-        if !(self.step.is_finite() && self.step > 0.0) {
-            return Err(FormatError::TimeStep { found: self.step });
-        }
-        Ok(())
+        expect_step(self.step)
     }
 
     pub(crate) fn scratch(&self) -> MotionScratch {
@@ -188,8 +160,7 @@ impl Motion {
             plain: self.parts(),
             series: self.parts(),
             direction: [vec![0.0; columns], vec![0.0; results]],
-            stage: vec![0.0; columns],
-            rates: vec![vec![0.0; self.states()]; STAGES],
+            solver: Solver::new(columns, self.dynamics.inputs(), self.states()),
         }
     }
 
@@ -273,6 +244,26 @@ impl Motion {
         rates[n..].copy_from_slice(a);
     }
 
+    /// Integrates the states at the end of `point`, as [`Solver::advance`] does.
+    ///
+    /// # Errors
+    /// A [`StepError`]; the states are as before.
+    pub(crate) fn advance(
+        &self,
+        point: &mut [f64],
+        method: (f64, Option<f64>, &[f64]),
+        drive: Drive,
+        scratch: &mut MotionScratch,
+    ) -> Result<(), StepError> {
+        let MotionScratch { plain, solver, .. } = scratch;
+        let n = self.dynamics.coordinates();
+        solver.advance(point, self.step, method, drive, |columns, rates| {
+            self.accelerate(columns, &mut plain.equations);
+            rates[..n].copy_from_slice(&columns[columns.len() - n..]);
+            rates[n..].copy_from_slice(&plain.equations.accelerations);
+        })
+    }
+
     /// The accelerations at the columns.
     fn accelerate<T: Number>(&self, columns: &[T], equations: &mut Work<T>) {
         let layout = self.layout();
@@ -284,182 +275,10 @@ impl Motion {
     }
 }
 
-// ---- The solver --------------------------------------------------------------------------------------------------
-
-/// Stages of the adaptive method.
-const STAGES: usize = 7;
-
-/// How inputs go on during a step, and what is clamped on the way.
-#[derive(Clone, Copy, Debug)]
-pub struct Drive<'a> {
-    /// First and second derivative of each input column with respect to time at the beginning of the step.
-    pub rates: [&'a [f64]; 2],
-    /// Where inputs are clamped to, if they are.
-    pub clamp: Option<&'a Domain>,
-}
-
-/// A Runge-Kutta method: each stage's time and its weights of the stages before; the weights of the result.
-struct Tableau {
-    stages: &'static [(f64, &'static [f64])],
-    result: &'static [f64],
-}
-
-/// The classical method of order 4.
-const CLASSICAL: Tableau = Tableau {
-    stages: &[(0.0, &[]), (0.5, &[0.5]), (0.5, &[0.0, 0.5]), (1.0, &[0.0, 0.0, 1.0])],
-    result: &[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
-};
-
-/// Dormand, Prince (1980): order 5 with an embedded method of order 4.
-const DORMAND_PRINCE: Tableau = Tableau {
-    stages: &[
-        (0.0, &[]),
-        (0.2, &[0.2]),
-        (0.3, &[3.0 / 40.0, 9.0 / 40.0]),
-        (0.8, &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0]),
-        (8.0 / 9.0, &[19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0]),
-        (1.0, &[9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0]),
-        (1.0, &DORMAND_PRINCE_RESULT),
-    ],
-    result: &DORMAND_PRINCE_RESULT,
-};
-const DORMAND_PRINCE_RESULT: [f64; 6] =
-    [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
-/// Result of order 5 minus that of order 4.
-const DORMAND_PRINCE_ERROR: [f64; 7] =
-    [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0];
-
-impl Motion {
-    /// Integrates the states at the end of `point` over `size` seconds: in equal steps of the classical Runge-Kutta method, none
-    /// longer than [`Motion::step`], or, with a tolerance, in steps of the method of Dormand and Prince, whose local error is at
-    /// most the tolerance relative to each state's magnitude and to `nominals`. Does not allocate.
-    ///
-    /// # Errors
-    /// A [`StepError`]; the states are as before.
-    pub(crate) fn advance(
-        &self,
-        point: &mut [f64],
-        (size, tolerance, nominals): (f64, Option<f64>, &[f64]),
-        drive: Drive,
-        scratch: &mut MotionScratch,
-    ) -> Result<(), StepError> {
-        let first = self.layout().states();
-        // in the scratch of adjoint derivatives, which is free now
-        scratch.direction[0].copy_from_slice(point);
-        let result = match tolerance {
-            None => self.fixed(point, size, drive, scratch),
-            Some(tolerance) => self.adaptive(point, (size, tolerance, nominals), drive, scratch),
-        };
-        if result.is_err() {
-            point[first..].copy_from_slice(&scratch.direction[0][first..]);
-        }
-        result
-    }
-
-    fn fixed(&self, point: &mut [f64], size: f64, drive: Drive, scratch: &mut MotionScratch) -> Result<(), StepError> {
-        let first = self.layout().states();
-        // rounding of the size does not cost a step
-        let steps = (size / self.step * (1.0 - 1e-9)).ceil().max(1.0);
-        if steps > MAX_SOLVER_STEPS {
-            return Err(StepError::TooManySteps);
-        }
-        let h = size / steps;
-        for step in 0..steps as u32 {
-            let since = f64::from(step) * h;
-            self.stages(&CLASSICAL, point, (since, h), drive, scratch);
-            for (k, state) in point[first..].iter_mut().enumerate() {
-                *state += h * weighted(CLASSICAL.result, &scratch.rates, k);
-            }
-            expect_finite_states(&point[first..], since + h)?;
-        }
-        Ok(())
-    }
-
-    fn adaptive(
-        &self,
-        point: &mut [f64],
-        (size, tolerance, nominals): (f64, f64, &[f64]),
-        drive: Drive,
-        scratch: &mut MotionScratch,
-    ) -> Result<(), StepError> {
-        let first = self.layout().states();
-        let (mut since, mut h) = (0.0, size.min(self.step));
-        let mut steps = 0.0;
-        // what is left by rounding is no step
-        while size - since > 1e-14 * size {
-            steps += 1.0;
-            if steps > MAX_SOLVER_STEPS {
-                return Err(StepError::TooManySteps);
-            }
-            let rest = size - since;
-            // no sliver at the end
-            h = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
-            self.stages(&DORMAND_PRINCE, point, (since, h), drive, scratch);
-            let mut error = 0.0f64;
-            for (k, state) in point[first..].iter().enumerate() {
-                let scale = tolerance * state.abs().max(nominals[k]);
-                let found = (h * weighted(&DORMAND_PRINCE_ERROR, &scratch.rates, k)).abs() / scale;
-                // a maximum would leave out what is not a number
-                error = if found > error || found.is_nan() { found } else { error };
-            }
-            if error <= 1.0 {
-                for (k, state) in point[first..].iter_mut().enumerate() {
-                    *state += h * weighted(DORMAND_PRINCE.result, &scratch.rates, k);
-                }
-                since += h;
-                expect_finite_states(&point[first..], since)?;
-            }
-            // nan: the shortest
-            let factor = if error.is_nan() { 0.1 } else { (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.1, 5.0) };
-            h *= factor;
-            if h < 1e-14 * size {
-                return Err(StepError::NotFinite { after: since });
-            }
-        }
-        Ok(())
-    }
-
-    /// Rates of the states at the stages of a step of size `h`, `since` seconds after the beginning.
-    fn stages(
-        &self,
-        tableau: &Tableau,
-        point: &[f64],
-        (since, h): (f64, f64),
-        drive: Drive,
-        scratch: &mut MotionScratch,
-    ) {
-        let layout = self.layout();
-        let (n, first) = (layout.coordinates, layout.states());
-        let MotionScratch { plain, stage, rates, .. } = scratch;
-        stage.copy_from_slice(point);
-        for (index, (time, weights)) in tableau.stages.iter().enumerate() {
-            let later = since + time * h;
-            for column in layout.inputs()..first {
-                let value = point[column] + later * (drive.rates[0][column] + 0.5 * later * drive.rates[1][column]);
-                stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
-            }
-            for (k, state) in stage[first..].iter_mut().enumerate() {
-                *state = point[first + k] + h * weighted(weights, rates, k);
-            }
-            self.accelerate(stage, &mut plain.equations);
-            rates[index][..n].copy_from_slice(&stage[first + n..]);
-            rates[index][n..].copy_from_slice(&plain.equations.accelerations);
-        }
-    }
-}
-
-fn weighted(weights: &[f64], rates: &[Vec<f64>], state: usize) -> f64 {
-    weights.iter().zip(rates).map(|(weight, rates)| weight * rates[state]).sum()
-}
-
-fn expect_finite_states(states: &[f64], after: f64) -> Result<(), StepError> {
-    if states.iter().all(|state| state.is_finite()) { Ok(()) } else { Err(StepError::NotFinite { after }) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Evaluator, Model, Scratch, Surrogate, example};
+    use crate::{Domain, Evaluator, Model, Scratch, Surrogate, example};
 
     /// Rope, state at the start, force, state.
     const POINT: [f64; 10] = [1.4, 0.0, 0.3, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];

@@ -126,7 +126,9 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::PerInstant { instants, networks } => {
             return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Response(Map::Regression(_)) | Model::Motion(_) => panic!("a network was expected"),
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => {
+            panic!("a network was expected")
+        }
     };
     let ScaledNetwork { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, layers } = network;
     let h = exact(h);
@@ -259,7 +261,7 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let network = match surrogate.model() {
         Model::Response(Map::Network(network)) => Some(network),
         Model::PerInstant { networks, .. } => networks.first(),
-        Model::Response(Map::Regression(_)) | Model::Motion(_) => None,
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => None,
     };
     network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
 }

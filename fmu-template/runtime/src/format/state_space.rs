@@ -1,0 +1,61 @@
+//! The tensors of a state space.
+
+use super::{
+    OUTPUTS, Tensor, Views, bytes, elements,
+    motion::{columns, dictionary, double, factors, of_dictionary, step},
+    stacked, take,
+};
+use crate::{FormatError, Given, ScaledNetwork, StateSpace, map::expect_shape};
+use safetensors::Dtype;
+
+impl StateSpace {
+    /// Name, type, shape and content of each.
+    pub(super) fn tensors(&self) -> Vec<Tensor> {
+        let Self { counts, functions, network, results, step } = self;
+        let whole = |name: &str, shape: &[usize], values: &[u32]| -> Tensor {
+            (name.into(), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
+        };
+        let pair = |given: &Given| match *given {
+            Given::State(state) => [0, state as u32],
+            Given::Function(function) => [1, function as u32],
+        };
+        let given: Vec<u32> = results.iter().flat_map(pair).collect();
+        let mut tensors = vec![
+            whole("counts", &[counts.len()], &counts.map(|count| count as u32)),
+            columns(functions),
+            whole("results.given", &[results.len(), 2], &given),
+            double("solver.step", &[1], &[*step]),
+        ];
+        tensors.extend(of_dictionary("functions", functions));
+        if let Some(network) = network {
+            let stacked = stacked(std::slice::from_ref(network), None);
+            tensors.extend(
+                stacked.into_iter().map(|(name, kind, shape, bytes)| (OUTPUTS.to_owned() + &name, kind, shape, bytes)),
+            );
+        }
+        tensors
+    }
+
+    pub(super) fn read(tensors: &mut Views, network: Option<ScaledNetwork>) -> Result<Self, FormatError> {
+        let factors = factors(tensors)?;
+        let functions = dictionary(tensors, "functions", &factors)?;
+        let counts = take(tensors, "counts", Dtype::U32, 1)?;
+        expect_shape("counts", counts.shape(), &[3])?;
+        let counts = elements(counts.data(), u32::from_le_bytes);
+        let given = take(tensors, "results.given", Dtype::U32, 2)?;
+        expect_shape("results.given", &given.shape()[1..], &[2])?;
+        let given = elements(given.data(), u32::from_le_bytes);
+        let results = given.as_chunks::<2>().0.iter().enumerate().map(|(index, &[kind, place])| match kind {
+            0 => Ok(Given::State(place as usize)),
+            1 => Ok(Given::Function(place as usize)),
+            found => Err(FormatError::Unknown { name: "results.given".into(), index: 2 * index, found }),
+        });
+        Ok(Self {
+            counts: std::array::from_fn(|index| counts[index] as usize),
+            functions,
+            network,
+            results: results.collect::<Result<_, _>>()?,
+            step: step(tensors)?,
+        })
+    }
+}

@@ -1,0 +1,63 @@
+//! What the equations of an FMU for model exchange are in a state.
+
+use super::{Instance, Recorder, SimulationOptions, recorder::Column, simulate::set_start};
+use crate::{Error, Result};
+
+/// Derivatives and outputs in a state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labels {
+    /// Derivatives of the continuous states, in the order of the state vector.
+    pub derivatives: Vec<f64>,
+    /// What the outputs are.
+    pub columns: Vec<Column>,
+    /// Their values.
+    pub outputs: Vec<f64>,
+}
+
+/// A second time at which derivatives are asked for, as a share of the run: equations that depend on the time differ there.
+const LATER: f64 = 0.377;
+
+impl Labels {
+    /// Asks an instance that was just made: its initialization, with start values, parameters and the first row of the inputs, is
+    /// followed by the states of the options.
+    ///
+    /// # Errors
+    /// [`Error::Integration`] if the FMU has a time event, ends the simulation, or its derivatives depend on the time;
+    /// [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be; [`Error::Fmi`].
+    pub fn of(instance: &Instance, options: &SimulationOptions) -> Result<Self> {
+        let (start, stop) = (options.start.unwrap_or(0.0), options.stop.unwrap_or(1.0));
+        let inputs = options.inputs.drive(instance.fmu().description())?;
+        let recorder = Recorder::new(instance, &options.record, options.record_only)?;
+        for (name, value) in &options.start_values {
+            set_start(instance, name, *value)?;
+        }
+        instance.enter_initialization_mode(start, Some(stop))?;
+        inputs.set(instance, start, 1)?;
+        instance.exit_initialization_mode()?;
+        let wrong = |message: String| Err(Error::Integration { time: start, message });
+        let events = instance.settle_events()?;
+        if events.terminate {
+            return wrong("the FMU ended the simulation".into());
+        }
+        if let Some(time) = events.next_event_time {
+            return wrong(format!("the FMU has an event at {time} s; equations with events cannot be learned"));
+        }
+        let states = options.states.as_deref().unwrap_or_default();
+        let at = |time: f64| {
+            let mut derivatives = vec![0.0; states.len()];
+            instance.set_time(time)?;
+            instance.set_continuous_states(states)?;
+            instance.get_derivatives(&mut derivatives)?;
+            Ok::<_, Error>((derivatives, recorder.row()?))
+        };
+        let (later, later_outputs) = at(start + LATER * (stop - start))?;
+        let (derivatives, outputs) = at(start)?;
+        let pairs = || later.iter().zip(&derivatives).chain(later_outputs.iter().zip(&outputs));
+        // nearly the same is another rounding
+        let differs = |(a, b): (&f64, &f64)| (a - b).abs() > 1e-9 * (a.abs() + b.abs()) + 1e-12;
+        if pairs().any(differs) {
+            return wrong("the equations depend on the time; such cannot be learned with states".into());
+        }
+        Ok(Self { derivatives, columns: recorder.columns, outputs })
+    }
+}

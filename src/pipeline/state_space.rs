@@ -1,0 +1,382 @@
+//! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
+
+use super::{
+    motion::choose_step,
+    observer::{Event, Work},
+    project::Project,
+    rescue,
+    train::{Follower, TrainingRecord},
+};
+use crate::{
+    Result,
+    dataset::Dataset,
+    dynamics::{Samples, fit_functions},
+    files,
+    network::Network,
+    scaling,
+    source::{Source, driven::Driven, fmu::FmuModel},
+    surrogate,
+    training::{self, EpochRecord, Rows, StopReason, write_history},
+};
+use metafmu_runtime::{
+    Encoder, Encoding, Given, Model, ScaledNetwork, Scaling, StateSpace, Surrogate,
+    dictionary::{Dictionary, Factor},
+};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use serde::{Deserialize, Serialize};
+use std::{f64::consts::TAU, sync::atomic::Ordering, time::Instant};
+
+/// What was learned of the equations of an FMU.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct StateSpaceRecord {
+    /// Functions that were learned; the other derivatives and outputs are states.
+    pub functions: usize,
+    /// Highest harmonic of the angles.
+    pub harmonics: usize,
+    /// Highest power of the other states, of inputs and of parameters.
+    pub powers: usize,
+    /// Products of sines, cosines and powers in the surrogate.
+    pub products: usize,
+    /// Relative errors at states that were held out, of the candidates that were tried. The best is exported.
+    pub candidates: Vec<Candidate>,
+    /// The name of the best.
+    pub exported: String,
+    /// Largest step of the solver, in seconds.
+    pub solver_step: f64,
+    /// What halving that step changes in the outputs of the training runs, relative to the outputs' ranges.
+    pub solver_error: f64,
+}
+
+/// A way to learn the functions.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Candidate {
+    /// `dictionary`, `network`, or `dictionary and network`.
+    pub name: String,
+    /// Root mean square error at states that were held out, relative to the function's standard deviation, of the worst function.
+    pub error: f64,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+/// `sampling.states` unless given.
+const STATES: usize = 5000;
+/// Of how many states one is held out, and how many are at the least, unless that is more than half of them.
+const HELD_OUT: (usize, usize) = (10, 200);
+
+/// Number of states that are held out.
+fn held_out(states: usize) -> usize {
+    (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
+}
+
+/// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
+const EXACT: f64 = 1e-9;
+/// Error of a function, relative to its standard deviation, from which on the equations are not those of the FMU.
+const POOR: f64 = 0.1;
+/// Two values that differ by less of the largest one are the same.
+const SAME: f64 = 1e-12;
+
+impl StateSpaceRecord {
+    fn error(&self) -> f64 {
+        self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
+    }
+
+    /// What is wrong with the equations.
+    pub(super) fn problem(&self) -> Option<String> {
+        let error = self.error();
+        // also of what is not a number
+        let is_good = error <= POOR;
+        (!is_good).then(|| {
+            format!(
+                "the learned equations are off by {error:.1e} of their standard deviation at unseen states, expected at most {POOR}: \
+                 more `sampling.states`, smaller ranges or a larger network may help"
+            )
+        })
+    }
+
+    /// How it went, in words.
+    pub(super) fn describe(&self) -> String {
+        let Self { functions, harmonics, powers, products, candidates, exported, solver_step, .. } = self;
+        let list: Vec<String> =
+            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
+        format!(
+            "{functions} functions; error at unseen states: {}; exported: {exported}, {products} products, {harmonics}powers up to \
+             {powers}; solver steps of {solver_step} s",
+            list.join(", ")
+        )
+    }
+}
+
+/// Asks the FMU for its equations, learns them, chooses the solver's step by roll-outs along the training runs, and writes the
+/// surrogate.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+    let study = &project.study;
+    let Source::Simulation(simulation) = &project.source else {
+        return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
+    };
+    let (Some(driven), Some(fmu)) = (simulation.driven(), simulation.fmu()) else {
+        return Err(study.refusal("source", "expected an FMU"));
+    };
+    let began = Instant::now();
+    let space = Space::new(project, driven);
+    let samples = space.ask(project, fmu)?;
+    let (given, samples) = recognise(samples, &space.counts);
+    let mut learned = space.learn(project, &samples)?;
+    let best = learned.candidates.iter().enumerate().min_by(|a, b| a.1.0.error.total_cmp(&b.1.0.error));
+    let best = best.map_or(0, |(index, _)| index);
+    let (Candidate { name, .. }, dictionary, network) = learned.candidates.swap_remove(best);
+    let is_limited: Vec<bool> = (0..space.counts[2])
+        .map(|state| {
+            let column = space.counts[0] + space.counts[1] + state;
+            network.is_some() || dictionary.terms().any(|term| term.exponents[column] != 0)
+        })
+        .collect();
+    let with_step = |step: f64| {
+        let space = StateSpace {
+            counts: space.counts,
+            functions: dictionary.clone(),
+            network: network.clone(),
+            results: given.clone(),
+            step,
+        };
+        let model = Model::StateSpace(Box::new(space));
+        surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &is_limited), model)
+    };
+    let (surrogate, solver_step, solver_error) = choose_step(dataset, study.time.step, with_step)?;
+    let mut candidates = learned.records;
+    candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
+    let space_record = StateSpaceRecord {
+        functions: dictionary.outputs(),
+        harmonics: learned.order[0],
+        powers: learned.order[1],
+        products: dictionary.products(),
+        candidates,
+        exported: name,
+        solver_step,
+        solver_error,
+    };
+    let record = TrainingRecord {
+        train_rows: samples.points.len() - held_out(samples.points.len()),
+        validation_runs: 0,
+        epochs: learned.history.len(),
+        best_epoch: learned.best_epoch,
+        stopped: learned.stopped,
+        train_seconds: began.elapsed().as_secs_f64(),
+        added_runs: 0,
+        target_met: None,
+        motion: None,
+        state_space: Some(space_record),
+    };
+    project.finish(format_args!(
+        "learned the equations from {} states in {:.1} s: {}",
+        samples.points.len(),
+        record.train_seconds,
+        record.state_space.as_ref().map_or(String::new(), StateSpaceRecord::describe)
+    ));
+    rescue::write(project, |project| {
+        surrogate::save(&surrogate, &project.model())?;
+        write_history(&project.history(), &learned.history)?;
+        files::write_json(&project.training_record(), &record)
+    })?;
+    Ok((surrogate, record))
+}
+
+/// What the columns of the functions are: parameters, inputs and states.
+struct Space {
+    counts: [usize; 3],
+    ranges: Vec<[f64; 2]>,
+    factors: Vec<Factor>,
+}
+
+/// What came of each way to learn.
+struct Learned {
+    candidates: Vec<(Candidate, Dictionary, Option<ScaledNetwork>)>,
+    records: Vec<Candidate>,
+    order: [usize; 2],
+    /// Of the networks, one after the other.
+    history: Vec<EpochRecord>,
+    best_epoch: usize,
+    stopped: StopReason,
+}
+
+impl Space {
+    fn new(project: &Project, driven: &Driven) -> Self {
+        let study = &project.study;
+        let parameters = study.parameters.values().map(|range| ([range.min, range.max], false));
+        let inputs = driven.drivers().iter().map(|driver| ([driver.min, driver.max], false));
+        let states = study.states.values().map(|state| ([state.min, state.max], state.periodic));
+        let columns: Vec<([f64; 2], bool)> = parameters.chain(inputs).chain(states).collect();
+        let factor = |&([min, max], is_angle): &([f64; 2], bool)| match is_angle {
+            true => Factor::Angle,
+            false => Factor::Power { middle: 0.5 * (min + max), half: 0.5 * (max - min) },
+        };
+        Self {
+            counts: [study.parameters.len(), driven.drivers().len(), study.states.len()],
+            factors: columns.iter().map(factor).collect(),
+            ranges: columns.into_iter().map(|(range, _)| range).collect(),
+        }
+    }
+
+    /// Derivatives and outputs of the FMU at random points, the same ones for the same seed.
+    fn ask(&self, project: &Project, fmu: &FmuModel) -> Result<Samples> {
+        let count = project.study.sampling.states.unwrap_or(STATES);
+        let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
+        let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
+        let points: Vec<Vec<f64>> = (0..count).map(point).collect();
+        project.begin(Work::Equations, fmu.batches(count));
+        let labels = fmu.derivatives(&points, project.workers(), || project.event(Event::Advance));
+        let labels = labels.inspect_err(|_| project.event(Event::End))?;
+        project.event(Event::End);
+        Ok(Samples { points, labels })
+    }
+
+    fn learn(&self, project: &Project, samples: &Samples) -> Result<Learned> {
+        let study = &project.study;
+        let held_out = held_out(samples.points.len());
+        let part = |range: std::ops::Range<usize>| Samples {
+            points: samples.points[range.clone()].to_vec(),
+            labels: samples.labels[range].to_vec(),
+        };
+        let (unseen, seen) = (part(0..held_out), part(held_out..samples.points.len()));
+        let began = Instant::now();
+        let fit = |lowest: bool| {
+            let fitted = fit_functions(&self.factors, &seen, &unseen, lowest);
+            fitted.map_err(|message| study.refusal("states", message))
+        };
+        let fitted = fit(false)?;
+        let dictionary = fitted.dictionary;
+        let candidate = |name: &str, dictionary: Dictionary, network: Option<ScaledNetwork>, began: Instant| {
+            let error = self.error(&dictionary, network.as_ref(), &unseen);
+            (Candidate { name: name.into(), error, seconds: began.elapsed().as_secs_f64() }, dictionary, network)
+        };
+        let mut learned = Learned {
+            candidates: vec![candidate("dictionary", dictionary.clone(), None, began)],
+            records: Vec::new(),
+            order: fitted.order,
+            history: Vec::new(),
+            best_epoch: 0,
+            stopped: StopReason::Solved,
+        };
+        let nothing = Dictionary::new(&self.factors, dictionary.outputs(), &[]);
+        if let (true, Ok(nothing)) = (learned.candidates[0].0.error > EXACT, nothing) {
+            // what the highest order leaves over oscillates, and no network learns that
+            for (name, base) in [("dictionary and network", fit(true)?.dictionary), ("network", nothing)] {
+                if learned.stopped == StopReason::Interrupted {
+                    break;
+                }
+                let began = Instant::now();
+                let (network, outcome) = self.train(project, &base, &seen, &unseen)?;
+                learned.stopped = outcome.reason;
+                learned.best_epoch = outcome.best_epoch;
+                learned.history = outcome.history;
+                learned.candidates.push(candidate(name, base, Some(network), began));
+            }
+        }
+        learned.records = learned.candidates.iter().map(|(candidate, ..)| candidate.clone()).collect();
+        Ok(learned)
+    }
+
+    /// A network for what a dictionary leaves over.
+    fn train(
+        &self,
+        project: &Project,
+        base: &Dictionary,
+        seen: &Samples,
+        unseen: &Samples,
+    ) -> Result<(ScaledNetwork, training::Outcome)> {
+        let study = &project.study;
+        let (inputs, rest) = (self.columns(seen), residuals(base, seen));
+        let ((input_mean, input_scale), (output_mean, output_scale)) =
+            (scaling::of_columns(&inputs), scaling::of_columns(&rest));
+        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        let rows = |inputs: &[Vec<f64>], rest: &[Vec<f64>]| {
+            let x = scaling::standardise_rows(inputs, &scaling.input_mean, &scaling.input_scale);
+            let y = scaling::standardise_rows(rest, &scaling.output_mean, &scaling.output_scale);
+            Rows::new(self.encoder().width(), base.outputs(), x, y)
+        };
+        let training_rows = rows(&inputs, &rest)?;
+        let validation_rows = rows(&self.columns(unseen), &residuals(base, unseen))?;
+        let network = Network::new(self.encoder().width(), base.outputs(), &study.network, study.seed)?;
+        let mut follower = Follower::new(project, training_rows.len()).without_checkpoints();
+        let options = &study.training;
+        let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?;
+        // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
+        project.control().stop.store(false, Ordering::Relaxed);
+        let layers = outcome.network.to_layers();
+        Ok((ScaledNetwork { scaling, layers }, outcome))
+    }
+
+    fn encoder(&self) -> Encoder {
+        let encoding = |factor: &Factor| match factor {
+            Factor::Angle => Encoding::Periodic,
+            Factor::Power { .. } => Encoding::Plain,
+        };
+        let encodings: Vec<Encoding> = self.factors.iter().map(encoding).collect();
+        Encoder::new(encodings.iter().map(|encoding| (encoding, 0.0, TAU)))
+    }
+
+    /// Columns of a network.
+    fn columns(&self, samples: &Samples) -> Vec<Vec<f64>> {
+        let encoder = self.encoder();
+        let encoded = |point: &Vec<f64>| {
+            let mut columns = vec![0.0; encoder.width()];
+            encoder.encode(point, &mut columns);
+            columns
+        };
+        samples.points.iter().map(encoded).collect()
+    }
+
+    /// Root mean square error relative to the standard deviation, of the worst function.
+    fn error(&self, dictionary: &Dictionary, network: Option<&ScaledNetwork>, unseen: &Samples) -> f64 {
+        let mut rest = residuals(dictionary, unseen);
+        if let Some(network) = network {
+            for (rest, found) in rest.iter_mut().zip(network.evaluate(&self.columns(unseen))) {
+                rest.iter_mut().zip(found).for_each(|(rest, found)| *rest -= found);
+            }
+        }
+        let (_, scales) = scaling::of_columns(&unseen.labels);
+        let of = |function: usize| {
+            let squares: f64 = rest.iter().map(|rest| rest[function] * rest[function]).sum();
+            (squares / rest.len().max(1) as f64).sqrt() / scales[function]
+        };
+        // a maximum would leave out what is not a number
+        (0..dictionary.outputs()).map(of).fold(0.0, |largest, error| if error <= largest { largest } else { error })
+    }
+}
+
+/// What outputs and derivatives are, outputs first, and the samples of the functions that are left.
+fn recognise(samples: Samples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, Samples) {
+    let width = samples.labels.first().map_or(0, Vec::len);
+    let Samples { points, labels } = samples;
+    let same = |label: usize, of: &dyn Fn(usize) -> f64| {
+        let largest = labels.iter().map(|labels| labels[label].abs()).fold(0.0, f64::max);
+        (0..points.len()).all(|row| (labels[row][label] - of(row)).abs() <= SAME * largest)
+    };
+    let mut functions: Vec<usize> = Vec::new();
+    // labels are derivatives, then outputs
+    let mut given: Vec<Given> = Vec::new();
+    for label in 0..width {
+        let state = (0..states).find(|state| same(label, &|row| points[row][points[row].len() - states + state]));
+        let known = || functions.iter().position(|function| same(label, &|row| labels[row][*function]));
+        given.push(match state {
+            Some(state) => Given::State(state),
+            None => Given::Function(known().unwrap_or_else(|| {
+                functions.push(label);
+                functions.len() - 1
+            })),
+        });
+    }
+    given.rotate_left(states);
+    let labels = labels.iter().map(|labels| functions.iter().map(|label| labels[*label]).collect()).collect();
+    (given, Samples { points, labels })
+}
+
+/// What a dictionary leaves over.
+fn residuals(dictionary: &Dictionary, samples: &Samples) -> Vec<Vec<f64>> {
+    let mut found = vec![0.0; dictionary.outputs()];
+    let rest = |(point, labels): (&Vec<f64>, &Vec<f64>)| {
+        dictionary.evaluate(point, &mut found);
+        labels.iter().zip(&found).map(|(label, found)| label - found).collect()
+    };
+    samples.points.iter().zip(&samples.labels).map(rest).collect()
+}
