@@ -22,7 +22,7 @@ scaling
 study
 sampling network
 training evaluation fmi
-baseline calibration source
+baseline calibration source swap
 acceptance html search surrogate refinement
 report
 export

@@ -157,6 +157,16 @@ values at the start, NAME_start. The result has a row for each row, in the same 
 `in_domain` and `domain_distance`. Without states each row is a point; with states the rows of a `run` are one roll-out, whose inputs are
 linear between two rows. Exit code 1 if there are rows that cannot be computed.")]
     Predict(PredictArgs),
+    /// Simulate a system with a component's source and with a surrogate in its place
+    #[command(after_help = "Examples:
+  metafmu swap crane.ssp --component crane --with out/crane/crane.fmu --plot crane.svg
+  metafmu swap system/SystemStructure.ssd --component plant --with surrogate.fmu --step-size 0.01 --json
+
+SYSTEM is an SSP archive, or a SystemStructure.ssd beside its FMUs (SSP 1.0). The surrogate's connectors and parameters are those of the
+component by their names; parameters have the values that the system sets, else the source's start values, and `NAME_start` takes
+that of the source's variable NAME. The table has the difference of each output of the system, or of the component if the system has
+none, and the time of a step.")]
+    Swap(SwapArgs),
     /// Run an FMU for another process of this program
     #[command(name = worker::ARGUMENT, hide = true)]
     FmuWorker,
@@ -403,6 +413,40 @@ pub struct PredictArgs {
 fn table_file(text: &str) -> Result<(PathBuf, Format), String> {
     let path = PathBuf::from(text);
     Format::of(&path).map(|format| (path, format))
+}
+
+#[derive(Debug, Args)]
+pub struct SwapArgs {
+    /// System: an SSP archive, or a SystemStructure.ssd
+    #[arg(value_name = "SYSTEM")]
+    pub system: PathBuf,
+    /// Component that is replaced
+    #[arg(long, value_name = "NAME")]
+    pub component: String,
+    /// FMU that replaces it
+    #[arg(long, value_name = "SURROGATE.fmu")]
+    pub with: PathBuf,
+    /// First communication point in seconds [default: the system's, else 0]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub start_time: Option<f64>,
+    /// Last communication point in seconds [default: the system's, else the surrogate's]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub stop_time: Option<f64>,
+    /// Communication step size in seconds [default: the surrogate's, else the source's]
+    #[arg(long, alias = "step", value_name = "SECONDS", allow_negative_numbers = true)]
+    pub step_size: Option<f64>,
+    /// Model exchange and mechanisms: tolerance of a step, relative to each state and to its nominal value [default: each FMU's, else 1e-8]
+    #[arg(long, value_name = "TOLERANCE", value_parser = tolerance)]
+    pub tolerance: Option<f64>,
+    /// Seconds that each of the two simulations may take [default: any]
+    #[arg(long, value_name = "SECONDS", value_parser = duration)]
+    pub time_limit: Option<Duration>,
+    /// Plot over time of every output in both simulations
+    #[arg(long, value_name = "FILE.svg", value_parser = svg_file)]
+    pub plot: Option<PathBuf>,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn name_and_value(text: &str) -> Result<(String, f64), String> {

@@ -80,6 +80,7 @@ pub mod signal;
 pub mod source;
 pub mod study;
 pub mod surrogate;
+pub mod swap;
 pub mod table;
 pub mod training;
 pub mod variable;

@@ -27,6 +27,7 @@ fn main() -> ExitCode {
         Command::Validate(args) => commands::validate::run(&args),
         Command::Predict(args) => commands::predict::run(&args),
         Command::Simulate(args) => commands::simulate::run(&args),
+        Command::Swap(args) => commands::swap::run(&args),
         Command::FmuWorker => export::serve_worker().map(|()| commands::Outcome::Fine),
     };
     match result {

@@ -4,8 +4,8 @@ Both FMUs step over the same interval with the values of its beginning (Jacobi):
 one step later.
 
 Usage: crane_control.py CRANE.fmu FOLDER > RESULT.csv, after `metafmu build examples/dynamics/crane-study.toml`
-Writes controller.fmu and crane.ssp into the folder and prints on stderr how far the result is from that of the crane's own
-equations under the same controller, solved by scipy.
+Writes controller.fmu, crane.ssp and mechanism.ssp, with the mechanism in the surrogate's place, into the folder and prints on
+stderr how far the result is from that of the crane's own equations under the same controller, solved by scipy.
 """
 
 import contextlib
@@ -87,6 +87,8 @@ if __name__ == "__main__":
     controller = build_controller(folder)
     structure = HERE / "crane" / "SystemStructure.ssd"
     build_ssp(structure, folder / "crane.ssp", {"crane.fmu": crane, "controller.fmu": controller})
+    mechanism = {"crane.toml": HERE.parent / "dynamics" / "crane.toml", "controller.fmu": controller}
+    build_ssp(HERE / "crane" / "mechanism.ssd", folder / "mechanism.ssp", mechanism)
     table = simulate(crane, controller)
     errors = np.max(np.abs(table - solve(*start_values(crane))), axis=0)[1:]
     for column, error, values in zip(COLUMNS[1:], errors, table.T[1:]):

@@ -13,6 +13,7 @@ pub mod schema;
 pub mod search;
 pub mod simulate;
 mod stdout;
+pub mod swap;
 pub mod terminal;
 pub mod train;
 pub mod validate;

@@ -1,6 +1,10 @@
 //! The one error type: every message says where, what was found and what was expected.
 
-use super::{Place, names::did_you_mean, origin::Problem};
+use super::{
+    Place,
+    names::{did_you_mean, expected_one_of},
+    origin::Problem,
+};
 use std::path::{Path, PathBuf};
 
 /// Everything that can go wrong in the tool.
@@ -112,7 +116,7 @@ pub enum Error {
         source: metafmu_runtime::FormatError,
     },
     /// A file is no zip archive, or a damaged one.
-    #[error("{}: not an FMU: {}", path.display(), no_zip(source))]
+    #[error("{}: not an {}: {}", path.display(), archive_kind(path), no_zip(source))]
     Archive {
         /// The file.
         path: PathBuf,
@@ -229,6 +233,43 @@ pub enum Error {
         /// The function.
         function: &'static str,
     },
+    /// The description of a system is wrong, or does not fit its components.
+    #[error("{}", lines_of(path, problems))]
+    System {
+        /// The system's description.
+        path: PathBuf,
+        /// Every problem found, with its line counted from 1.
+        problems: Vec<(usize, String)>,
+    },
+    /// A component that a system does not have.
+    #[error("{}: there is no component `{name}`, {}", path.display(), {
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        expected_one_of(name, &known)
+    })]
+    UnknownComponent {
+        /// The system's description.
+        path: PathBuf,
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// A component cannot be replaced by another FMU.
+    #[error("{}", problems.iter().map(|problem| format!("{}: {problem}", path.display())).collect::<Vec<_>>().join("\n"))]
+    Replacement {
+        /// The FMU that was to replace it.
+        path: PathBuf,
+        /// Every problem found.
+        problems: Vec<String>,
+    },
+    /// A component of a system failed.
+    #[error("component `{name}`: {source}")]
+    Component {
+        /// Its name.
+        name: String,
+        /// How it failed.
+        source: Box<Self>,
+    },
     /// A function of an FMU failed.
     #[error("{function} returned {status}{}", after_colon(messages))]
     Fmi {
@@ -287,6 +328,17 @@ fn list_or_none(items: &[String]) -> String {
         count if count > shown.len() => format!("{} and {} more", shown.join(", "), count - shown.len()),
         _ => shown.join(", "),
     }
+}
+
+/// Problems of a file, each in a line of its own.
+fn lines_of(path: &Path, problems: &[(usize, String)]) -> String {
+    let line = |(line, problem): &(usize, String)| format!("{}:{line}: {problem}", path.display());
+    problems.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// What an archive of that name is expected to be.
+fn archive_kind(path: &Path) -> &'static str {
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ssp")) { "SSP archive" } else { "FMU" }
 }
 
 /// Why something is no zip archive that can be read.

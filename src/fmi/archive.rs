@@ -1,10 +1,10 @@
-//! An `.fmu` archive, opened for reading.
+//! An `.fmu` archive, or an `.ssp` archive with such in it, opened for reading.
 
 use super::xml::{self, Document};
 use crate::{Error, Result};
 use std::{
     fs::{self, File},
-    io::{self, BufReader, ErrorKind, Read, Write},
+    io::{self, BufReader, ErrorKind, Read, Seek, Write},
     path::{Path, PathBuf},
 };
 use zip::{CompressionMethod, ZipArchive};
@@ -49,9 +49,35 @@ impl Archive {
         if file.metadata().map_err(Error::io(path, "open"))?.is_dir() {
             return Err(Error::io(path, "open")(ErrorKind::IsADirectory.into()));
         }
-        let archive = |source| Error::Archive { path: path.to_owned(), source };
-        let zip = ZipArchive::new(BufReader::new(file)).map_err(archive)?;
-        Ok(Self { path: path.to_owned(), zip })
+        Self::of_file(path.to_owned(), file)
+    }
+
+    fn of_file(path: PathBuf, file: File) -> Result<Self> {
+        match ZipArchive::new(BufReader::new(file)) {
+            Ok(zip) => Ok(Self { path, zip }),
+            Err(source) => Err(Error::Archive { path, source }),
+        }
+    }
+
+    /// Opens an archive that is an entry of this one; its path is that of this one with the entry's name behind it.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if it is missing, damaged or too large, [`Error::Archive`] if it is not a zip archive.
+    pub fn open_inner(&mut self, entry: &str) -> Result<Self> {
+        let path = self.path.join(entry);
+        let problem = |problem: String| Error::ArchiveEntry { path: self.path.clone(), entry: entry.into(), problem };
+        if !self.contains(entry) {
+            return Err(problem("is missing".into()));
+        }
+        // a file without a name, which vanishes when it is closed
+        let mut file = tempfile::tempfile().map_err(Error::io(&path, "unpack"))?;
+        let content = self.zip.by_name(entry).map_err(|error| problem(error.to_string()))?;
+        let count = io::copy(&mut content.take(MAX_UNPACKED + 1), &mut file).map_err(Error::io(&path, "unpack"))?;
+        if count > MAX_UNPACKED {
+            return Err(problem(format!("is larger than the {MAX_UNPACKED} bytes that are unpacked")));
+        }
+        file.rewind().map_err(Error::io(&path, "unpack"))?;
+        Self::of_file(path, file)
     }
 
     /// The file.

@@ -53,6 +53,19 @@ pub fn position_coordinates(
     if builder.problems.is_empty() { Ok(coordinates) } else { Err(builder.problems) }
 }
 
+/// Positions and velocities of joints and bodies, by the names of their measures.
+pub fn motions(description: &Description, values: &[f64]) -> Vec<(String, Measure)> {
+    let mut builder = Builder::new(description, values);
+    let of_joint =
+        |name: &String| ["angle", "position", "angular_velocity", "velocity"].map(|what| format!("{name}.{what}"));
+    let of_body =
+        |name: &String| ["x", "y", "angle", "vx", "vy", "angular_velocity"].map(|what| format!("{name}.{what}"));
+    let joints = description.joints.keys().flat_map(of_joint);
+    let names: Vec<String> = joints.chain(description.bodies.keys().flat_map(of_body)).collect();
+    // a joint has some of them
+    names.into_iter().filter_map(|name| builder.measure(&name).ok().map(|measure| (name, measure))).collect()
+}
+
 /// The coordinates that the joints leave free, in the order of the description.
 pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordinate> {
     Builder::new(description, values).joints.iter().filter_map(Joint::free).collect()

@@ -341,7 +341,7 @@ fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     }
 }
 
-fn sentence(problems: Problems) -> String {
+pub(super) fn sentence(problems: Problems) -> String {
     let sentences = problems.into_iter().map(|KeyProblem { key, message }| format!("{key}: {message}"));
     sentences.collect::<Vec<_>>().join("; ")
 }

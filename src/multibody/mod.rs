@@ -18,8 +18,10 @@ pub mod model;
 pub mod reduced;
 pub mod review;
 pub mod simulate;
+mod stepper;
 
 pub use mechanism::{FreeCoordinate, Mechanism, json_schema};
+pub use stepper::Stepper;
 
 #[cfg(test)]
 mod tests;

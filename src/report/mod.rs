@@ -16,7 +16,7 @@ use chart::Chart;
 pub use figures::{Beside, card_figures};
 pub use numbers::Evaluated;
 pub use page::page;
-pub use plot::{Curve, time_series_svg};
+pub use plot::{Curve, time_series_svg, two_runs_svg};
 
 /// What a report is made from.
 #[derive(Debug)]

@@ -36,6 +36,29 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     stack(title, &charts, HEIGHT)
 }
 
+/// The same of two runs, each with its times and as many curves: both in one chart, under the names of the runs.
+///
+/// # Errors
+/// As [`time_series_svg`].
+pub fn two_runs_svg(title: &str, names: [&str; 2], runs: [(&[f64], &[Curve]); 2]) -> Result<String, String> {
+    let [(times, curves), (other_times, other_curves)] = runs;
+    let (Some(&start), Some(&stop), false) = (times.first(), times.last(), curves.is_empty()) else {
+        return Err("there is nothing to plot".into());
+    };
+    let line =
+        |times: &[f64], curve: &Curve| Shape::Line(times.iter().zip(&curve.values).map(|(&t, &y)| [t, y]).collect());
+    let chart = |(curve, other): (&Curve, &Curve)| Chart {
+        x: Axis::exact("time", "s", start, stop),
+        y: Axis::linear(&curve.name, &curve.unit, curve.values.iter().chain(&other.values).copied()),
+        series: vec![
+            Series::named(names[0], Ink::Blue, line(times, curve)),
+            Series::named(names[1], Ink::Vermilion, line(other_times, other)),
+        ],
+    };
+    let charts: Vec<Chart> = curves.iter().zip(other_curves).map(chart).collect();
+    stack(title, &charts, HEIGHT)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +78,20 @@ mod tests {
         }
         assert!(svg.matches("<polyline").count() >= 3);
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+
+    #[test]
+    fn two_runs_are_in_one_chart_with_a_legend() {
+        let curve = |values: [f64; 3]| Curve { name: "x".into(), unit: "m".into(), values: values.into() };
+        let (source, surrogate) = ([curve([0.0, 1.0, 2.0])], [curve([0.0, 1.5, 9.0])]);
+        let times = [0.0, 1.0, 2.0];
+        let svg = two_runs_svg("T", ["source", "surrogate"], [(&times, &source), (&times, &surrogate)]).unwrap();
+        for text in ["source", "surrogate", "x [m]"] {
+            assert!(svg.contains(text), "no {text}");
+        }
+        // lines and their samples in the legend
+        assert_eq!(svg.matches("stroke=\"#D55E00\"").count(), 2);
+        assert!(two_runs_svg("T", ["a", "b"], [(&[], &[]), (&[], &[])]).is_err());
     }
 
     #[test]

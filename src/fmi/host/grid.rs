@@ -25,22 +25,31 @@ impl Grid {
     pub fn new(fmu: &Fmu, options: &SimulationOptions) -> Result<Self> {
         let experiment = fmu.description().default_experiment.unwrap_or_default();
         let start = options.start.or(experiment.start).unwrap_or(0.0);
-        let wrong = |stop, step, expected| Err(Error::Experiment { start, stop, step, expected });
         let Some(stop) = options.stop.or(experiment.stop) else {
-            return wrong(f64::NAN, f64::NAN, "a stop time: the FMU suggests none");
+            let (stop, step, expected) = (f64::NAN, f64::NAN, "a stop time: the FMU suggests none");
+            return Err(Error::Experiment { start, stop, step, expected });
         };
         let step = options.step.or(experiment.step_size).unwrap_or((stop - start) / DEFAULT_STEPS);
+        Self::of_fmus(start, stop, step, [fmu])
+    }
+
+    /// Common communication points of several FMUs.
+    pub fn of_fmus<'a>(start: f64, stop: f64, step: f64, fmus: impl IntoIterator<Item = &'a Fmu>) -> Result<Self> {
+        let wrong = |expected| Err(Error::Experiment { start, stop, step, expected });
         let grid = match Self::of_times(start, stop, step) {
             Ok(grid) => grid,
-            Err(expected) => return wrong(stop, step, expected),
+            Err(expected) => return wrong(expected),
         };
-        if grid.partial && fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size) {
-            return wrong(stop, step, "whole steps: the FMU cannot do a shorter last one");
+        let takes_whole_steps =
+            |fmu: &Fmu| fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size);
+        if grid.partial && fmus.into_iter().any(takes_whole_steps) {
+            return wrong("whole steps: the FMU cannot do a shorter last one");
         }
         Ok(grid)
     }
 
-    fn of_times(start: f64, stop: f64, step: f64) -> std::result::Result<Self, &'static str> {
+    /// Communication points without regard to what FMUs can do, or what is expected of the times.
+    pub fn of_times(start: f64, stop: f64, step: f64) -> std::result::Result<Self, &'static str> {
         if !(start.is_finite() && stop.is_finite() && start <= stop) {
             return Err("finite times, the stop not before the start");
         }

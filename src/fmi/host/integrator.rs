@@ -157,6 +157,16 @@ impl<'a> Exchange<'a> {
         Err(Error::Integration { time: self.position.time, message })
     }
 
+    /// Handles an event at the current time, at which `set` sets inputs. The FMU may end the simulation.
+    ///
+    /// # Errors
+    /// [`Error::Fmi`], and those of `set`.
+    pub fn interrupt(&mut self, set: impl FnOnce() -> Result<()>) -> Result<Step> {
+        self.model.instance.enter_event_mode()?;
+        set()?;
+        self.settle()
+    }
+
     /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
     fn settle(&mut self) -> Result<Step> {
         let (instance, position) = (self.model.instance, &mut self.position);

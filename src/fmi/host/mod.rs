@@ -39,6 +39,7 @@ pub(crate) use {
     inputs::NO_INPUTS,
     integrator::{Exchange, Position},
     recorder::Recorder,
+    simulate::{is_settable, set_start},
 };
 
 use super::{
@@ -99,17 +100,17 @@ pub struct Fmu {
 /// # Errors
 /// As [`Fmu::open`], but for what concerns the content of the binary.
 pub fn describe(path: &Path, wanted: Option<InterfaceKind>) -> Result<(ModelDescription, InterfaceKind)> {
-    inspect(path, wanted).map(|(_, description, interface)| (description, interface))
+    inspect(&mut Archive::open(path)?, wanted)
 }
 
-fn inspect(path: &Path, wanted: Option<InterfaceKind>) -> Result<(Archive, ModelDescription, InterfaceKind)> {
-    let mut archive = Archive::open(path)?;
-    let (description, interface) = usable(path, archive.document()?, wanted)?;
+fn inspect(archive: &mut Archive, wanted: Option<InterfaceKind>) -> Result<(ModelDescription, InterfaceKind)> {
+    let path = archive.path().to_owned();
+    let (description, interface) = usable(&path, archive.document()?, wanted)?;
     let binary = binary(&description, interface);
     if !archive.contains(&binary) && !archive.contains(&binary.replace('/', "\\")) {
-        return Err(Error::NoBinary { path: path.to_owned(), found: platforms(&archive)?, expected: binary });
+        return Err(Error::NoBinary { path, found: platforms(archive)?, expected: binary });
     }
-    Ok((archive, description, interface))
+    Ok((description, interface))
 }
 
 /// An FMU's description of itself, if it can be used, and the interface to use.

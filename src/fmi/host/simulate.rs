@@ -155,16 +155,20 @@ pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mu
     Ok(terminated)
 }
 
+/// Whether a variable can be set before initialization.
+pub(crate) fn is_settable(variable: &ScalarVariable) -> bool {
+    !(variable.variability == Variability::Constant || variable.causality == Causality::Independent)
+        && (variable.causality == Causality::Input || variable.kind.has_start())
+}
+
 /// Sets a start value before initialization.
-pub(super) fn set_start(instance: &Instance, name: &str, value: f64) -> Result<()> {
+pub(crate) fn set_start(instance: &Instance, name: &str, value: f64) -> Result<()> {
     let variable = find(instance, name)?;
     let wrong = |problem: &str| Err(Error::Variable { name: name.into(), problem: problem.into() });
-    let settable = variable.variability != Variability::Constant
-        && (variable.causality == Causality::Input || variable.kind.has_start());
     if let VariableType::String { .. } = variable.kind {
         return wrong("is a text, which cannot be set to a number");
     }
-    if !settable || variable.causality == Causality::Independent {
+    if !is_settable(variable) {
         return wrong("has no start value to be set");
     }
     // of an array all elements

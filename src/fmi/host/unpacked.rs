@@ -1,7 +1,10 @@
 //! An FMU's files in a temporary folder.
 
 use super::{Fmu, InterfaceKind, inspect};
-use crate::{Error, Result, fmi::ModelDescription};
+use crate::{
+    Error, Result,
+    fmi::{Archive, ModelDescription},
+};
 use std::{
     fs::{File, OpenOptions},
     path::{Path, PathBuf},
@@ -38,13 +41,21 @@ impl Unpacked {
     /// # Errors
     /// As [`Fmu::open`], but for what concerns the content of the binary.
     pub fn open(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
-        let (mut archive, description, interface) = inspect(path, wanted)?;
+        Self::of_archive(Archive::open(path)?, wanted)
+    }
+
+    /// Unpacks an FMU, see [`Unpacked::open`].
+    ///
+    /// # Errors
+    /// As [`Unpacked::open`].
+    pub fn of_archive(mut archive: Archive, wanted: Option<InterfaceKind>) -> Result<Self> {
+        let (description, interface) = inspect(&mut archive, wanted)?;
         let folder = Folder::create()?;
         let files = folder.files();
         archive.unpack(&files)?;
         let resources = files.join("resources");
         std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
-        Ok(Self { path: path.to_owned(), description, interface, folder })
+        Ok(Self { path: archive.path().to_owned(), description, interface, folder })
     }
 
     /// The FMU.

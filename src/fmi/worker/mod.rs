@@ -8,15 +8,18 @@
 mod process;
 pub mod sampling;
 mod simulation;
+mod system;
 
 pub use process::{ReplyStatus, Watch, Worker, Workers};
 pub use simulation::simulate_apart;
+pub use system::run_system_apart;
 
 use super::{
     host::{
         process::{Pipes, exit_now},
         unpacked,
     },
+    system::master,
     validate::{self, Checks},
 };
 use crate::{Error, Result};
@@ -42,6 +45,8 @@ pub enum Job<'a> {
     Sample(Cow<'a, sampling::Task>),
     /// One run, row by row.
     Simulate(Cow<'a, simulation::Task>),
+    /// One run of a system of FMUs, row by row.
+    System(Cow<'a, master::Run>),
     /// What a validation does with the binary.
     Validate(Cow<'a, validate::Task>),
 }
@@ -72,6 +77,7 @@ pub fn serve(checks: &dyn Checks) -> Result<()> {
     match job {
         Job::Sample(task) => sampling::serve(&task, &folder, requests, replies)?,
         Job::Simulate(task) => simulation::serve(&task, &folder, replies)?,
+        Job::System(run) => system::serve(&run, replies)?,
         Job::Validate(task) => validate::serve(&task, &folder, checks, replies)?,
     }
     // an FMU need not survive that its library is unloaded

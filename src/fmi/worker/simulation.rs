@@ -30,7 +30,7 @@ pub struct Task {
 
 /// What becomes of the run.
 #[derive(Debug, Serialize, Deserialize)]
-enum Reply {
+pub(super) enum Reply {
     /// The instance exists, and these variables are recorded.
     Begun(Vec<Column>),
     /// Rows, each with its time first.
@@ -61,10 +61,16 @@ pub fn simulate_apart(
     sink: &mut impl RowSink,
 ) -> Result<bool> {
     finite(options)?;
-    let (path, begin) = (unpacked.path(), Instant::now());
+    let path = unpacked.path();
     let task = Task { path: path.to_owned(), interface: unpacked.interface(), options: options.clone() };
     let job = Job::Simulate(Cow::Owned(task));
-    let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
+    let worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
+    follow(path, worker, watch, sink)
+}
+
+/// Hands on the rows of a run as they come. Returns whether an FMU ended the simulation before its stop time.
+pub(super) fn follow(path: &Path, mut worker: Worker<Reply>, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
+    let begin = Instant::now();
     let (mut width, mut reached) = (None, None);
     let failed = |reached: Option<f64>, begun: bool, reason: String| {
         let when = match (reached, begun) {
@@ -146,7 +152,7 @@ pub(super) fn serve(task: &Task, folder: &Path, mut replies: Replies) -> Result<
         Ok(instance) => instance,
         Err(error) => return replies.send(&failed(error), &[]),
     };
-    let mut sender = Sender { replies: &mut replies, numbers: Vec::new(), sent: None };
+    let mut sender = Sender::new(&mut replies);
     match simulate_into(&instance, &task.options, &mut sender) {
         Ok(terminated) => {
             sender.send()?;
@@ -159,14 +165,18 @@ pub(super) fn serve(task: &Task, folder: &Path, mut replies: Replies) -> Result<
 }
 
 /// Sends rows, several at once.
-struct Sender<'a> {
+pub(super) struct Sender<'a> {
     replies: &'a mut Replies,
     numbers: Vec<f64>,
     sent: Option<Instant>,
 }
 
-impl Sender<'_> {
-    fn send(&mut self) -> Result<()> {
+impl<'a> Sender<'a> {
+    pub(super) fn new(replies: &'a mut Replies) -> Self {
+        Self { replies, numbers: Vec::new(), sent: None }
+    }
+
+    pub(super) fn send(&mut self) -> Result<()> {
         self.replies.send(&Reply::Rows, &self.numbers)?;
         self.numbers.clear();
         self.sent = Some(Instant::now());

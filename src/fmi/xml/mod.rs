@@ -4,8 +4,8 @@ mod fmi2;
 mod fmi3;
 mod output;
 mod reader;
-mod schema;
-mod tree;
+pub(in crate::fmi) mod schema;
+pub(in crate::fmi) mod tree;
 
 pub use reader::{Document, read};
 

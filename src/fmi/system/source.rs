@@ -1,0 +1,102 @@
+//! What a component is made of: an FMU, or a mechanism that is described as if it were one.
+
+use super::master::Model;
+use crate::{
+    Error, Result,
+    fmi::{
+        ModelDescription,
+        host::Unpacked,
+        model_description::{Causality, Real, ScalarVariable, Variability, VariableType},
+    },
+    multibody::Mechanism,
+};
+use std::path::{Path, PathBuf};
+
+/// What a component is made of.
+#[derive(Debug)]
+pub enum Source {
+    /// An FMU.
+    Fmu(Box<Unpacked>),
+    /// A mechanism.
+    Mechanism {
+        /// Its file, for messages.
+        path: PathBuf,
+        /// The content of the file.
+        text: String,
+        /// Its inputs, parameters and outputs; as constants, positions and velocities at the start by the names of their measures.
+        description: Box<ModelDescription>,
+    },
+}
+
+impl Source {
+    /// A mechanism with values of some parameters, which its start depends on.
+    ///
+    /// # Errors
+    /// As [`Mechanism::parse`]; [`Error::Run`] if it cannot be assembled.
+    pub fn mechanism(path: PathBuf, text: String, set: impl Fn(&str) -> Option<f64>) -> Result<Self> {
+        let mechanism = Mechanism::parse(&text, &path)?;
+        let parameters = mechanism.parameters().iter();
+        let values: Vec<f64> = parameters.map(|(name, parameter)| set(name).unwrap_or(parameter.default)).collect();
+        let failed = |message| Error::Run {
+            system: path.display().to_string(),
+            values: "the values that the system sets".into(),
+            message,
+        };
+        let start = mechanism.state_at_start(&values, 0.0).map_err(failed)?;
+        let mut variables = Vec::new();
+        let mut add = |name: &str, causality, variability, start, unit: &str| {
+            let unit = (!unit.is_empty()).then(|| unit.to_owned());
+            variables.push(ScalarVariable {
+                name: name.to_owned(),
+                value_reference: variables.len() as u32,
+                description: None,
+                causality,
+                variability,
+                initial: None,
+                declared_type: None,
+                kind: VariableType::Real(Real { unit, start, ..Real::default() }),
+                dimensions: Vec::new(),
+                clocks: Vec::new(),
+                aliases: Vec::new(),
+            });
+        };
+        for (name, input) in mechanism.inputs() {
+            add(name, Causality::Input, Variability::Continuous, Some(input.start), &input.unit);
+        }
+        for (name, parameter) in mechanism.parameters() {
+            add(name, Causality::Parameter, Variability::Fixed, Some(parameter.default), &parameter.unit);
+        }
+        for output in mechanism.outputs() {
+            add(&output.name, Causality::Output, Variability::Continuous, None, &output.unit);
+        }
+        for (name, value) in &start {
+            add(name, Causality::Local, Variability::Constant, Some(*value), "");
+        }
+        let description = Box::new(ModelDescription { variables, ..ModelDescription::default() });
+        Ok(Self::Mechanism { path, text, description })
+    }
+
+    /// Its file, for messages.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Fmu(fmu) => fmu.path(),
+            Self::Mechanism { path, .. } => path,
+        }
+    }
+
+    /// Its variables.
+    pub fn description(&self) -> &ModelDescription {
+        match self {
+            Self::Fmu(fmu) => fmu.description(),
+            Self::Mechanism { description, .. } => description,
+        }
+    }
+
+    /// What a run is given of it.
+    pub fn model(&self) -> Model {
+        match self {
+            Self::Fmu(fmu) => Model::Fmu { folder: fmu.folder().to_owned(), interface: fmu.interface() },
+            Self::Mechanism { text, .. } => Model::Mechanism { text: text.clone() },
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! One run of a system of FMUs in a process of its own, row by row.
+
+use super::{
+    Job, Replies, Watch, Worker,
+    simulation::{Reply, Sender, follow},
+};
+use crate::{
+    Error, Result,
+    fmi::{
+        host::RowSink,
+        system::master::{Run, folder},
+    },
+};
+use std::{borrow::Cow, path::Path};
+
+/// Runs a system, all of its components in one process that is not this one, and hands on its rows as they come; `path` is for messages.
+/// Returns whether an FMU ended the simulation before its stop time.
+///
+/// The program has to call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
+///
+/// # Errors
+/// - [`Error::Worker`]: an FMU failed, their process ended, or it took longer than the limit;
+/// - [`Error::Interrupted`];
+/// - those of the sink, and [`Error::Io`] if no process can be started.
+pub fn run_system_apart(path: &Path, run: &Run, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
+    let job = Job::System(Cow::Borrowed(run));
+    // should this process be killed, the other FMUs' folders are removed when another is unpacked
+    let worker = Worker::start(watch.workers.program, path, folder(run), &job, watch.heard)?;
+    follow(path, worker, watch, sink)
+}
+
+/// Makes the run and sends what becomes of it.
+pub(super) fn serve(run: &Run, mut replies: Replies) -> Result<()> {
+    let failed = |error: Error| Reply::Failed(error.to_string());
+    let loaded = match run.load() {
+        Ok(loaded) => loaded,
+        Err(error) => return replies.send(&failed(error), &[]),
+    };
+    let instances = match run.instantiate(&loaded) {
+        Ok(instances) => instances,
+        Err(error) => return replies.send(&failed(error), &[]),
+    };
+    let mut sender = Sender::new(&mut replies);
+    match run.simulate(&instances, &mut sender) {
+        Ok(terminated) => {
+            sender.send()?;
+            drop(instances);
+            replies.send(&Reply::Done { terminated }, &[])
+        }
+        // before the instances are freed, which may not go well either
+        Err(error) => replies.send(&failed(error), &[]),
+    }
+}

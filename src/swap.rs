@@ -1,0 +1,549 @@
+//! A surrogate in the place of its source: one system, simulated with each of them, and what differs.
+
+use crate::{
+    Error, Result,
+    fmi::{
+        ModelDescription, Watch,
+        host::{Column, Grid, RowSink, Unpacked, is_settable},
+        model_description::{Causality, DefaultExperiment, ScalarVariable, VariableType},
+        system::{
+            Connector, ConnectorKind, Experiment, Source, System, is_number,
+            master::{Port, Run, TIMES},
+            misfit, port,
+        },
+        worker::run_system_apart,
+    },
+};
+use metafmu_runtime::BuiltIn;
+use serde::Serialize;
+use std::{
+    fmt::{self, Write},
+    path::{Path, PathBuf},
+};
+
+/// Behind the name of a state: the parameter of a surrogate that has its value at the start.
+const AT_START: &str = "_start";
+
+/// What to compare; whatever is not given comes from the system or from the surrogate's default experiment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SwapOptions {
+    /// The system: an SSP archive or a SystemStructure.ssd.
+    pub system: PathBuf,
+    /// The component that is replaced.
+    pub component: String,
+    /// The FMU that replaces it.
+    pub surrogate: PathBuf,
+    /// First communication point in s; else the system's, else 0.
+    pub start: Option<f64>,
+    /// Last communication point in s; else the system's, else the surrogate's.
+    pub stop: Option<f64>,
+    /// Communication step size in s; else the surrogate's, else the source's.
+    pub step: Option<f64>,
+    /// Tolerance of model exchange, see [`Run::tolerance`].
+    pub tolerance: Option<f64>,
+}
+
+/// A system with a component's source and the surrogate that is to replace it, unpacked and checked.
+#[derive(Debug)]
+pub struct Swap {
+    system: System,
+    component: String,
+    surrogate: PathBuf,
+    source: PathBuf,
+    /// Names and units.
+    outputs: Vec<(String, String)>,
+    warnings: Vec<String>,
+    with_source: Run,
+    with_surrogate: Run,
+    // with the folders of the runs
+    _sources: Vec<Source>,
+}
+
+/// The recorded rows of a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recorded {
+    /// What the columns are.
+    pub columns: Vec<Column>,
+    /// Time of each row.
+    pub times: Vec<f64>,
+    /// Values of each column.
+    pub values: Vec<Vec<f64>>,
+}
+
+/// How much a system changes by a surrogate in the place of a component's source.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// Name of the system.
+    pub system: String,
+    /// The component that was replaced.
+    pub component: String,
+    /// Its FMU.
+    pub source: PathBuf,
+    /// The FMU that replaced it.
+    pub surrogate: PathBuf,
+    /// First time in s.
+    pub start: f64,
+    /// Last time in s, as far as both runs went.
+    pub stop: f64,
+    /// Communication step size in s.
+    pub step: f64,
+    /// Communication steps that both runs made.
+    pub steps: usize,
+    /// Each output.
+    pub outputs: Vec<Difference>,
+    /// Wall time of a step of the component, with its inputs and outputs.
+    pub component_step: Speed,
+    /// Wall time of a step of all components.
+    pub system_step: Speed,
+    /// Where the surrogate was outside the ranges that it is made for; none if it never was, or does not say.
+    pub outside_domain: Option<Outside>,
+    /// What limits the comparison.
+    pub warnings: Vec<String>,
+    /// The run with the source.
+    #[serde(skip)]
+    pub with_source: Recorded,
+    /// The run with the surrogate.
+    #[serde(skip)]
+    pub with_surrogate: Recorded,
+}
+
+/// How much an output differs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// The output: a connector of the system, or `COMPONENT.CONNECTOR`.
+    pub output: String,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+    /// Root mean square of the difference over all rows.
+    pub rms: f64,
+    /// Largest difference.
+    pub max: f64,
+    /// When that is, in s.
+    pub max_time: f64,
+    /// Range of the output in the run with the source.
+    pub range: f64,
+    /// `rms / range`; none for an output that is constant.
+    pub relative_rms: Option<f64>,
+    /// `max / range`; none for an output that is constant.
+    pub relative_max: Option<f64>,
+}
+
+/// Wall times of a step, in s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Speed {
+    /// With the source.
+    pub source: StepTime,
+    /// With the surrogate.
+    pub surrogate: StepTime,
+    /// Median with the source by median with the surrogate.
+    pub speed_up: f64,
+}
+
+/// Wall time of a step, in s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepTime {
+    /// Half of the steps are faster.
+    pub median: f64,
+    /// The fastest step.
+    pub minimum: f64,
+}
+
+/// Rows outside the ranges that a surrogate is made for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Outside {
+    /// How many.
+    pub rows: usize,
+    /// Time of the first of them, in s.
+    pub first: f64,
+}
+
+impl Swap {
+    /// Reads the system and the FMUs, and finds out what the surrogate takes over from the source: connectors by their names;
+    /// parameters by their names with the values that the system sets, else the source's own start values; `NAME_start` with that of
+    /// the source's variable `NAME`.
+    ///
+    /// # Errors
+    /// - as [`System::open`], [`System::load`] and [`Unpacked::open`];
+    /// - [`Error::System`], [`Error::Replacement`] with all that does not fit;
+    /// - [`Error::Experiment`] if the times make no simulation.
+    pub fn open(options: &SwapOptions) -> Result<Self> {
+        let system = System::open(&options.system)?;
+        let Some(replaced) = system.position(&options.component) else {
+            let known = system.components.iter().map(|component| component.name.clone()).collect();
+            return Err(Error::UnknownComponent { path: system.path, name: options.component.clone(), known });
+        };
+        let mut sources = (0..system.components.len()).map(|index| system.load(index)).collect::<Result<Vec<_>>>()?;
+        let surrogate = Source::Fmu(Box::new(Unpacked::open(&options.surrogate, None)?));
+        let experiment = experiment(options, &system, surrogate.description(), sources[replaced].description())?;
+        let mut with_source = system.plan(&sources, replaced, experiment)?;
+        refuse_misfits(&system, replaced, &surrogate)?;
+        let compared = Compared::new(&system, replaced, &sources[replaced], &surrogate)?;
+        let outputs = compared.names(&sources);
+        let set: Vec<(&str, f64)> =
+            system.components[replaced].values.iter().map(|value| (value.name.as_str(), value.value)).collect();
+        let [start_values, unused] = taken_over(sources[replaced].description(), &set, surrogate.description());
+        let unset = |(name, value): &(String, f64)| {
+            format!("the system sets `{name}` to {value:?}, which the surrogate has no parameter for")
+        };
+        let warnings = unused.iter().map(unset).chain(compared.left_out.iter().cloned()).collect();
+
+        with_source.recorded = compared.ports(&sources);
+        let mut with_surrogate = with_source.clone();
+        let replacement = &mut with_surrogate.components[replaced];
+        replacement.path = surrogate.path().to_owned();
+        replacement.model = surrogate.model();
+        replacement.start_values = start_values;
+        let source = std::mem::replace(&mut sources[replaced], surrogate);
+        // names may be aliases
+        with_surrogate.recorded = compared.ports(&sources);
+        with_surrogate.connections = system.connect(&sources)?;
+        with_surrogate.watched = in_domain(replaced, &sources[replaced]).into_iter().collect();
+        let path = source.path().to_owned();
+        sources.push(source);
+        Ok(Self {
+            component: options.component.clone(),
+            surrogate: options.surrogate.clone(),
+            source: path,
+            system,
+            outputs,
+            warnings,
+            with_source,
+            with_surrogate,
+            _sources: sources,
+        })
+    }
+
+    /// Makes both runs, each in a process of its own, and compares them; `begins` is told which one is made.
+    ///
+    /// # Errors
+    /// As [`run_system_apart`]; [`Error::Worker`] also if an output is not finite, or if there are no steps to compare.
+    pub fn compare(&self, watch: Watch, mut begins: impl FnMut(&Path)) -> Result<Comparison> {
+        let mut warnings = self.warnings.clone();
+        let mut simulate = |run: &Run, fmu: &Path| {
+            begins(fmu);
+            let mut recorded = Recorded::default();
+            let ended = run_system_apart(&self.system.path, run, watch, &mut recorded)?;
+            recorded.check(fmu, self.outputs.len())?;
+            if ended {
+                let last = recorded.times.last().copied().unwrap_or(run.start);
+                warnings.push(format!("an FMU ended the simulation with {} after {last} s", fmu.display()));
+            }
+            Ok::<_, Error>(recorded)
+        };
+        let source = simulate(&self.with_source, &self.source)?;
+        let surrogate = simulate(&self.with_surrogate, &self.surrogate)?;
+        let rows = source.times.len().min(surrogate.times.len());
+        if rows < 2 {
+            let message = format!("{}: there are no steps to compare", self.system.path.display());
+            return Err(Error::Worker { message });
+        }
+        let difference = |(index, (output, unit)): (usize, &(String, String))| {
+            let values = [&source, &surrogate].map(|recorded| &recorded.values[index][..rows]);
+            Difference::of(output, unit.clone(), &source.times[..rows], values)
+        };
+        let speed = |name: &str| Speed::of([&source, &surrogate].map(|recorded| recorded.column(name)));
+        let watched = surrogate.values.get(self.outputs.len()).filter(|_| !self.with_surrogate.watched.is_empty());
+        Ok(Comparison {
+            system: self.system.name.clone(),
+            component: self.component.clone(),
+            source: self.source.clone(),
+            surrogate: self.surrogate.clone(),
+            start: source.times[0],
+            stop: source.times[rows - 1],
+            step: self.with_source.step,
+            steps: rows - 1,
+            outputs: self.outputs.iter().enumerate().map(difference).collect(),
+            component_step: speed(TIMES[0]),
+            system_step: speed(TIMES[1]),
+            outside_domain: watched.and_then(|inside| Outside::of(&surrogate.times, inside)),
+            warnings,
+            with_source: source,
+            with_surrogate: surrogate,
+        })
+    }
+}
+
+/// Fails if the surrogate lacks connectors of the component that are connected.
+fn refuse_misfits(system: &System, replaced: usize, surrogate: &Source) -> Result<()> {
+    let connected = |connector: &&Connector| system.is_connected(replaced, &connector.name);
+    let problem = |connector: &Connector| {
+        let is_input = matches!(connector.kind, ConnectorKind::Input | ConnectorKind::Parameter);
+        misfit(surrogate.description(), &connector.name, is_input)
+    };
+    let problems: Vec<String> =
+        system.components[replaced].connectors.iter().filter(connected).filter_map(problem).collect();
+    let path = surrogate.path().to_owned();
+    if problems.is_empty() { Ok(()) } else { Err(Error::Replacement { path, problems }) }
+}
+
+/// The variable that tells whether a surrogate is within its domain.
+fn in_domain(component: usize, surrogate: &Source) -> Option<Port> {
+    let name = BuiltIn::InDomain.name();
+    let variable = surrogate.description().variable(name)?;
+    let tells = variable.causality == Causality::Output && is_number(variable);
+    tells.then(|| port(component, surrogate, name))
+}
+
+/// What is compared.
+struct Compared {
+    /// Name, component and connector of each output.
+    outputs: Vec<(String, usize, String)>,
+    /// Outputs of the source that are not compared, and why.
+    left_out: Vec<String>,
+}
+
+impl Compared {
+    /// The outputs of the system; if it has none, those of the component that both have.
+    fn new(system: &System, replaced: usize, source: &Source, surrogate: &Source) -> Result<Self> {
+        let own = system.outputs.iter().map(|(name, end)| (name.clone(), end.component, end.connector.clone()));
+        let mut compared = Self { outputs: own.collect(), left_out: Vec::new() };
+        let component = &system.components[replaced];
+        let connectors = component.connectors.iter().filter(|connector| connector.kind == ConnectorKind::Output);
+        for Connector { name, .. } in connectors.filter(|_| system.outputs.is_empty()) {
+            let misfit = [source, surrogate].into_iter().find_map(|of| misfit(of.description(), name, false));
+            match misfit {
+                None => compared.outputs.push((format!("{}.{name}", component.name), replaced, name.clone())),
+                Some(problem) => compared.left_out.push(format!("`{name}` is not compared: {problem}")),
+            }
+        }
+        if compared.outputs.is_empty() {
+            let problem =
+                "there is nothing to compare: neither has the system outputs, nor the component one that both have";
+            return Err(Error::Replacement { path: surrogate.path().to_owned(), problems: vec![problem.into()] });
+        }
+        Ok(compared)
+    }
+
+    /// Names and units.
+    fn names(&self, sources: &[Source]) -> Vec<(String, String)> {
+        let outputs = self.outputs.iter();
+        outputs
+            .map(|(name, component, connector)| (name.clone(), unit(sources[*component].description(), connector)))
+            .collect()
+    }
+
+    fn ports(&self, sources: &[Source]) -> Vec<Port> {
+        self.outputs.iter().map(|(_, component, connector)| port(*component, &sources[*component], connector)).collect()
+    }
+}
+
+/// When and how both runs are made.
+fn experiment(
+    options: &SwapOptions,
+    system: &System,
+    surrogate: &ModelDescription,
+    source: &ModelDescription,
+) -> Result<Experiment> {
+    let suggested = |of: fn(DefaultExperiment) -> Option<f64>| {
+        let mut all = [surrogate, source].into_iter().filter_map(|description| description.default_experiment);
+        all.find_map(of)
+    };
+    let start = options.start.or(system.start).unwrap_or(0.0);
+    let stop = options.stop.or(system.stop).or_else(|| suggested(|experiment| experiment.stop));
+    let step = options.step.or_else(|| suggested(|experiment| experiment.step_size));
+    let expected = match (stop, step) {
+        (None, _) => "a stop time, which neither the system nor the FMUs have",
+        (_, None) => "a step size, which neither FMU has",
+        (Some(stop), _) if stop <= start => "a stop time after the start time",
+        (Some(stop), Some(step)) => match Grid::of_times(start, stop, step) {
+            Ok(_) => return Ok(Experiment { start, stop, step, tolerance: options.tolerance }),
+            Err(expected) => expected,
+        },
+    };
+    Err(Error::Experiment { start, stop: stop.unwrap_or(f64::NAN), step: step.unwrap_or(f64::NAN), expected })
+}
+
+/// Start values of a surrogate that replaces a source, and what the system sets that the surrogate has no parameter for.
+fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelDescription) -> [Vec<(String, f64)>; 2] {
+    let takes =
+        |name: &str| surrogate.variable(name).is_some_and(|variable| is_settable(variable) && is_number(variable));
+    let target = |name: &str| [name.to_owned(), format!("{name}{AT_START}")].into_iter().find(|name| takes(name));
+    let (mut values, mut unused) = (Vec::new(), Vec::new());
+    for &(name, value) in set {
+        match target(name) {
+            Some(target) => values.push((target, value)),
+            None => unused.push((name.to_owned(), value)),
+        }
+    }
+    let parameters = surrogate.variables.iter().filter(|variable| {
+        matches!(variable.causality, Causality::Parameter | Causality::Input) && takes(&variable.name)
+    });
+    for parameter in parameters {
+        let state = parameter.name.strip_suffix(AT_START);
+        let of_source =
+            [Some(parameter.name.as_str()), state].into_iter().flatten().find_map(|name| source.variable(name));
+        let start = of_source.filter(|variable| is_number(variable)).and_then(start_value);
+        if let Some(start) = start
+            && start_value(parameter) != Some(start)
+            && !values.iter().any(|(name, _)| *name == parameter.name)
+        {
+            values.push((parameter.name.clone(), start));
+        }
+    }
+    [values, unused]
+}
+
+fn unit(description: &ModelDescription, name: &str) -> String {
+    let unit = description.variable(name).and_then(|variable| description.unit_of(variable));
+    unit.unwrap_or_default().to_owned()
+}
+
+fn start_value(variable: &ScalarVariable) -> Option<f64> {
+    match &variable.kind {
+        VariableType::Real(real) => real.start,
+        VariableType::Integer(integer) | VariableType::Enumeration(integer) => integer.start.map(|start| start as f64),
+        VariableType::Boolean { start } => start.map(|start| f64::from(u8::from(start))),
+        _ => None,
+    }
+}
+
+impl RowSink for Recorded {
+    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+        self.columns = columns.to_vec();
+        self.values = vec![Vec::new(); columns.len()];
+        Ok(())
+    }
+
+    fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
+        self.times.push(time);
+        self.values.iter_mut().zip(values).for_each(|(column, value)| column.push(*value));
+        Ok(())
+    }
+}
+
+impl Recorded {
+    /// The values of a column that there is.
+    fn column(&self, name: &str) -> &[f64] {
+        let column = self.columns.iter().position(|column| column.name == name);
+        column.map_or(&[], |column| &self.values[column])
+    }
+
+    /// Fails if one of the first columns is not finite.
+    fn check(&self, fmu: &Path, outputs: usize) -> Result<()> {
+        for (column, values) in self.columns.iter().zip(&self.values).take(outputs) {
+            if let Some(row) = values.iter().position(|value| !value.is_finite()) {
+                let (name, time, value) = (&column.name, self.times[row], values[row]);
+                let message = format!("{}: in the system, `{name}` is {value} at {time} s", fmu.display());
+                return Err(Error::Worker { message });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Difference {
+    fn of(output: &str, unit: String, times: &[f64], [source, surrogate]: [&[f64]; 2]) -> Self {
+        let differences = || source.iter().zip(surrogate).map(|(one, other)| (one - other).abs());
+        let rms = (differences().map(|difference| difference * difference).sum::<f64>() / times.len() as f64).sqrt();
+        let first_largest =
+            |best: (f64, f64), (difference, &time)| if difference > best.0 { (difference, time) } else { best };
+        let (max, max_time) = differences().zip(times).fold((0.0, times[0]), first_largest);
+        let ends = (f64::INFINITY, f64::NEG_INFINITY);
+        let (low, high) = source.iter().fold(ends, |(low, high), value| (low.min(*value), high.max(*value)));
+        let range = high - low;
+        let relative = |value: f64| (range > 0.0).then(|| value / range);
+        let (relative_rms, relative_max) = (relative(rms), relative(max));
+        Self { output: output.to_owned(), unit, rms, max, max_time, range, relative_rms, relative_max }
+    }
+}
+
+impl Speed {
+    fn of(seconds: [&[f64]; 2]) -> Self {
+        let [source, surrogate] = seconds.map(|seconds| {
+            // no step leads to the first row
+            let mut seconds = seconds[1..].to_vec();
+            seconds.sort_by(f64::total_cmp);
+            StepTime { median: seconds[seconds.len() / 2], minimum: seconds[0] }
+        });
+        // a clock may stand still
+        Self { source, surrogate, speed_up: source.median / surrogate.median.max(1e-9) }
+    }
+}
+
+impl Outside {
+    fn of(times: &[f64], inside: &[f64]) -> Option<Self> {
+        let mut rows = times.iter().zip(inside).filter(|(_, inside)| **inside == 0.0).map(|(time, _)| *time);
+        let first = rows.next()?;
+        Some(Self { rows: 1 + rows.count(), first })
+    }
+}
+
+/// The comparison as text: a table, and the times of a step.
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self { system, component, steps, step, .. } = self;
+        let (source, surrogate) = (self.source.display(), self.surrogate.display());
+        writeln!(f, "{system}: {component} is {source}, and {surrogate} in its place; {steps} steps of {step} s\n")?;
+        let headings = ["output", "unit", "RMS difference", "of the range", "largest difference", "of the range"];
+        let mut rows = vec![headings.map(str::to_owned).to_vec()];
+        let share = |share: Option<f64>| match share.map(|share| 100.0 * share) {
+            None => "constant".into(),
+            Some(percent) if percent == 0.0 || percent >= 5e-4 => format!("{percent:.3} %"),
+            Some(percent) => format!("{percent:.1e} %"),
+        };
+        for Difference { output, unit, rms, max, max_time, relative_rms, relative_max, .. } in &self.outputs {
+            let (rms, max) = (format!("{rms:.3e}"), format!("{max:.3e} at {max_time:.6} s"));
+            rows.push(vec![output.clone(), unit.clone(), rms, share(*relative_rms), max, share(*relative_max)]);
+        }
+        f.write_str(&aligned(&rows))?;
+        writeln!(f)?;
+        let micro = |seconds: f64| format!("{:.2}", 1e6 * seconds);
+        let mut rows = vec![
+            ["µs a step", "source: median", "minimum", "surrogate: median", "minimum", "speed-up"]
+                .map(str::to_owned)
+                .to_vec(),
+        ];
+        for (name, speed) in [(component.as_str(), &self.component_step), ("the system", &self.system_step)] {
+            let Speed { source, surrogate, speed_up } = speed;
+            let times = [source.median, source.minimum, surrogate.median, surrogate.minimum].map(micro);
+            rows.push([vec![name.to_owned()], times.to_vec(), vec![format!("{speed_up:.2}")]].concat());
+        }
+        f.write_str(&aligned(&rows))
+    }
+}
+
+/// Columns side by side: the first to the left, the others to the right.
+fn aligned(rows: &[Vec<String>]) -> String {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        for (index, (cell, width)) in row.iter().zip(&widths).enumerate() {
+            // writing to a text does not fail
+            let _ = if index == 0 { write!(text, "{cell:<width$}") } else { write!(text, "  {cell:>width$}") };
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_measured_against_the_range_of_the_source() {
+        let difference =
+            Difference::of("y", "m".into(), &[0.0, 0.5, 1.0, 1.5], [&[1.0, 2.0, 3.0, 5.0], &[1.0, 2.3, 2.6, 5.0]]);
+        assert!((difference.rms - (0.25f64 / 4.0).sqrt()).abs() < 1e-15);
+        assert!((difference.max - 0.4).abs() < 1e-15 && difference.max_time == 1.0);
+        assert_eq!(difference.range, 4.0);
+        assert!((difference.relative_max.unwrap() - 0.1).abs() < 1e-15);
+        let constant = Difference::of("y", String::new(), &[0.0, 1.0], [&[2.0, 2.0], &[2.0, 2.5]]);
+        assert_eq!((constant.relative_max, constant.max, constant.max_time), (None, 0.5, 1.0));
+    }
+
+    #[test]
+    fn the_first_time_outside_the_domain_is_found() {
+        let times = [0.0, 0.1, 0.2, 0.3];
+        assert_eq!(Outside::of(&times, &[1.0; 4]), None);
+        assert_eq!(Outside::of(&times, &[1.0, 0.0, 1.0, 0.0]), Some(Outside { rows: 2, first: 0.1 }));
+    }
+
+    #[test]
+    fn the_first_row_is_no_step() {
+        let speed = Speed::of([&[0.0, 4.0, 6.0, 5.0], &[0.0, 0.5, 2.0, 1.0]]);
+        assert_eq!(speed.source, StepTime { median: 5.0, minimum: 4.0 });
+        assert_eq!((speed.surrogate.minimum, speed.speed_up), (0.5, 5.0));
+    }
+}
