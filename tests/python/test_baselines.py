@@ -106,9 +106,18 @@ def kernel(tensors, z):
     return np.stack([machine(output) for output in range(len(OUTPUTS))], axis=1)
 
 
+@pytest.fixture
+def few_rows(tmp_path):
+    """The study with baselines that are fitted to few rows: their formulas are the same."""
+    options = "random-forest = { rows = 5000 }\nsvr = { rows = 500 }\ngradient-boosting = { rows = 2000 }\nknn = { rows = 2000 }\n"
+    study = tmp_path / "study.toml"
+    study.write_text(f"{(ROOT / STUDY).read_text()}\n[baselines]\n{options}")
+    return study
+
+
 @pytest.mark.parametrize("model, formula", [("ridge", linear), ("svr", kernel), ("random-forest", forest)])
-def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, model, formula):
-    metafmu("export", STUDY, "--out", folder, "--model", model, "--fmi", "both")
+def test_an_exported_baseline_is_its_formula_in_every_host(folder, few_rows, model, formula):
+    metafmu("export", few_rows, "--out", folder, "--model", model, "--fmi", "both")
     tensors = load_file(folder / f"single-pendulum-{model}.safetensors")
     for version in (2, 3):
         fmu = fmu_of(folder, f"single-pendulum-{model}", version)
@@ -124,9 +133,9 @@ def test_an_exported_baseline_is_its_formula_in_every_host(folder, tmp_path, mod
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["outputs.output_scale"].max())
 
 
-def test_what_cannot_be_exported_says_why(folder):
+def test_what_cannot_be_exported_says_why(folder, few_rows):
     for model, why in [("knn", "carry every training row"), ("gradient-boosting", "no access to its trees")]:
-        result = metafmu("export", STUDY, "--out", folder, "--model", model, check=False)
+        result = metafmu("export", few_rows, "--out", folder, "--model", model, check=False)
         assert result.returncode == 2
         assert why in result.stderr
 
