@@ -35,7 +35,7 @@ use variables::{Resolved, resolve};
 
 /// Time limit of a run unless `source.time_limit` sets it.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
-/// Points whose derivatives a process is asked for at a time.
+/// Points whose derivatives a process is asked for at a time, if it may make several instances.
 const BATCH: usize = 64;
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
@@ -114,7 +114,12 @@ impl FmuModel {
 
     /// Number of times that `done` is called for so many points by [`FmuModel::derivatives`].
     pub fn batches(&self, points: usize) -> usize {
-        points.div_ceil(BATCH)
+        points.div_ceil(self.batch())
+    }
+
+    /// Points that a process is asked for at a time: each takes an instance of its own.
+    fn batch(&self) -> usize {
+        if self.one_run_per_process { 1 } else { BATCH }
     }
 
     /// The equations at points, each parameters, inputs and states: derivatives, then outputs, for each point.
@@ -128,16 +133,16 @@ impl FmuModel {
         done: impl Fn() + Sync,
     ) -> Result<Vec<Vec<f64>>> {
         let (Some(asked), Some(last)) = (&self.task.driven, points.last()) else { return Ok(Vec::new()) };
-        let width = asked.states.len() + self.task.outputs.len();
+        let (width, size) = (asked.states.len() + self.task.outputs.len(), self.batch());
         let mut task = (*self.task).clone();
         task.driven = Some(sampling::Driven { derivatives: true, ..asked.clone() });
-        let model = Self { task: Arc::new(task), values: BATCH * width, ..self.clone() };
+        let model = Self { task: Arc::new(task), values: size * width, ..self.clone() };
         // the last batch is filled up
         let batch = |points: &[Vec<f64>]| {
-            let more = std::iter::repeat_n(last, BATCH - points.len());
+            let more = std::iter::repeat_n(last, size - points.len());
             points.iter().chain(more).flatten().copied().collect::<Vec<f64>>()
         };
-        let batches: Vec<Vec<f64>> = points.chunks(BATCH).map(batch).collect();
+        let batches: Vec<Vec<f64>> = points.chunks(size).map(batch).collect();
         let failure =
             |_: &[f64], reason: &str| Err(Error::Worker { message: format!("{}: {reason}", self.task.path.display()) });
         let replies = model.run_all(&batches, None, workers, &failure, done)?;

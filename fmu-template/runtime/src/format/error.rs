@@ -1,0 +1,324 @@
+//! What can be wrong with a model file.
+
+use super::{FORMAT, METADATA_KEY};
+use safetensors::SafeTensorError;
+
+/// Every way in which a model file can be wrong.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FormatError {
+    /// The container is cut short or is not safetensors at all.
+    #[error("not a safetensors container, or cut short: {0}")]
+    Container(SafeTensorError),
+    /// A safetensors file of another program.
+    #[error("the container's metadata has no entry `{METADATA_KEY}`: not a metafmu surrogate")]
+    NoMetadata,
+    /// The description is no valid JSON, or a field is missing, unknown or of the wrong type.
+    #[error("metadata entry `{METADATA_KEY}`: {0}")]
+    Metadata(serde_json::Error),
+    /// Written by an older program.
+    #[error(
+        "model file format {found}, expected {FORMAT}: an older metafmu wrote it; make it again with this one, by \
+         `metafmu build STUDY`"
+    )]
+    OldVersion {
+        /// Format in the file.
+        found: u32,
+    },
+    /// Written by a newer program.
+    #[error("model file format {found}, expected {FORMAT}: a newer metafmu wrote it; use that one")]
+    NewVersion {
+        /// Format in the file.
+        found: u32,
+    },
+    /// A tensor that must be there is not.
+    #[error("tensor `{name}` is missing")]
+    MissingTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// A tensor that means nothing here.
+    #[error("tensor `{name}` is not part of the format")]
+    UnknownTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// Wrong element type.
+    #[error("tensor `{name}` is of type {found}, expected {expected}")]
+    Type {
+        /// The tensor's name.
+        name: String,
+        /// Type in the file.
+        found: String,
+        /// Type the format asks for.
+        expected: String,
+    },
+    /// Wrong shape.
+    #[error("tensor `{name}` has shape {found:?}, expected {expected:?}")]
+    Shape {
+        /// The tensor's name.
+        name: String,
+        /// Shape in the file.
+        found: Vec<usize>,
+        /// Shape that fits the variables and the neighbouring layers.
+        expected: Vec<usize>,
+    },
+    /// A NaN or an infinity.
+    #[error("tensor `{name}`, element {index}: {value} is not finite")]
+    NotFinite {
+        /// The tensor's name.
+        name: String,
+        /// Position in row-major order.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// A scale that is zero or negative.
+    #[error("tensor `{name}`, element {index}: {value} is not positive")]
+    NotPositive {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// No word about the structure of the model.
+    #[error("metadata entry `{METADATA_KEY}`: the field `model` is missing")]
+    NoModel,
+    /// A kind of output that this version does not know.
+    #[error("tensor `{name}`, element {index}: {found} is not known")]
+    Unknown {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        found: u32,
+    },
+    /// A structure with a map that it cannot have.
+    #[error("a motion has dictionaries, and only a motion")]
+    MotionMap,
+    /// A state space of another map.
+    #[error("a state space has a dictionary or a network beside one")]
+    StateSpaceMap,
+    /// The value at the start of nothing.
+    #[error("variable `{name}` is the value of a state at the start, but the model has no states")]
+    NoState {
+        /// The variable.
+        name: String,
+    },
+    /// A nominal value that is zero, negative or not finite.
+    #[error("state `{name}`: the nominal value {found} is not positive")]
+    Nominal {
+        /// The state.
+        name: String,
+        /// What stands there.
+        found: f64,
+    },
+    /// One model for each instant that is no network.
+    #[error("a map for each instant that is not a network")]
+    PerInstantMap,
+    /// No inputs or no outputs.
+    #[error("the list of {what} is empty")]
+    NoVariables {
+        /// `inputs` or `outputs`.
+        what: &'static str,
+    },
+    /// Two variables of one name.
+    #[error("variable `{name}` is duplicated")]
+    DuplicateVariable {
+        /// The name.
+        name: String,
+    },
+    /// A variable named like one that every FMU adds.
+    #[error("variable `{name}`: the name is reserved for a variable that every FMU adds")]
+    ReservedName {
+        /// The name.
+        name: String,
+    },
+    /// A range that is empty or not finite.
+    #[error("variable `{name}`: range from {min} to {max} is empty or not finite")]
+    EmptyRange {
+        /// The variable.
+        name: String,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// A start value outside the range.
+    #[error("variable `{name}`: start {start} is not between {min} and {max}")]
+    StartOutsideRange {
+        /// The variable.
+        name: String,
+        /// The start value.
+        start: f64,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// An encoding that does not fit its input.
+    #[error("variable `{name}`: its encoding makes no sense, {expected}")]
+    Encoding {
+        /// The variable.
+        name: String,
+        /// What must hold.
+        expected: &'static str,
+    },
+    /// More than one time column.
+    #[error("{count} inputs are the time, expected at most one")]
+    SeveralTimes {
+        /// How many.
+        count: usize,
+    },
+    /// A series in time without a time column.
+    #[error("a network for each instant, but no input is the time")]
+    NoTime,
+    /// A series in time of nothing.
+    #[error("a network for each instant, but no input beside the time")]
+    OnlyTime,
+    /// Instants between which there is nothing to interpolate.
+    #[error("{count} instants, expected at least 2")]
+    FewInstants {
+        /// How many.
+        count: usize,
+    },
+    /// Instants out of order.
+    #[error("tensor `instants`, element {index}: {found} is not above {before}")]
+    NotAscending {
+        /// Position.
+        index: usize,
+        /// The instant before it.
+        before: f64,
+        /// What stands there.
+        found: f64,
+    },
+    /// More or fewer networks than instants.
+    #[error("{found} networks, expected {expected}, one for each instant")]
+    NetworkCount {
+        /// Networks.
+        found: usize,
+        /// Instants.
+        expected: usize,
+    },
+    /// Something about the network of one instant.
+    #[error("instant {instant}: {source}")]
+    OfInstant {
+        /// Counted from 0.
+        instant: usize,
+        /// What is wrong with it.
+        source: Box<FormatError>,
+    },
+    /// Networks of different sizes.
+    #[error("instant {instant}: layers of sizes {found:?}, expected {expected:?} as at the first instant")]
+    LayerSizes {
+        /// Counted from 0.
+        instant: usize,
+        /// Its layers' sizes.
+        found: Vec<usize>,
+        /// Those of the first instant.
+        expected: Vec<usize>,
+    },
+    /// Networks of different activations.
+    #[error("instant {instant}: layer {layer} has another activation than at the first instant")]
+    LayerActivation {
+        /// Counted from 0.
+        instant: usize,
+        /// Counted from 0.
+        layer: usize,
+    },
+    /// An index that points at nothing.
+    #[error("tensor `{name}`, element {index}: {found}, expected less than {limit}")]
+    Index {
+        /// The tensor's name.
+        name: String,
+        /// Position.
+        index: usize,
+        /// What stands there.
+        found: u64,
+        /// How many there are.
+        limit: u64,
+    },
+    /// A tree that does not lead downwards.
+    #[error("tensor `forest.below`: node {below} is below node {node}, expected one after it")]
+    Upwards {
+        /// The node.
+        node: usize,
+        /// What should be below it.
+        below: u32,
+    },
+    /// An array of fewer than two outputs.
+    #[error("array `{array}` has {count} elements, expected at least 2")]
+    ShortArray {
+        /// The array's name.
+        array: String,
+        /// How many elements there are.
+        count: usize,
+    },
+    /// An array of something that is no output.
+    #[error("array `{array}`: `{output}` is no output")]
+    UnknownElement {
+        /// The array's name.
+        array: String,
+        /// What stands there.
+        output: String,
+    },
+    /// An array with an output twice.
+    #[error("array `{array}`: output `{output}` is duplicated")]
+    DuplicateElement {
+        /// The array's name.
+        array: String,
+        /// The output's name.
+        output: String,
+    },
+    /// An array of outputs of different units.
+    #[error("array `{array}`: output `{output}` is in `{found}`, expected `{expected}` as the first element")]
+    ElementUnit {
+        /// The array's name.
+        array: String,
+        /// The output's name.
+        output: String,
+        /// The output's unit.
+        found: String,
+        /// Unit of the array's first element.
+        expected: String,
+    },
+    /// More or fewer error bounds than outputs.
+    #[error("{found} error bounds, expected {expected}: one for each output")]
+    BoundCount {
+        /// Number of bounds.
+        found: usize,
+        /// Number of outputs.
+        expected: usize,
+    },
+    /// A coverage that is no share, or a bound that is negative or not finite.
+    #[error("error bounds: {what} {found} makes no sense")]
+    Bound {
+        /// `coverage` or `half-width`.
+        what: &'static str,
+        /// What stands there.
+        found: f64,
+    },
+    /// The content is not what it was when the digest was put in.
+    #[error("the file is damaged: its content has the digest {found}, expected {expected}")]
+    Damaged {
+        /// Of the content as it is.
+        found: String,
+        /// In the file.
+        expected: String,
+    },
+    /// A content digest that is no SHA-256.
+    #[error("content digest `{found}` is not 64 hexadecimal digits")]
+    Digest {
+        /// What stands there.
+        found: String,
+    },
+    /// A time step that is zero, negative or not finite.
+    #[error("time step {found} is not positive")]
+    TimeStep {
+        /// What stands there.
+        found: f64,
+    },
+}
