@@ -72,30 +72,19 @@ impl Simulation {
             Some(file) => study.beside(file).display().to_string(),
             None => system.clone().unwrap_or_default(),
         };
-        if let Some(file) = fmu {
-            let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-            let inputs = model.driven().map_or(Vec::new(), Driven::variables);
-            return Ok(Self {
-                model: Model::Fmu(Box::new(model)),
-                parameters,
-                inputs,
-                outputs,
-                times,
-                max_failed,
-                source,
-            });
-        }
-        let (equations, parameters, outputs) = Equations::new(study)?;
-        let inputs = equations.driven.as_ref().map_or(Vec::new(), Driven::variables);
-        Ok(Self {
-            model: Model::Equations(Box::new(equations)),
-            parameters,
-            inputs,
-            outputs,
-            times,
-            max_failed,
-            source,
-        })
+        let (model, parameters, outputs) = match fmu {
+            Some(file) => {
+                let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
+                (Model::Fmu(Box::new(model)), parameters, outputs)
+            }
+            None => {
+                let (equations, parameters, outputs) = Equations::new(study)?;
+                (Model::Equations(Box::new(equations)), parameters, outputs)
+            }
+        };
+        let mut simulation = Self { model, parameters, inputs: Vec::new(), outputs, times, max_failed, source };
+        simulation.inputs = simulation.driven().map_or(Vec::new(), Driven::variables);
+        Ok(simulation)
     }
 
     /// What drives the runs, in the source's order.

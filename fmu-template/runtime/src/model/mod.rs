@@ -1,5 +1,6 @@
 //! Models: maps together with time, and with states.
 
+mod adjoint;
 pub(crate) mod dynamics;
 mod evaluator;
 mod maps;

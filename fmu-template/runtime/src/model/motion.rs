@@ -13,6 +13,7 @@
 //! `r(q, p) + w^T q` with whole numbers `w`, so that an angle may go around; its velocity and acceleration are exact derivatives.
 
 use super::{
+    adjoint::ByDirections,
     dynamics::{Dynamics, Work},
     expect_roles, expect_step,
     solver::{Drive, Solver, StepError},
@@ -62,8 +63,7 @@ pub enum Shown {
 pub(crate) struct MotionScratch {
     plain: Parts<f64>,
     series: Parts<Jet>,
-    /// Of an adjoint derivative: a direction, and the change of the results.
-    direction: [Vec<f64>; 2],
+    by_directions: ByDirections,
     solver: Solver,
 }
 
@@ -159,7 +159,7 @@ impl Motion {
         MotionScratch {
             plain: self.parts(),
             series: self.parts(),
-            direction: [vec![0.0; columns], vec![0.0; results]],
+            by_directions: ByDirections::new(columns, results),
             solver: Solver::new(columns, self.dynamics.inputs(), self.states()),
         }
     }
@@ -195,15 +195,11 @@ impl Motion {
                 second.into_iter().flatten().zip(&series.results).for_each(|(to, from)| *to = from.second);
             }
             Task::Adjoint { weights, gradient } => {
-                for column in 0..point.len() {
-                    let mut direction = std::mem::take(&mut scratch.direction);
-                    let [along, change] = &mut direction;
-                    along.fill(0.0);
-                    along[column] = 1.0;
+                let mut by_directions = std::mem::take(&mut scratch.by_directions);
+                by_directions.adjoint(weights, gradient, |along, change| {
                     self.perform(point, Task::Series { rates: [along, &[]], first: change, second: None }, scratch);
-                    gradient[column] = weights.iter().zip(&*change).map(|(weight, change)| weight * change).sum();
-                    scratch.direction = direction;
-                }
+                });
+                scratch.by_directions = by_directions;
             }
         }
     }

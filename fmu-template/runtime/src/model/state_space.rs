@@ -18,6 +18,7 @@
 //! functions that were learned: a dictionary, to which a network adds what the dictionary leaves over.
 
 use super::{
+    adjoint::ByDirections,
     expect_roles, expect_step,
     solver::{Drive, Solver, StepError},
 };
@@ -136,8 +137,7 @@ pub(super) struct PreparedStateSpace {
 #[derive(Clone, Debug)]
 pub(super) struct StateSpaceScratch {
     work: Work,
-    /// Of an adjoint derivative: a direction, and the change of the results.
-    direction: [Vec<f64>; 2],
+    by_directions: ByDirections,
     solver: Solver,
 }
 
@@ -185,7 +185,7 @@ impl PreparedStateSpace {
         let [_, inputs, states] = space.counts;
         StateSpaceScratch {
             work: Work { plain: space.work(), series: space.work(), network },
-            direction: [vec![0.0; space.columns()], vec![0.0; space.results.len()]],
+            by_directions: ByDirections::new(space.columns(), space.results.len()),
             solver: Solver::new(space.columns(), inputs, states),
         }
     }
@@ -232,15 +232,11 @@ impl PreparedStateSpace {
                 }
             }
             Task::Adjoint { weights, gradient } => {
-                for column in 0..point.len() {
-                    let mut direction = std::mem::take(&mut scratch.direction);
-                    let [along, change] = &mut direction;
-                    along.fill(0.0);
-                    along[column] = 1.0;
+                let mut by_directions = std::mem::take(&mut scratch.by_directions);
+                by_directions.adjoint(weights, gradient, |along, change| {
                     self.perform(point, Task::Series { rates: [along, &[]], first: change, second: None }, scratch);
-                    gradient[column] = weights.iter().zip(&*change).map(|(weight, change)| weight * change).sum();
-                    scratch.direction = direction;
-                }
+                });
+                scratch.by_directions = by_directions;
             }
         }
     }
