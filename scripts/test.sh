@@ -34,19 +34,23 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
+# after what compiles: the FMU's library, which a build script compiles on one core, then is built beside the dependencies
+lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
+
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
-step "lints";               cargo clippy --workspace --all-targets --release --locked -- -D warnings
 if [ $extent = quick ]; then
   step "Rust unit tests";   cargo test --workspace --lib --release --locked
   step "command";           cargo build --release --locked
+  lints
   step "one build in fmpy"; tests -m quick -n 0 "$@"
   exit
 fi
-step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
 # also builds the examples that the Python tests run
 step "Rust tests";          cargo test --workspace --release --locked
 step "command";             cargo build --release --locked   # as the tests had it: nothing is compiled
+lints
+step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
 trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"

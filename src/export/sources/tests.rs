@@ -24,7 +24,7 @@ use std::{
 const FLAGS: [&str; 7] = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"];
 
 /// Undefined behaviour and wrong memory accesses end the program.
-const SANITIZERS: [&str; 3] = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
+const SANITIZERS: [&str; 4] = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
 
 fn compiler() -> Command {
     Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()))
@@ -38,13 +38,13 @@ fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
     }
 }
 
-/// Compiles what the FMU says is to be compiled, and further files.
-fn compile(folder: &Path, surrogate: &Surrogate, version: FmiVersion, arguments: &[&str], target: &str) -> PathBuf {
+/// Compiles files of the sources, and further ones.
+fn compile(folder: &Path, files: &[&str], arguments: &[&str], target: &str) -> PathBuf {
     let target = folder.join(target);
     let sources = folder.join(FOLDER);
     let output = compiler()
         .args(FLAGS)
-        .args(compiled(surrogate, version).iter().map(|name| sources.join(name)))
+        .args(files.iter().map(|name| sources.join(name)))
         .args(arguments)
         .arg("-I")
         .arg(&sources)
@@ -70,7 +70,7 @@ fn fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion, name: &str, bi
 /// The FMU of a surrogate with the library compiled from its sources.
 fn c_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
     write_sources(folder, surrogate, version);
-    let library = compile(folder, surrogate, version, &["-fPIC", "-shared"], "library");
+    let library = compile(folder, &compiled(surrogate, version), &["-fPIC", "-shared"], "library");
     let binary = Binary { platform: Platform::CURRENT, bytes: fs::read(library).unwrap().into() };
     fmu(folder, surrogate, version, "c.fmu", binary)
 }
@@ -81,19 +81,32 @@ fn rust_fmu(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBu
     fmu(folder, surrogate, version, "rust.fmu", binaries.remove(0))
 }
 
-/// Runs a program of the `tests` folder, linked with the sources, and returns what it prints.
-fn run(
-    folder: &Path,
+/// Runs a program of the `tests` folder that calls the functions of FMI, linked with all sources.
+fn run(surrogate: &Surrogate, version: FmiVersion, program: &str) {
+    run_with(surrogate, version, &compiled(surrogate, version), program, &SANITIZERS, "");
+}
+
+/// Runs a program of the `tests` folder that calls the evaluator, linked with what it takes, and returns what it prints.
+fn run_evaluator(surrogate: &Surrogate, program: &str, flags: &[&str], input: &str) -> String {
+    let version = FmiVersion::V2;
+    let mut files = compiled(surrogate, version);
+    files.retain(|name| !["fmi2.c", "instance.c"].contains(name));
+    run_with(surrogate, version, &files, program, flags, input)
+}
+
+fn run_with(
     surrogate: &Surrogate,
     version: FmiVersion,
+    files: &[&str],
     program: &str,
     flags: &[&str],
     input: &str,
 ) -> String {
-    let source = folder.join("program.c");
-    write_sources(folder, surrogate, version);
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("program.c");
+    write_sources(folder.path(), surrogate, version);
     fs::write(&source, program).unwrap();
-    let program = compile(folder, surrogate, version, &[&[source.to_str().unwrap()], flags].concat(), "program");
+    let program = compile(folder.path(), files, &[&[source.to_str().unwrap()], flags].concat(), "program");
     let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(input.as_bytes()).unwrap();
@@ -133,10 +146,9 @@ fn numbers(text: &str) -> Vec<Vec<f64>> {
 
 /// Every result and derivative of the C code, compared with the evaluator. `scales` are those of results and columns.
 fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
-    let folder = tempfile::tempdir().unwrap();
     let points = points(surrogate);
     let input: String = points.iter().flatten().map(|value| format!("{value:e}\n")).collect();
-    let text = run(folder.path(), surrogate, FmiVersion::V2, include_str!("tests/points.c"), flags, &input);
+    let text = run_evaluator(surrogate, include_str!("tests/points.c"), flags, &input);
     let rows = numbers(&text);
     assert_eq!(rows.len(), points.len());
 
@@ -283,8 +295,7 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
             }
         }
     }
-    let folder = tempfile::tempdir().unwrap();
-    let text = run(folder.path(), &surrogate, FmiVersion::V3, include_str!("tests/steps.c"), &["-O2"], &input);
+    let text = run_evaluator(&surrogate, include_str!("tests/steps.c"), &[], &input);
     let found = numbers(&text);
     assert_eq!(found.len(), 807);
     for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
@@ -293,27 +304,30 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
     assert!(expected[800..].iter().any(|row| row[0] == 1.0) && expected[800..].iter().any(|row| row[0] == 2.0));
 }
 
-const KINDS: [(FmiVersion, InterfaceKind); 4] = [
-    (FmiVersion::V2, InterfaceKind::CoSimulation),
-    (FmiVersion::V2, InterfaceKind::ModelExchange),
-    (FmiVersion::V3, InterfaceKind::CoSimulation),
-    (FmiVersion::V3, InterfaceKind::ModelExchange),
-];
+/// A surrogate's FMU with the library of its sources and with the packed one, for each version and interface.
+fn in_c_and_rust(surrogate: &Surrogate) -> Vec<[Fmu; 2]> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pairs = Vec::new();
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let paths = [c_fmu(folder.path(), surrogate, version), rust_fmu(folder.path(), surrogate, version)];
+        for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
+            pairs.push(paths.each_ref().map(|path| Fmu::open_for(path, interface).unwrap()));
+        }
+    }
+    pairs
+}
 
 #[test]
 fn a_whole_run_is_that_of_the_packed_library() {
     let surrogate = seal(example::with_network(&[20, 20], Activation::Tanh)).unwrap();
-    for (version, interface) in KINDS {
-        let folder = tempfile::tempdir().unwrap();
-        let c = Fmu::open_for(c_fmu(folder.path(), &surrogate, version), interface).unwrap();
-        let rust = Fmu::open_for(rust_fmu(folder.path(), &surrogate, version), interface).unwrap();
+    for fmus in in_c_and_rust(&surrogate) {
         // inside the domain, and outside with each policy that goes on
         for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
             let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
             let start_values = start_values.map(|(name, value)| (name.to_owned(), value)).into();
             let options = SimulationOptions { start_values, step: Some(0.013), ..SimulationOptions::default() };
             let [found, expected] =
-                [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
+                fmus.each_ref().map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
             assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
             assert_eq!((found.rows.len(), found.columns.len()), (155, 4));
             for (found, expected) in found.rows.iter().zip(&expected.rows) {
@@ -326,10 +340,7 @@ fn a_whole_run_is_that_of_the_packed_library() {
 #[test]
 fn a_whole_motion_is_that_of_the_packed_library() {
     let surrogate = seal(example::crane()).unwrap();
-    for (version, interface) in KINDS {
-        let folder = tempfile::tempdir().unwrap();
-        let c = Fmu::open_for(c_fmu(folder.path(), &surrogate, version), interface).unwrap();
-        let rust = Fmu::open_for(rust_fmu(folder.path(), &surrogate, version), interface).unwrap();
+    for fmus in in_c_and_rust(&surrogate) {
         for policy in [0.0, 1.0] {
             let start_values = [("rope", 1.3), ("rope.angle_start", 0.8), ("domain_policy", policy)];
             let options = SimulationOptions {
@@ -345,7 +356,7 @@ fn a_whole_motion_is_that_of_the_packed_library() {
                 ..SimulationOptions::default()
             };
             let [found, expected] =
-                [&c, &rust].map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
+                fmus.each_ref().map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
             assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
             assert_eq!((found.rows.len(), found.columns.len()), (155, 11));
             for (found, expected) in found.rows.iter().zip(&expected.rows) {
@@ -480,29 +491,19 @@ fn a_last_layer_that_is_not_linear_has_no_sources() {
 /// A program in C that calls everything: right, wrong, and with null pointers.
 #[test]
 fn the_functions_of_fmi_2_answer_as_the_standard_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let surrogate = seal(example::with_input()).unwrap();
-    let program = include_str!("tests/fmi2_calls.c");
-    run(folder.path(), &surrogate, FmiVersion::V2, program, &SANITIZERS, "");
+    run(&seal(example::with_input()).unwrap(), FmiVersion::V2, include_str!("tests/fmi2_calls.c"));
 }
 
 #[test]
 fn the_functions_of_fmi_3_answer_as_the_standard_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let surrogate = seal(example::with_input()).unwrap();
-    let program = include_str!("tests/fmi3_calls.c");
-    run(folder.path(), &surrogate, FmiVersion::V3, program, &SANITIZERS, "");
+    run(&seal(example::with_input()).unwrap(), FmiVersion::V3, include_str!("tests/fmi3_calls.c"));
 }
 
 #[test]
 fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
     let surrogate = seal(example::crane()).unwrap();
-    for (version, program) in
-        [(FmiVersion::V2, include_str!("tests/fmi2_motion.c")), (FmiVersion::V3, include_str!("tests/fmi3_motion.c"))]
-    {
-        let folder = tempfile::tempdir().unwrap();
-        run(folder.path(), &surrogate, version, program, &SANITIZERS, "");
-    }
+    run(&surrogate, FmiVersion::V2, include_str!("tests/fmi2_motion.c"));
+    run(&surrogate, FmiVersion::V3, include_str!("tests/fmi3_motion.c"));
 }
 
 /// What tests/hosts/strict.c prints with the library of a surrogate, by each version and interface: the outputs at the end.
@@ -551,7 +552,8 @@ fn packed_library(folder: &Path, _: &Surrogate, _: FmiVersion) -> PathBuf {
 
 fn library_of_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) -> PathBuf {
     write_sources(folder, surrogate, version);
-    compile(folder, surrogate, version, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
+    let files = compiled(surrogate, version);
+    compile(folder, &files, &["-fPIC", "-shared"], &format!("of-sources-{version:?}"))
 }
 
 #[test]
