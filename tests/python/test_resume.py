@@ -1,10 +1,11 @@
 """A build that is killed at any moment goes on with --resume and ends in the same bytes."""
 
 import random
+import subprocess
 import time
 
 import pytest
-from conftest import ALL_EPOCHS, ANY, abort_at, changed, kill_after, losses, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, abort_at, changed, kill_after, losses, metafmu
 
 KILLS = 20
 EPOCHS = 8
@@ -98,6 +99,32 @@ def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(stu
         metafmu("build", longer, "--out", folder, "--resume")
         expect_same(folder, tmp_path / "undisturbed")
     assert killed >= KILLS / 2 and went_on >= KILLS / 4, (killed, went_on)
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    """A study of a pendulum with a motor, and the folder of its build."""
+    folder = tmp_path_factory.mktemp("pushed")
+    mechanism = folder / "pendulum.toml"
+    mechanism.write_text((ROOT / "examples" / "dynamics" / "pendulum.toml").read_text())
+    study = folder / "pushed.toml"
+    command = [METAFMU, "new", "pushed", "--mechanism", mechanism, "--structure", "dynamics"]
+    subprocess.run(command, check=True, capture_output=True, cwd=folder)
+    study.write_text(study.read_text().replace("stop = 10.0", "stop = 1.0"))
+    metafmu("build", study, "--out", folder / "undisturbed")
+    return study
+
+
+@pytest.mark.parametrize(
+    "moment",
+    ["replaced train.csv", "replaced test.csv", "complete pushed.safetensors", "replaced training.json", "complete pushed.fmu"],
+)
+def test_a_component_with_states_goes_on_as_well(pushed, tmp_path, moment):
+    abort_at(moment, "build", pushed, "--out", tmp_path)
+    metafmu("build", pushed, "--out", tmp_path, "--resume")
+    for name in ["pushed.fmu", "pushed.safetensors", "train.csv", "test.csv"]:
+        assert (tmp_path / name).read_bytes() == (pushed.parent / "undisturbed" / name).read_bytes(), name
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in (pushed.parent / "undisturbed").iterdir()}
 
 
 def test_a_training_that_is_killed_goes_on_with_train(study, undisturbed, tmp_path):
