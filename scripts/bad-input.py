@@ -64,6 +64,23 @@ theta = {}
 [sampling]
 test_runs = 2
 """
+MOTIONS = """name = "motion"
+structure = "dynamics"
+[source]
+table = "motion.csv"
+[time]
+stop = 5.9
+step = 0.1
+[states]
+x = { rate = "v" }
+[inputs]
+u = { min = -1, max = 1 }
+[outputs]
+x = {}
+[sampling]
+train_stop = 5.0
+"""
+ROWS = "time,x,v,u\n" + "".join(f"{k / 10},{k % 7},{k % 5},{k % 3}\n" for k in range(60))
 
 
 OSCILLATOR = (ROOT / "examples" / "fmu-source" / "van-der-pol" / "modelDescription.xml").read_text()
@@ -109,6 +126,16 @@ def dynamics(*changes, more="", **of_mechanism):
         for old, new in pairs:
             assert old in texts[name], old
             texts[name] = texts[name].replace(old, new, 1)
+    return texts
+
+
+def motions(*changes, rows=("", "")):
+    """A study of motions in a table, some lines changed, and of its table."""
+    texts = {"study.toml": MOTIONS, "motion.csv": ROWS.replace(*rows, 1)}
+    assert rows[0] in ROWS, rows
+    for old, new in changes:
+        assert old in MOTIONS, old
+        texts["study.toml"] = texts["study.toml"].replace(old, new, 1)
     return texts
 
 
@@ -323,6 +350,26 @@ SECTIONS = {
             ('"rope.angle"', '"rod.angle"'), ("force = {", "torque = {"), ("l = {", "length = {"), ("theta = {", "omega = {")
         ),
         "a study and its mechanism": dynamics(("bandwidth = 1.0", "bandwidth = -1"), trolley=[('mass = "m"', 'mass = "m*"')]),
+    },
+    "Tables of motions": {
+        "a row that is not where it is expected": motions(rows=("\n5.0,", "\n5.01,")),
+        "a rate that is not there": motions(('"v"', '"w"')),
+        "a coordinate that is not there": motions(("x = { rate", "y = { rate")),
+        "a rate that is not a number": motions(rows=("\n5.0,1,0", "\n5.0,1,none")),
+        "an output that is no state": motions(("x = {}", "x = {}\nu = {}")),
+        "another unit than the coordinate's": motions(("x = {}", 'x = { unit = "mm" }'), rows=("x", "x [m]")),
+        "too few rows": motions(("train_stop = 5.0", "train_stop = 2.0")),
+        "no rows for the test": motions(("train_stop = 5.0", "train_stop = 6")),
+        "too few runs": motions(("train_stop = 5.0", "test_runs = 3")),
+        "both ways to divide runs": motions(("train_stop = 5.0", "train_stop = 5.0\ntest_runs = 3")),
+        "a rate that is another column": motions(('"v"', '"u"')),
+        "a start": motions(('"v" }', '"v", start = [0, 1], velocity = [0, 1] }')),
+        "a bandwidth": motions(("max = 1 }", "max = 1, bandwidth = 1 }")),
+        "a network": motions(("[sampling]", "[network]\nhidden = [8]\n[sampling]")),
+        "an index": {**motions(("table =", "index =")), "motion.csv": "file\nrun.csv\n", "run.csv": ROWS},
+        "a part of the runs of a mechanism": dynamics(("test_runs = 2", "train_stop = 0.5")),
+        "a rate of a mechanism": dynamics(("max = 5 }", 'max = 5, rate = "v" }')),
+        "no range of a mechanism's coordinate": dynamics(("min = -5, max = 5", "")),
     },
     "Tables": {
         "no file": {"study.toml": RECORDED},

@@ -149,6 +149,7 @@ mod tests {
             test_rows: 100,
             content_digest: String::new(),
             roll_outs: None,
+            seen_until: None,
             verdict: None,
         };
         let models = vec![

@@ -37,6 +37,7 @@ pub enum Command {
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
+  metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
@@ -184,9 +185,9 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism or of an
-    /// FMU for model exchange
-    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with_all = ["system", "table"])]
+    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism, of an
+    /// FMU for model exchange or of a table of motions
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with = "system")]
     #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool

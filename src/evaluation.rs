@@ -77,6 +77,9 @@ pub struct Accuracy {
     /// How errors grow along roll-outs, of a surrogate with states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roll_outs: Option<RollOuts>,
+    /// End of the rows of the test runs that were learned from, in seconds, if runs were divided in time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_until: Option<f64>,
     /// What is thought of it, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
@@ -98,6 +101,7 @@ impl Accuracy {
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
             roll_outs: (!surrogate.states().is_empty()).then(|| RollOuts::of(surrogate, test, predictions)),
+            seen_until: None,
             verdict: None,
         }
     }

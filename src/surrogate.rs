@@ -7,7 +7,7 @@ use crate::{
     files::write_whole,
     layout,
     source::driven::Driven,
-    study::{self, ParameterOptions, StateOptions, Study},
+    study::{self, ParameterOptions, Study},
     variable::Variable,
 };
 use metafmu_runtime::{
@@ -67,10 +67,11 @@ pub fn assemble_with_states(
     let parameters = study.parameters.len();
     // the time is no input
     metadata.inputs.pop();
-    for (input, start) in metadata.inputs[parameters..].iter_mut().zip(driven.start()) {
+    for (state, (input, start)) in metadata.inputs[parameters..].iter_mut().zip(driven.start()).enumerate() {
         input.role = Role::Start;
         input.start = *start;
-        (input.min, input.max) = (input.min.min(*start), input.max.max(*start));
+        let [min, max] = driven.range(state).unwrap_or([*start; 2]);
+        (input.min, input.max) = (input.min.min(min).min(*start), input.max.max(max).max(*start));
     }
     metadata.inputs.extend(driven.drivers().iter().map(|driver| Input {
         name: driver.variable.name.clone(),
@@ -82,8 +83,12 @@ pub fn assemble_with_states(
         start: driver.start,
         encoding: Encoding::Plain,
     }));
-    let limited = study.states.values().zip(is_limited).map(|(options, is_limited)| is_limited.then_some(options));
-    let ranges = limited.chain(study.states.values().map(|_| None));
+    let range = |state: usize| match study.states.get_index(state) {
+        Some((name, options)) => (!options.goes_around(name)).then_some([options.min, options.max]),
+        None => driven.range(state),
+    };
+    let is_limited = is_limited.iter().copied().chain(std::iter::repeat(false));
+    let ranges = is_limited.enumerate().map(|(state, is_limited)| range(state).filter(|_| is_limited));
     let is_output = |name: &str| study.outputs.contains_key(name);
     let own_name = |state: &Variable| match is_output(&state.name) {
         // an FMU's state may be an output as well, which keeps the name
@@ -96,15 +101,15 @@ pub fn assemble_with_states(
     finish(metadata, model)
 }
 
-/// A velocity of a mechanism has no options: it enters exactly, whatever it is.
-fn of_state(Variable { name, unit, description, .. }: Variable, options: Option<&StateOptions>) -> State {
+/// A state with the range in which equations were learned that depend on it. A velocity of a mechanism has none: it enters exactly,
+/// whatever it is.
+fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
     let rate_unit = match (unit.as_str(), unit.strip_suffix("/s"), unit.strip_suffix("/s2")) {
         ("", ..) => "1/s".into(),
         (_, Some(unit), _) => format!("{unit}/s2"),
         (_, _, Some(unit)) => format!("{unit}/s3"),
         _ => format!("{unit}/s"),
     };
-    let range = options.filter(|options| !options.goes_around(&name)).map(|options| [options.min, options.max]);
     let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));
     State { name, unit, rate_unit, description, range, nominal }
 }

@@ -2,6 +2,7 @@
 
 mod dynamics;
 mod fmu;
+mod motions;
 mod table;
 
 use super::{Outcome, print, terminal::control};
@@ -27,6 +28,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         (Some(file), _, _) => of_mechanism(name, file)?,
         (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(name, file)?,
         (None, Some(file), _) => fmu::study(name, file)?,
+        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(name, file, args)?,
         (None, None, Some(file)) => table::study(name, file, args)?,
         (None, None, None) => of_system(name, args.system.as_deref().unwrap_or_default()),
     };

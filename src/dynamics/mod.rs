@@ -9,11 +9,13 @@
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
+pub mod identify;
 mod labels;
 mod least_squares;
 mod outputs;
 mod state_space;
 mod terms;
+pub mod trajectory;
 
 #[cfg(test)]
 mod tests;

@@ -135,11 +135,15 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     let Some(accuracy) = accuracy else {
         return line(page, "<p>The model was not evaluated before this FMU was made.</p>");
     };
-    let Accuracy { outputs, test_runs, test_rows, .. } = accuracy;
+    let Accuracy { outputs, test_runs, test_rows, seen_until, .. } = accuracy;
+    let unseen = match seen_until {
+        Some(stop) => format!(", the rows up to {stop} s of which it was learned from"),
+        None => " that took no part in training".into(),
+    };
     line(
         page,
         &format!(
-            "<p>Measured on {test_runs} runs of the original model ({test_rows} rows) that took no part in training.</p>\n\
+            "<p>Measured on {test_runs} runs of the original model ({test_rows} rows){unseen}.</p>\n\
              <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error, of the range</th><th>Unit</th></tr>"
         ),
     );
@@ -331,6 +335,7 @@ mod tests {
             test_rows: 4020,
             content_digest: String::new(),
             roll_outs: None,
+            seen_until: None,
             verdict: Some(Verdict::of(Vec::new())),
         };
         let figure =

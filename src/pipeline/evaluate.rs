@@ -57,7 +57,11 @@ pub(super) fn stage(
     let verdict = project.judge(surrogate, training, &accuracy, comparison);
     let metrics = Metrics {
         name: project.study.name.clone(),
-        accuracy: Accuracy { verdict: Some(verdict.clone()), ..accuracy },
+        accuracy: Accuracy {
+            verdict: Some(verdict.clone()),
+            seen_until: project.study.sampling.train_stop,
+            ..accuracy
+        },
         train_runs: samples.train_runs + training.added_runs,
         sample_seconds: samples.sample_seconds,
         training: training.clone(),
@@ -71,8 +75,9 @@ pub(super) fn stage(
 
 /// The results as a table for people: errors in the outputs' units.
 pub fn table(project: &Project, metrics: &Metrics) -> String {
-    let Accuracy { outputs, test_runs, test_rows, .. } = &metrics.accuracy;
-    let mut text = format!("{} on {test_runs} unseen runs, {test_rows} rows\n\n", metrics.name);
+    let Accuracy { outputs, test_runs, test_rows, seen_until, .. } = &metrics.accuracy;
+    let runs = seen_until.map_or("unseen runs".into(), |stop| format!("runs, unseen after {stop} s"));
+    let mut text = format!("{} on {test_runs} {runs}, {test_rows} rows\n\n", metrics.name);
     let coverage = project.study.bounds.map(|bounds| 100.0 * bounds.coverage);
     let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
     let header =

@@ -22,6 +22,7 @@ pub mod sample;
 pub mod search;
 pub mod state_space;
 pub mod train;
+pub mod trajectories;
 
 pub use build::{Built, build};
 pub use compare::compare;

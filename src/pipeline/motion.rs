@@ -93,6 +93,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
             solver_error,
         }),
         state_space: None,
+        trajectories: None,
     };
     project.finish(format_args!(
         "learned equations of motion from {rows} configurations in {:.1} s: harmonics up to {}, powers up to {}, {} products, error \

@@ -5,6 +5,7 @@ use super::{
     motion::MotionRecord,
     project::{Project, SamplesRecord},
     train::TrainingRecord,
+    trajectories::TrajectoriesRecord,
 };
 use crate::{
     Error, Result, files,
@@ -107,7 +108,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(Method::Sobol) => "Sobol sequence",
         Some(Method::Halton) => "Halton sequence",
         Some(Method::List) => "list of points",
-        None if study.has_states() => "random starts, parameters and inputs",
+        None if study.has_states() && !study.source.is_recorded() => "random starts, parameters and inputs",
         None => "as recorded",
     };
     let SamplesRecord { train_runs, train_rows, test_runs, test_rows, sample_seconds, .. } = samples;
@@ -121,9 +122,14 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         added_runs,
         motion,
         state_space,
+        trajectories,
         ..
     } = training;
     let how = match (motion, state_space) {
+        (None, None) if trajectories.is_some() => {
+            let how = trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe);
+            format!("{rows} rows, {how}")
+        }
         (None, Some(space)) => format!("{rows} states, {}", space.describe()),
         (None, None) => {
             format!(

@@ -166,6 +166,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         target_met: None,
         motion: None,
         state_space: Some(space_record),
+        trajectories: None,
     };
     project.finish(format_args!(
         "learned the equations from {} states in {:.1} s: {}",

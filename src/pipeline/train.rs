@@ -8,6 +8,7 @@ use super::{
     project::Project,
     rescue, rounds,
     state_space::{self, StateSpaceRecord},
+    trajectories::{self, TrajectoriesRecord},
 };
 use crate::{
     Error, Result, acceptance, calibration,
@@ -58,6 +59,9 @@ pub struct TrainingRecord {
     /// What was learned of the equations of an FMU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_space: Option<StateSpaceRecord>,
+    /// What was learned from the motions of a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trajectories: Option<TrajectoriesRecord>,
 }
 
 impl TrainingRecord {
@@ -68,9 +72,10 @@ impl TrainingRecord {
 
     /// Problems of the training itself, regardless of the accuracy.
     pub fn problems(&self, study: &Study) -> Vec<String> {
-        let Self { epochs, stopped, target_met, motion, state_space, .. } = self;
+        let Self { epochs, stopped, target_met, motion, state_space, trajectories, .. } = self;
         let poor = motion.as_ref().and_then(MotionRecord::problem);
         let poor = poor.or(state_space.as_ref().and_then(StateSpaceRecord::problem));
+        let poor = poor.or(trajectories.as_ref().and_then(TrajectoriesRecord::problem));
         let diverged = *stopped == StopReason::Diverged;
         let diverged = diverged.then(|| format!("the training diverged after {epochs} epochs: {stopped}"));
         let short = study
@@ -122,8 +127,12 @@ pub(super) fn once(
         return Ok(finished);
     }
     if project.study.has_states() {
-        let is_fmu = project.study.source.fmu.is_some();
-        return if is_fmu { state_space::train(project, dataset) } else { motion::train(project, dataset) };
+        let source = &project.study.source;
+        return match (source.fmu.is_some(), source.is_recorded()) {
+            (true, _) => state_space::train(project, dataset),
+            (_, true) => trajectories::train(project, dataset),
+            _ => motion::train(project, dataset),
+        };
     }
     let trained = match project.study.network.structure {
         Structure::Full => train(project, dataset, added, start, resume)?,
@@ -188,6 +197,7 @@ fn train(
         target_met: None,
         motion: None,
         state_space: None,
+        trajectories: None,
     };
     project.finish(format_args!(
         "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",

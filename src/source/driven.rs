@@ -36,6 +36,8 @@ pub struct Driven {
     drivers: Vec<Driver>,
     /// Values of the states at the start as the source has them.
     start: Vec<f64>,
+    /// Of the states of a table, in all of its rows; of others the study has them.
+    ranges: Vec<[f64; 2]>,
     /// Where the equations of motion of a mechanism are learned.
     region: Option<Region>,
     seed: u64,
@@ -151,7 +153,7 @@ impl Driven {
         }
         if problems.is_empty() {
             let states = coordinates_and_velocities(&names);
-            Ok(Self { states, drivers, start, region: Some(region), seed: study.seed })
+            Ok(Self { states, drivers, start, ranges: Vec::new(), region: Some(region), seed: study.seed })
         } else {
             Err(problems)
         }
@@ -166,25 +168,33 @@ impl Driven {
         states: Vec<(Variable, Option<f64>)>,
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
-        let mut problems = Problems::default();
-        let mut drivers = Vec::new();
-        for own in inputs {
-            let options = study.inputs.get(&own.variable.name).cloned().unwrap_or_default();
-            match Driver::new(own, &options, study.time.step) {
-                Ok(driver) => drivers.push(driver),
-                Err(more) => problems.extend(more),
-            }
-        }
-        if !problems.is_empty() {
-            return Err(problems);
-        }
+        let drivers = drivers(study, inputs)?;
         let within = |((_, start), options): (&(Variable, Option<f64>), &StateOptions)| {
             let middle = 0.5 * (options.min + options.max);
             start.filter(|start| (options.min..=options.max).contains(start)).unwrap_or(middle)
         };
         let start = states.iter().zip(study.states.values()).map(within).collect();
         let states = states.into_iter().map(|(state, _)| state).collect();
-        Ok(Self { states, drivers, start, region: None, seed: study.seed })
+        Ok(Self { states, drivers, start, ranges: Vec::new(), region: None, seed: study.seed })
+    }
+
+    /// The coordinates of a table and then their rates, with the values at the start of its first run and their ranges in all rows, and the
+    /// study's inputs.
+    ///
+    /// # Errors
+    /// Every range of an input that is empty, by dotted key.
+    pub fn of_table(
+        study: &Study,
+        states: Vec<Variable>,
+        (start, ranges): (Vec<f64>, Vec<[f64; 2]>),
+        inputs: Vec<OwnInput>,
+    ) -> Result<Self, Problems> {
+        Ok(Self { states, drivers: drivers(study, inputs)?, start, ranges, region: None, seed: study.seed })
+    }
+
+    /// The range of a state in a table.
+    pub fn range(&self, state: usize) -> Option<[f64; 2]> {
+        self.ranges.get(state).copied()
     }
 
     /// What acts on the source, in its order.
@@ -255,6 +265,19 @@ impl Driven {
         let names: Vec<&str> = self.states[..count / 2].iter().map(|state| state.name.as_str()).collect();
         mechanism.simulate_from(values, (&names, [coordinates, velocities]), &signals, times, integration)
     }
+}
+
+/// The study's inputs as a source has them.
+fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<Driver>, Problems> {
+    let (mut problems, mut drivers) = (Problems::default(), Vec::new());
+    for own in inputs {
+        let options = study.inputs.get(&own.variable.name).cloned().unwrap_or_default();
+        match Driver::new(own, &options, study.time.step) {
+            Ok(driver) => drivers.push(driver),
+            Err(more) => problems.extend(more),
+        }
+    }
+    if problems.is_empty() { Ok(drivers) } else { Err(problems) }
 }
 
 fn coordinates_and_velocities(names: &[&str]) -> Vec<Variable> {

@@ -85,7 +85,15 @@ impl Source {
     pub fn inputs(&self) -> &[Variable] {
         match self {
             Self::Simulation(simulation) => simulation.inputs(),
-            Self::Recorded(_) => &[],
+            Self::Recorded(recorded) => recorded.inputs(),
+        }
+    }
+
+    /// How runs start and what drives them, if the study wants states.
+    pub fn driven(&self) -> Option<&driven::Driven> {
+        match self {
+            Self::Simulation(simulation) => simulation.driven(),
+            Self::Recorded(recorded) => recorded.motions().map(recorded::Motions::driven),
         }
     }
 

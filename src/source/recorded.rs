@@ -6,18 +6,23 @@
 //! columns have there, where they are not the study's. How tables are written: see [`crate::table`].
 //!
 //! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
+//!
+//! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`).
 
+mod motions;
 mod runs;
 
 use crate::{
     Error, Result,
-    dataset::Dataset,
+    dataset::{Dataset, Run},
     diagnostics::{KeyProblem, names::did_you_mean},
+    dynamics::trajectory::Trajectory,
     sampling::{self, Sets, Stream},
     study::{ParameterOptions, Study, read_value},
     table::{Table, runs::check_constants},
     variable::Variable,
 };
+pub use motions::Motions;
 use runs::{Current, Runs};
 use std::{
     path::{Path, PathBuf},
@@ -38,6 +43,9 @@ pub struct Recorded {
     test_runs: usize,
     calibration_runs: usize,
     seed: u64,
+    /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
+    is_motion: bool,
+    motions: Option<Motions>,
 }
 
 /// What columns are called in the tables.
@@ -58,13 +66,14 @@ impl Recorded {
     /// has not what it must have.
     pub fn new(study: &Study) -> Result<Self> {
         let columns = &study.source.columns;
-        let is_known = |name: &String| {
-            let own = ["run", "time", "file"].contains(&name.as_str());
-            own || study.parameters.contains_key(name) || study.outputs.contains_key(name)
-        };
+        let rates = study.states.values().filter_map(|state| state.rate.as_ref());
+        let states: Vec<&String> = study.states.keys().chain(rates).chain(study.inputs.keys()).collect();
+        let known =
+            || study.parameters.keys().chain(study.outputs.keys()).chain(states.iter().copied()).map(String::as_str);
+        let own = ["run", "time", "file"];
+        let is_known = |name: &String| own.contains(&name.as_str()) || known().any(|known| known == name);
         let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
-            let known = study.parameters.keys().chain(study.outputs.keys()).map(String::as_str);
-            let suggestion = did_you_mean(name, known.chain(["run", "time", "file"]));
+            let suggestion = did_you_mean(name, known().chain(own));
             let message =
                 format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`{suggestion}");
             KeyProblem { key: format!("source.columns.{name}"), message }
@@ -90,11 +99,17 @@ impl Recorded {
             test_runs: study.sampling.test_runs,
             calibration_runs: study.calibration_runs(),
             seed: study.seed,
+            is_motion: false,
+            motions: None,
         };
         let mut table = Table::open(&recorded.path)?;
         for ((name, options), column) in study.parameters.iter().zip(&recorded.names.parameters) {
             let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
             recorded.parameters.push(resolve(&table, column, name, unit, text)?);
+        }
+        // without states, which is said elsewhere, there is nothing to read
+        if study.has_states() && !study.states.is_empty() {
+            return recorded.with_motions(study);
         }
         if recorded.is_index {
             table.column(&recorded.names.file)?;
@@ -120,11 +135,29 @@ impl Recorded {
         &self.outputs
     }
 
+    /// The motions, of a study with states.
+    pub fn motions(&self) -> Option<&Motions> {
+        self.motions.as_ref()
+    }
+
+    /// What drives the runs.
+    pub fn inputs(&self) -> &[Variable] {
+        self.motions.as_ref().map_or(&[], Motions::inputs)
+    }
+
+    /// The motions from which equations are learned: the training runs, or the first part of every run.
+    pub fn learned(&self) -> Vec<Trajectory> {
+        self.motions.as_ref().map_or(Vec::new(), Motions::learned)
+    }
+
     /// Reads all runs and chooses those for the tests and for error bounds at random; each set is in the table's order.
     ///
     /// # Errors
     /// [`Error::Table`] with file and line of the mistake, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
     pub fn sample(&self, stop: &AtomicBool) -> Result<Sets<Dataset>> {
+        if let Some(motions) = &self.motions {
+            return motions.sets(self);
+        }
         let mut runs = Runs::new(self, stop);
         let mut table = Table::open(&self.path)?;
         if self.is_index {
@@ -132,31 +165,32 @@ impl Recorded {
         } else {
             self.read_long(&mut table, &mut runs)?
         }
-        let count = runs.finished.len();
+        let chosen = self.choose(runs.finished.len()).map_err(|message| table.mistake(&message))?;
+        let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
+        chosen.try_map(|chosen| {
+            let runs = chosen.into_iter().filter_map(|run| runs[run].take()).collect();
+            Ok(Dataset { inputs: Vec::new(), parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
+        })
+    }
+
+    /// The numbers of the runs of each set, in their order.
+    fn choose(&self, count: usize) -> std::result::Result<Sets<Vec<usize>>, String> {
         let Self { test_runs, calibration_runs, .. } = *self;
-        if count < test_runs + calibration_runs + 2 {
-            let least = test_runs + calibration_runs + 2;
+        let to_train = if self.is_motion { 1 } else { 2 };
+        if count < test_runs + calibration_runs + to_train {
+            let least = test_runs + calibration_runs + to_train;
             let bounds = if calibration_runs == 0 { String::new() } else { format!(", {calibration_runs} for bounds") };
-            let expected = format!("expected at least {least}: {test_runs} for the tests{bounds}, 2 to train");
-            return Err(table.mistake(&format!("{count} runs, {expected}")));
+            let part = if self.is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
+            let expected =
+                format!("expected at least {least}: {test_runs} for the tests{bounds}, {to_train} to train{part}");
+            return Err(format!("{count} runs, {expected}"));
         }
         let order = sampling::permutation(count, sampling::random(self.seed, Stream::Test));
         let mut places = vec![0; count];
         order.iter().enumerate().for_each(|(place, &run)| places[run] = place);
-        let mut sets = Sets { train: Vec::new(), test: Vec::new(), calibration: Vec::new() };
-        for (run, place) in runs.finished.into_iter().zip(places) {
-            let set = if place < test_runs {
-                &mut sets.test
-            } else if place < test_runs + calibration_runs {
-                &mut sets.calibration
-            } else {
-                &mut sets.train
-            };
-            set.push(run);
-        }
-        sets.try_map(|runs| {
-            Ok(Dataset { inputs: Vec::new(), parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
-        })
+        let within = |range: std::ops::Range<usize>| (0..count).filter(|run| range.contains(&places[*run])).collect();
+        let (tests, bounds) = (test_runs, test_runs + calibration_runs);
+        Ok(Sets { train: within(bounds..count), test: within(0..tests), calibration: within(tests..bounds) })
     }
 
     fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {

@@ -68,6 +68,8 @@ struct Plan<'a> {
     points: Option<&'a [Vec<f64>]>,
     faces: Option<f64>,
     test_runs: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train_stop: Option<f64>,
 }
 
 /// What decides the surrogate.
@@ -154,8 +156,8 @@ fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
 }
 
 fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> Plan<'a> {
-    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs } = options;
-    Plan { method, levels, runs, points: study.points(), faces, test_runs }
+    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, train_stop } = options;
+    Plan { method, levels, runs, points: study.points(), faces, test_runs, train_stop }
 }
 
 /// [`Study::digest`].

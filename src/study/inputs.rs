@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("examples" = [{"min": -10.0, "max": 10.0, "bandwidth": 1.0}]))]
 pub struct InputOptions {
-    /// Smallest value; the source's unless given.
+    /// Smallest value; the source's unless given, of a table the smallest one there.
     #[schemars(extend("x-unit" = "the input's"))]
     pub min: Option<f64>,
-    /// Largest value; the source's unless given.
+    /// Largest value; the source's unless given, of a table the largest one there.
     #[schemars(extend("x-unit" = "the input's"))]
     pub max: Option<f64>,
     /// Value before a host sets one; the source's unless given.
@@ -91,6 +91,11 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         let key = format!("inputs.{name}");
         if study.parameters.contains_key(name) || study.outputs.contains_key(name) {
             problems.add(&key, format!("`{name}` is a parameter or output already: names of variables must be unique"));
+        }
+        if study.source.is_recorded() {
+            let message = "belongs to sources that are simulated: recorded inputs are what they are";
+            problems.expect_absent(input.bandwidth.is_some(), format!("{key}.bandwidth"), message);
+            problems.expect_absent(input.excitation.is_some(), format!("{key}.excitation"), message);
         }
         let nyquist = 0.5 / study.time.step;
         if let Some(bandwidth) = input.bandwidth.filter(|bandwidth| *bandwidth > nyquist) {

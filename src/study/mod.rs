@@ -257,6 +257,7 @@ impl Draft {
         let mut is_complete = damaged.is_empty();
         if !source {
             names_are_known &= study.load_source(&mut found, &mut problems);
+            names_are_known &= is_damaged("states") || study.load_ranges(&mut found);
             is_complete &= names_are_known;
         }
         if !sampling {
@@ -374,6 +375,27 @@ impl Study {
         false
     }
 
+    /// Takes ranges of states that are not given from the study's table. False if that failed.
+    fn load_ranges(&mut self, found: &mut Problems) -> bool {
+        let Some(file) = self.source.table.as_ref().filter(|_| self.has_states() && self.source_files.is_some()) else {
+            return true;
+        };
+        let (path, stop) = (self.beside(file), self.sampling.train_stop.unwrap_or(self.time.stop));
+        let completed = Table::open(&path)
+            .and_then(|mut table| states::complete(&mut self.states, &self.source.columns, stop, &mut table));
+        match completed {
+            Ok(()) => {
+                found.extend(states::problems(self));
+                self.starts = states::starts(self);
+                true
+            }
+            Err(error) => {
+                found.add("source.table", error.to_string());
+                false
+            }
+        }
+    }
+
     /// Reads the points of a list. False if that failed.
     fn load_points(&mut self, found: &mut Problems) -> bool {
         // a motion has no method, which is said elsewhere
@@ -464,7 +486,7 @@ impl Study {
         problems.extend(self.source.problems());
         problems.add_section("time", self.time.problems());
         problems.extend(parameters::problems(&self.parameters, self.structure));
-        problems.extend(states::problems(&self.states));
+        problems.extend(states::problems(self));
         problems.extend(inputs::problems(&self.inputs));
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));

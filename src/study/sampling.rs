@@ -34,6 +34,10 @@ pub struct SamplingOptions {
     #[serde(default = "default_test_runs")]
     #[schemars(range(min = 1, max = MAX_RUNS))]
     pub test_runs: usize,
+    /// Of the structure "dynamics" of a table: the equations are learned from the rows of all runs up to this time, and all runs are test
+    /// runs to their end. For tables of one run or few; there are no `test_runs` then.
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
+    pub train_stop: Option<f64>,
 }
 
 impl Default for SamplingOptions {
@@ -46,6 +50,7 @@ impl Default for SamplingOptions {
             file: None,
             faces: None,
             test_runs: default_test_runs(),
+            train_stop: None,
         }
     }
 }
@@ -75,8 +80,13 @@ pub enum Method {
 impl SamplingOptions {
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
-        let Self { method, levels, runs, states, file, faces, test_runs } = self;
+        let Self { method, levels, runs, states, file, faces, test_runs, train_stop } = self;
         let mut problems = Problems::default();
+        if let Some(stop) = train_stop {
+            problems.expect_positive("sampling.train_stop", *stop);
+            let message = "with `train_stop` every run is a test run: expected no `test_runs`";
+            problems.expect_absent(*test_runs != default_test_runs(), "sampling.test_runs", message);
+        }
         if let Some(states) = states {
             let expected = format!("a number from 100 to {MAX_RUNS}");
             problems.expect((100..=MAX_RUNS).contains(states), "sampling.states", states, &expected);
@@ -109,11 +119,24 @@ impl SamplingOptions {
 
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
-        let Self { method, levels, runs, states, file, faces, .. } = self;
+        let Self { method, levels, runs, states, file, faces, train_stop, .. } = self;
         let mut problems = Problems::default();
         let is_asked = study.has_states() && study.source.fmu.is_some();
         let message = "belongs to the structure \"dynamics\" of an FMU";
         problems.expect_absent(states.is_some() && !is_asked, "sampling.states", message);
+        let message = "belongs to the structure \"dynamics\" of a table";
+        problems.expect_absent(
+            train_stop.is_some() && !(study.has_states() && study.source.is_recorded()),
+            "sampling.train_stop",
+            message,
+        );
+        if let Some(train_stop) = train_stop.filter(|train_stop| *train_stop >= study.time.stop) {
+            let message = format!(
+                "{train_stop} s, expected less than `time.stop`, {} s: the rows after it are for tests",
+                study.time.stop
+            );
+            problems.add("sampling.train_stop", message);
+        }
         if study.source.is_recorded() {
             let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {

@@ -122,9 +122,9 @@ impl SourceOptions {
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        if study.has_states() && self.count() == 1 && self.mechanism.is_none() && self.fmu.is_none() {
-            let message =
-                "the structure \"dynamics\" is learned from a mechanism or an FMU, expected `mechanism` or `fmu`";
+        if study.has_states() && self.count() == 1 && (self.system.is_some() || self.index.is_some()) {
+            let message = "the structure \"dynamics\" is learned from a mechanism, an FMU or one table of all runs, expected `mechanism`, `fmu` \
+                           or `table`";
             problems.add("source", message);
         }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };

@@ -1,7 +1,7 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
-use super::{NetworkOptions, ParameterOptions, Study, StudyStructure, TrainingOptions};
-use crate::diagnostics::Problems;
+use super::{NetworkOptions, ParameterOptions, Study, StudyStructure, TrainingOptions, outputs::check_variable_name};
+use crate::{Result, diagnostics::Problems, table::Table};
 use indexmap::IndexMap;
 use metafmu_baselines::Baselines;
 use metafmu_runtime::{Precision, State};
@@ -14,15 +14,17 @@ use toml::{
 };
 
 /// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity; of an FMU a continuous
-/// state, by its name.
+/// state, by its name; of a table the column of a generalized coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
 pub struct StateOptions {
-    /// Lower end of the range in which the equations are learned.
+    /// Lower end of the range in which the equations are learned; of a table its smallest value unless given.
+    #[serde(default = "not_given", skip_serializing_if = "is_not_given")]
     #[schemars(extend("x-unit" = "rad or m"))]
     pub min: f64,
-    /// Upper end; of an angle that goes around, a turn above `min`.
+    /// Upper end; of an angle that goes around, a turn above `min`; of a table its largest value unless given.
+    #[serde(default = "not_given", skip_serializing_if = "is_not_given")]
     #[schemars(extend("x-unit" = "rad or m"))]
     pub max: f64,
     /// Where runs start that the surrogate is tested with; the middle fifth of the range unless given.
@@ -31,9 +33,23 @@ pub struct StateOptions {
     /// Of a mechanism: the velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
-    /// Of an FMU: whether the state is an angle in rad, and the equations are the same a turn later; the range then is a turn.
+    /// Of an FMU or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU the range then is a
+    /// turn; of a table an angle is not wound back into a turn, and has no range.
     #[serde(default)]
     pub periodic: bool,
+    /// Of a table: the column of the coordinate's derivative with respect to time. Without it the derivative is found by differences and
+    /// called `NAME_rate`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<String>,
+}
+
+/// A range that the study does not give.
+fn not_given() -> f64 {
+    f64::NAN
+}
+
+fn is_not_given(end: &f64) -> bool {
+    end.is_nan()
 }
 
 /// What an independent coordinate may be, and its velocity.
@@ -57,6 +73,11 @@ impl StateOptions {
         self.periodic || is_angle(name) && self.max - self.min > TAU - 1e-6
     }
 
+    /// The name of the derivative of a coordinate of a table.
+    pub fn rate_name(&self, name: &str) -> String {
+        self.rate.clone().unwrap_or_else(|| format!("{name}_rate"))
+    }
+
     fn start(&self) -> [f64; 2] {
         let (middle, tenth) = (0.5 * (self.min + self.max), 0.1 * (self.max - self.min));
         self.start.unwrap_or([middle - tenth, middle + tenth])
@@ -70,10 +91,44 @@ pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
     let states = &study.states;
     let own = states.iter().map(|(name, state)| range(name, state.start()));
     // those of an FMU are states by themselves
-    let of_mechanism = states.iter().filter(|_| study.source.fmu.is_none());
-    let velocities = of_mechanism
-        .map(|(name, state)| range(&velocity_name(name).unwrap_or_default(), state.velocity.unwrap_or_default()));
+    let coordinates = states.iter().filter(|_| study.source.fmu.is_none());
+    let velocities = coordinates.map(|(name, state)| {
+        let velocity = match study.source.is_recorded() {
+            true => state.rate_name(name),
+            false => velocity_name(name).unwrap_or_default(),
+        };
+        range(&velocity, state.velocity.unwrap_or_default())
+    });
     own.chain(velocities).collect()
+}
+
+/// Takes the ranges that the study does not give from its table: the values of each coordinate in all rows. An angle has none, since every
+/// number is a good value of it. Rows after `stop` are not looked at.
+///
+/// # Errors
+/// [`Error::Table`](crate::Error::Table) with the column that is missing, or the line of a value that is no number.
+pub(super) fn complete(
+    states: &mut IndexMap<String, StateOptions>,
+    columns: &IndexMap<String, String>,
+    stop: f64,
+    table: &mut Table,
+) -> Result<()> {
+    let position = |name: &str| table.column(columns.get(name).map_or(name, String::as_str));
+    let (time, positions) = (position("time")?, states.keys().map(|name| position(name)));
+    let positions = positions.collect::<Result<Vec<usize>>>()?;
+    let mut found = vec![[f64::INFINITY, f64::NEG_INFINITY]; positions.len()];
+    while table.next_row()? {
+        let is_learned = table.number(time)? <= stop * (1.0 + 1e-9);
+        for (position, [min, max]) in positions.iter().zip(&mut found).filter(|_| is_learned) {
+            let value = table.number(*position)?;
+            (*min, *max) = (min.min(value), max.max(value));
+        }
+    }
+    for (state, [min, max]) in states.values_mut().zip(found) {
+        state.min = if state.min.is_nan() { min } else { state.min };
+        state.max = if state.max.is_nan() { max } else { state.max };
+    }
+    Ok(())
 }
 
 /// Makes names of the dotted keys of `[states]`: `rail.position = { ... }` is `"rail.position" = { ... }`, as it is in a mechanism file.
@@ -103,15 +158,23 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 }
 
 /// Every mistake in `[states]`, by dotted key.
-pub(super) fn problems(states: &IndexMap<String, StateOptions>) -> Problems {
+pub(super) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
-    for (name, StateOptions { min, max, start, velocity, periodic }) in states {
+    let of_table = study.source.is_recorded();
+    for (name, StateOptions { min, max, start, velocity, periodic, rate: _ }) in &study.states {
         let key = format!("states.{name}");
+        if of_table && (min.is_nan() || max.is_nan()) {
+            continue;
+        }
+        if min.is_nan() || max.is_nan() {
+            problems.add(&key, "expected `min` and `max`: the range in which the equations are learned");
+            continue;
+        }
         if !(min.is_finite() && max.is_finite() && min < max) {
             problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
             continue;
         }
-        if *periodic && (max - min - TAU).abs() > 1e-6 {
+        if *periodic && !of_table && (max - min - TAU).abs() > 1e-6 {
             problems.add(format!("{key}.periodic"), format!("the range from {min} to {max} is not a turn of 2 pi"));
         }
         for (field, range) in [("start", start), ("velocity", velocity)] {
@@ -146,10 +209,18 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         };
         problems.add("states", format!("no state, expected {expected}"));
     }
-    let is_fmu = study.source.fmu.is_some();
+    let (is_fmu, of_table) = (study.source.fmu.is_some(), study.source.is_recorded());
     for (name, state) in states {
         let key = format!("states.{name}");
-        if is_fmu {
+        let message = "belongs to tables: the source knows the derivatives of its states";
+        problems.expect_absent(state.rate.is_some() && !of_table, format!("{key}.rate"), message);
+        if of_table {
+            let message = "belongs to sources that are simulated: recorded runs start where they start";
+            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
+            problems.expect_absent(state.start.is_some(), format!("{key}.start"), message);
+            check_variable_name(&mut problems, &key, name);
+            check_variable_name(&mut problems, &format!("{key}.rate"), &state.rate_name(name));
+        } else if is_fmu {
             let message = "belongs to mechanisms: every state of an FMU has a range of its own";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
         } else if velocity_name(name).is_none() {
@@ -164,7 +235,12 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
     let of_network = "belongs to the structure \"response\"";
-    if !is_fmu {
+    if of_table {
+        let message = "equations of a table's motions are learned by least squares";
+        problems.expect_absent(study.network != NetworkOptions::default(), "network", message);
+        problems.expect_absent(study.training != TrainingOptions::default(), "training", message);
+        problems.extend(duplicates(study));
+    } else if !is_fmu {
         problems.expect_absent(study.network != NetworkOptions::default(), "network", of_network);
         problems.expect_absent(study.training != TrainingOptions::default(), "training", of_network);
     }
@@ -175,5 +251,27 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);
     let is_single = study.export.precision == Precision::Single;
     problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks");
+    problems
+}
+
+/// Columns of a table that are given two meanings. Outputs are states.
+fn duplicates(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    let mut before: Vec<String> = study.parameters.keys().chain(study.inputs.keys()).cloned().collect();
+    for (name, state) in &study.states {
+        for (key, name) in
+            [(format!("states.{name}"), name.clone()), (format!("states.{name}.rate"), state.rate_name(name))]
+        {
+            if before.contains(&name) {
+                problems.add(
+                    key,
+                    format!(
+                        "`{name}` is another state, a parameter or an input already: names of variables must be unique"
+                    ),
+                );
+            }
+            before.push(name);
+        }
+    }
     problems
 }

@@ -26,33 +26,41 @@ const TIMES: [&str; 12] = [
 const COUNTED: usize = 3;
 
 /// What is known of a column.
-struct Column {
+pub(super) struct Column {
     /// Name in the table.
-    title: String,
+    pub(super) title: String,
     /// Name in the study.
-    name: String,
-    unit: String,
-    min: f64,
-    max: f64,
+    pub(super) name: String,
+    pub(super) unit: String,
+    pub(super) min: f64,
+    pub(super) max: f64,
     /// Value in the current run's first row.
     first: f64,
     /// Whether it has one value in every run.
-    is_constant_in_runs: bool,
+    pub(super) is_constant_in_runs: bool,
     /// Whether its values in the runs are 0, 1, 2, ... or 1, 2, 3, ...
     counts_runs: bool,
     /// Whether it begins with something else than a number.
-    is_text: bool,
+    pub(super) is_text: bool,
 }
 
 /// Runs as they pass by.
 #[derive(Default)]
-struct Runs {
-    count: usize,
+pub(super) struct Runs {
+    pub(super) count: usize,
     label: String,
     last_time: f64,
     /// End of the shortest run, and the first step of the first run.
-    stop: f64,
-    step: f64,
+    pub(super) stop: f64,
+    pub(super) step: f64,
+}
+
+/// What a table has, its time and its label of runs by their names there.
+pub(super) struct Survey {
+    pub(super) time: String,
+    pub(super) label: Option<String>,
+    pub(super) runs: Runs,
+    pub(super) columns: Vec<Column>,
 }
 
 /// What the columns are for.
@@ -66,6 +74,24 @@ struct Roles<'a> {
 }
 
 pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
+    let Survey { time, label, runs, columns } = survey(file, args)?;
+    let roles = roles(&time, label.as_deref(), &runs, &columns);
+    let problem = match (roles.varied.is_empty(), roles.outputs.is_empty()) {
+        (true, _) => "no column has one value in each run and others in other runs: there is no parameter",
+        (_, true) => "no column changes in a run: there is no output",
+        _ => "",
+    };
+    if !problem.is_empty() {
+        return Err(Table::open(file)?.mistake_in_header(problem));
+    }
+    for (Column { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
+        say(format_args!("column `{title}`: {why}"));
+    }
+    Ok(text(name, file, &runs, &roles))
+}
+
+/// Reads a table.
+pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
     let mut table = Table::open(file)?;
     let time = time_column(&table, args.time.as_deref())?;
     let label = match &args.run {
@@ -76,19 +102,8 @@ pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
     let positions: Vec<usize> = (0..titles.len()).filter(|&index| index != time && Some(index) != label).collect();
     let mut columns = named(&table, &positions);
     let runs = read(&mut table, time, label, &positions, &mut columns)?;
-    let roles = roles(&titles[time], label.map(|label| titles[label].as_str()), &runs, &columns);
-    let problem = match (roles.varied.is_empty(), roles.outputs.is_empty()) {
-        (true, _) => "no column has one value in each run and others in other runs: there is no parameter",
-        (_, true) => "no column changes in a run: there is no output",
-        _ => "",
-    };
-    if !problem.is_empty() {
-        return Err(table.mistake_in_header(problem));
-    }
-    for (Column { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
-        say(format_args!("column `{title}`: {why}"));
-    }
-    Ok(text(name, file, &runs, &roles))
+    let label = label.map(|label| titles[label].clone());
+    Ok(Survey { time: titles[time].clone(), label, runs, columns })
 }
 
 /// Position of a column by its name, with its unit or without.

@@ -24,12 +24,21 @@ pub fn summary(material: &Material) -> Section {
             let from =
                 format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len());
             let of_states = matches!(evaluated.surrogate.model(), Model::StateSpace(_));
-            (from, if of_states { "states" } else { "configurations" })
+            let learned = match (material.study.source.is_recorded(), of_states) {
+                (true, _) => "rows",
+                (_, true) => "states",
+                _ => "configurations",
+            };
+            (from, learned)
         }
+    };
+    let unseen = match material.study.sampling.train_stop {
+        Some(stop) => format!("of which those up to {stop} s were learned from"),
+        None => "that took no part in training".into(),
     };
     blocks.push(paragraph(&format!(
         "{} {} outputs from {from}. It was trained on {} {learned}. Everything below was measured on {test_runs} runs of the \
-         original model, {test_rows} rows, that took no part in training.",
+         original model, {test_rows} rows, {unseen}.",
         network(material),
         outputs.len(),
         metadata.provenance.train_rows,

@@ -42,6 +42,9 @@ pub(super) struct Current {
     last: Option<f64>,
 }
 
+/// Part of the time between two rows of a motion by which it may differ from that of the run's first two.
+const UNIFORM: f64 = 1e-6;
+
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
         let (labels, points) = (Labels::default(), HashMap::new());
@@ -56,7 +59,7 @@ impl<'a> Runs<'a> {
         self.labels.begin(table, &label)?;
         // zeros of both signs are one point
         let point = parameters.iter().map(|value| (value + 0.0).to_bits()).collect();
-        if let Some(before) = self.points.insert(point, table.place()) {
+        if let Some(before) = self.points.insert(point, table.place()).filter(|_| !self.recorded.is_motion) {
             let names = &self.recorded.names.parameters;
             let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {value}")));
             let message = format!("a second run with {values}, the first is in {before}: runs must differ");
@@ -77,6 +80,13 @@ impl<'a> Runs<'a> {
             }
             None => {}
             Some(last) => check_time(table, &current.label, last, t)?,
+        }
+        if self.recorded.is_motion
+            && let ([first, second, ..], Some(last)) = (current.times.as_slice(), current.last)
+            && ((t - last) - (second - first)).abs() > UNIFORM * (second - first)
+        {
+            let expected = format!("expected {} s: rows are to be equally far apart in time", last + second - first);
+            return Err(table.mistake(&format!("time {t} s after {last} s in {}, {expected}", named(&current.label))));
         }
         current.last = Some(t);
         for &column in outputs {

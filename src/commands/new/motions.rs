@@ -1,0 +1,153 @@
+//! A study of motions in a table.
+
+use super::{
+    key, quoted,
+    table::{Column, Survey, survey},
+};
+use crate::{cli::NewArgs, commands::say};
+use metafmu::{Result, dynamics::trajectory::differences, table::Table};
+use std::{fmt::Write, path::Path};
+
+/// Largest root mean square difference between a column and the differences of another one, relative to its values, if it is its rate.
+const RATE: f64 = 0.05;
+
+/// Share of every run from which equations are learned where there are few runs.
+const LEARNED: f64 = 0.75;
+
+/// Fewest runs some of which are left to the tests as a whole.
+const ENOUGH: usize = 10;
+
+/// A study of all columns that change: those whose differences another column has are coordinates; without any all are.
+pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
+    let Survey { time, label, runs, columns } = survey(file, args)?;
+    let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
+    let moving: Vec<&Column> = numbers().filter(|column| !column.is_constant_in_runs).collect();
+    let label = label.as_deref();
+    let parameters: Vec<&Column> = numbers().filter(|column| column.is_constant_in_runs).collect();
+    if moving.is_empty() {
+        return Err(Table::open(file)?.mistake_in_header("no column changes in a run: there is no coordinate"));
+    }
+    let rates = rates(file, &time, &moving, runs.step)?;
+    let mut states: Vec<(&Column, Option<&Column>)> = Vec::new();
+    let mut inputs = Vec::new();
+    for (index, column) in moving.iter().enumerate() {
+        match rates[index] {
+            Some(rate) => states.push((column, Some(moving[rate]))),
+            None if rates.contains(&Some(index)) => {}
+            None => inputs.push(*column),
+        }
+    }
+    if states.is_empty() {
+        states = inputs.drain(..).map(|column| (column, None)).collect();
+        say(format_args!(
+            "no column is the rate of another one: all that change are taken for coordinates, and rates come from differences"
+        ));
+    }
+    for Column { title, .. } in &inputs {
+        say(format_args!("column `{title}`: is no rate and has none: taken for an input"));
+    }
+    let shown = || states.iter().flat_map(|(column, rate)| [Some(*column), *rate]).flatten();
+    let renamed = shown().chain(inputs.iter().copied()).chain(parameters.iter().copied());
+    let renamed = renamed
+        .filter(|column| column.name != column.title)
+        .map(|column| (column.name.as_str(), column.title.as_str()));
+    let own = [("time", Some(time.as_str())), ("run", label)];
+    let own = own.into_iter().filter_map(|(name, title)| Some((name, title.filter(|title| *title != name)?)));
+    let names: Vec<String> =
+        own.chain(renamed).map(|(name, title)| format!("{} = {}", key(name), quoted(title))).collect();
+    let names = if names.is_empty() {
+        String::new()
+    } else {
+        format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
+    };
+    let (stop, rows) = (runs.stop, (runs.stop / runs.step).round().max(1.0));
+    let file = file.display().to_string();
+    let mut text = format!(
+        "# Made by `metafmu new {name} --table {file} --structure dynamics`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+seed = 1                    # everything random follows from it
+structure = \"dynamics\"      # the FMU has states, and inputs drive it
+
+[source]
+table = {}    # {} runs, whose rows are equally far apart in time; relative to this file
+{names}
+[time]                      # runs begin at 0 and are cut off at `stop`, where the shortest ends
+stop = {stop:?}                  # s
+step = {:?}                 # s
+
+[states]                    # coordinates; `rate` is the column of the derivative, which is found by differences otherwise;
+                            # `periodic`: an angle, the equations are the same a turn later
+",
+        quoted(&file),
+        runs.count,
+        stop / rows,
+    );
+    // writing to a string does not fail
+    for (column, rate) in &states {
+        let periodic = (column.unit == "rad").then(|| "periodic = true".to_owned());
+        let rate = rate.map(|rate| format!("rate = {}", quoted(&rate.name)));
+        let options: Vec<String> = periodic.into_iter().chain(rate).collect();
+        let _ = writeln!(text, "{} = {{ {} }}", key(&column.name), options.join(", "));
+    }
+    for (title, columns) in [("inputs", &inputs), ("parameters", &parameters)] {
+        if !columns.is_empty() {
+            let _ = writeln!(text, "\n[{title}]");
+        }
+        for Column { name, min, max, .. } in columns {
+            let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?} }}", key(name));
+        }
+    }
+    text += "\n[outputs]                   # coordinates and rates\n";
+    for column in shown() {
+        let _ = writeln!(text, "{} = {{}}", key(&column.name));
+    }
+    text += "\n[sampling]\n";
+    let _ = match runs.count {
+        ENOUGH.. => {
+            writeln!(text, "test_runs = {}               # chosen at random, never part of training", runs.count / 5)
+        }
+        _ => writeln!(
+            text,
+            "train_stop = {:?}           # s; all runs are tests as a whole, and rows after it are seen there only",
+            LEARNED * stop
+        ),
+    };
+    Ok(text)
+}
+
+/// Of each column the one that has its derivative, by the differences in the first run.
+fn rates(file: &Path, time: &str, columns: &[&Column], step: f64) -> Result<Vec<Option<usize>>> {
+    let mut table = Table::open(file)?;
+    let positions: Vec<usize> = columns.iter().map(|column| table.column(&column.title)).collect::<Result<_>>()?;
+    let time = table.column(time)?;
+    let (mut values, mut rows, mut last): (Vec<f64>, usize, f64) = (Vec::new(), 0, f64::NEG_INFINITY);
+    while rows < ROWS && table.next_row()? {
+        let now = table.number(time)?;
+        if now <= last {
+            break;
+        }
+        last = now;
+        for position in &positions {
+            values.push(table.number(*position)?);
+        }
+        rows += 1;
+    }
+    let n = columns.len();
+    let size = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>().sqrt();
+    let of = |column: usize| {
+        let found = differences(&values, n, column, step);
+        let error = |other: &usize| {
+            let given = || values.iter().skip(*other).step_by(n).copied();
+            size(&mut given().zip(&found).map(|(given, found)| given - found)) / size(&mut given())
+        };
+        (0..n)
+            .filter(|other| *other != column)
+            .min_by(|a, b| error(a).total_cmp(&error(b)))
+            .filter(|other| error(other) < RATE)
+    };
+    Ok((0..n).map(of).collect())
+}
+
+/// Rows that are looked at.
+const ROWS: usize = 1000;

@@ -1,0 +1,261 @@
+//! Learns equations of motion from the motions of a table.
+
+use super::{motion::choose_step, project::Project, rescue, state_space::Candidate, train::TrainingRecord};
+use crate::{
+    Error, Result,
+    dataset::Dataset,
+    dynamics::{
+        identify::{Identified, Law, fit_accelerations, fit_motion},
+        trajectory::Trajectory,
+    },
+    files,
+    source::{Source, driven::Driven},
+    study::Study,
+    surrogate,
+    training::{StopReason, write_history},
+};
+use metafmu_runtime::{
+    FormatError, Given, Model, Motion, Shown, StateSpace, Surrogate,
+    dictionary::{Dictionary, Factor},
+};
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// What was learned from the motions of a table.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TrajectoriesRecord {
+    /// Errors of roll-outs of the candidates that were tried, along stretches that were held out. The best is exported.
+    pub candidates: Vec<Candidate>,
+    /// The name of the best.
+    pub exported: String,
+    /// Highest harmonic of the angles.
+    pub harmonics: usize,
+    /// Highest power of the other columns; of equations of motion in the mass matrix, and the potential has two more.
+    pub powers: usize,
+    /// Coefficients other than zero.
+    pub coefficients: usize,
+    /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
+    pub solutions: usize,
+    /// Largest step of the solver, in seconds.
+    pub solver_step: f64,
+    /// Error of a start, in all states, that changes the outputs of a training run as much as halving that step does.
+    pub solver_error: f64,
+}
+
+/// Error of roll-outs, relative to the coordinates' standard deviations, from which on the equations are not those of the motions.
+const POOR: f64 = 0.1;
+
+/// Names of the candidates.
+const MOTION: &str = "equations of motion";
+const ACCELERATIONS: &str = "accelerations";
+
+impl TrajectoriesRecord {
+    fn error(&self) -> f64 {
+        self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
+    }
+
+    /// What is wrong with the equations.
+    pub(super) fn problem(&self) -> Option<String> {
+        let error = self.error();
+        // also of what is not a number
+        let is_good = error <= POOR;
+        (!is_good).then(|| {
+            format!(
+                "the learned equations are off by {error:.1e} of the coordinates' standard deviation along stretches that were held \
+                 out, expected at most {POOR}: the rows are too few, too far apart or too noisy, or the equations are no sums of sines, \
+                 cosines and powers"
+            )
+        })
+    }
+
+    /// How it went, in words.
+    pub(super) fn describe(&self) -> String {
+        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver_step, .. } = self;
+        let errors: Vec<String> =
+            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
+        let ambiguous = match solutions {
+            0 | 1 => String::new(),
+            _ => format!(
+                "{solutions} independent solutions fit the rows, one with a positive definite mass matrix was taken; "
+            ),
+        };
+        format!(
+            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {harmonics}powers up to \
+             {powers}; {ambiguous}solver steps of {solver_step} s",
+            errors.join(", ")
+        )
+    }
+}
+
+/// Learns the equations from the rows for training, chooses the solver's step by roll-outs along them, and writes the surrogate.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+    let study = &project.study;
+    let (Source::Recorded(recorded), Some(driven)) = (&project.source, project.source.driven()) else {
+        return Err(study.refusal("source", "expected a table"));
+    };
+    let began = Instant::now();
+    let trajectories = recorded.learned();
+    let rows = trajectories.iter().map(Trajectory::rows).sum();
+    let columns = Columns::new(study, &trajectories);
+    let mut found: Vec<(Candidate, Identified)> = Vec::new();
+    let mut refused = Vec::new();
+    for name in [MOTION, ACCELERATIONS] {
+        if project.is_stopped() {
+            return Err(Error::Interrupted);
+        }
+        let began = Instant::now();
+        let identified = match name {
+            MOTION => fit_motion(&columns.of_motion(), &trajectories),
+            _ => fit_accelerations(&columns.of_accelerations(), &trajectories),
+        };
+        match identified {
+            Ok(identified) => {
+                let (error, seconds) = (identified.error.min(f64::MAX), began.elapsed().as_secs_f64());
+                found.push((Candidate { name: name.into(), error, seconds }, identified));
+            }
+            Err(message) => refused.push(format!("{name}: {message}")),
+        }
+    }
+    // the first of those that are alike: equations of motion
+    let best = found.iter().min_by(|a, b| a.0.error.total_cmp(&b.0.error)).map(|(candidate, _)| candidate.error);
+    let is_best = |candidate: &Candidate| best.is_some_and(|best| candidate.error <= ALIKE * best);
+    let Some((candidate, identified)) = found.iter().find(|(candidate, _)| is_best(candidate)) else {
+        return Err(study.refusal("source.table", refused.join("; ")));
+    };
+    let model =
+        |step: f64| columns.model(study, driven, &identified.law, step).map_err(|source| Error::Surrogate { source });
+    let is_limited = columns.is_limited(&identified.law);
+    let with_step =
+        |step: f64| surrogate::assemble_with_states(study, (dataset, rows), (driven, &is_limited), model(step)?);
+    let (surrogate, solver_step, solver_error) = match candidate.error <= POOR {
+        true => choose_step(dataset, study.time.step, with_step)?,
+        // no step is small enough for equations that diverge
+        false => (with_step(study.time.step)?, study.time.step, f64::MAX),
+    };
+    let exported = TrajectoriesRecord {
+        exported: candidate.name.clone(),
+        harmonics: identified.order[0],
+        powers: identified.order[1],
+        coefficients: identified.coefficients,
+        solutions: identified.solutions,
+        candidates: found.iter().map(|(candidate, _)| candidate.clone()).collect(),
+        solver_step,
+        solver_error,
+    };
+    let record = TrainingRecord {
+        train_rows: rows,
+        validation_runs: 0,
+        epochs: 0,
+        best_epoch: 0,
+        stopped: StopReason::Solved,
+        train_seconds: began.elapsed().as_secs_f64(),
+        added_runs: 0,
+        target_met: None,
+        motion: None,
+        state_space: None,
+        trajectories: Some(exported),
+    };
+    project.finish(format_args!(
+        "learned the equations from {rows} rows in {:.1} s: {}",
+        record.train_seconds,
+        record.trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe)
+    ));
+    rescue::write(project, |project| {
+        surrogate::save(&surrogate, &project.model())?;
+        write_history(&project.history(), &[])?;
+        files::write_json(&project.training_record(), &record)
+    })?;
+    Ok((surrogate, record))
+}
+
+/// Factor between the errors of two candidates below which the first one is taken, whose structure holds beyond the rows.
+const ALIKE: f64 = 1.5;
+
+/// What the columns of the functions are.
+struct Columns {
+    parameters: Vec<Factor>,
+    inputs: Vec<Factor>,
+    coordinates: Vec<Factor>,
+    rates: Vec<Factor>,
+}
+
+impl Columns {
+    fn new(study: &Study, trajectories: &[Trajectory]) -> Self {
+        let power = |min: f64, max: f64| Factor::Power { middle: 0.5 * (min + max), half: 0.5 * (max - min) };
+        // about zero where the values are on both sides of it: products are those of the equations then
+        let observed = |values: &dyn Fn(&Trajectory) -> &Vec<f64>, width: usize, column: usize| {
+            let values = trajectories.iter().flat_map(|motion| values(motion).iter().skip(column).step_by(width));
+            let [min, max] =
+                values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(*value), max.max(*value)]);
+            match min.abs().max(max.abs()) {
+                0.0 => power(-1.0, 1.0),
+                largest if min <= 0.0 && max >= 0.0 || min == max => power(-largest, largest),
+                _ => power(min, max),
+            }
+        };
+        let (n, m) = (study.states.len(), study.inputs.len());
+        let coordinate = |(k, periodic): (usize, bool)| match periodic {
+            true => Factor::Angle,
+            false => observed(&|motion| &motion.q, n, k),
+        };
+        Self {
+            parameters: study.parameters.values().map(|range| power(range.min, range.max)).collect(),
+            inputs: (0..m).map(|k| observed(&|motion| &motion.u, m, k)).collect(),
+            coordinates: study.states.values().map(|state| state.periodic).enumerate().map(coordinate).collect(),
+            rates: (0..n).map(|k| observed(&|motion| &motion.v, n, k)).collect(),
+        }
+    }
+
+    /// Those of the functions in equations of motion.
+    fn of_motion(&self) -> Vec<Factor> {
+        [self.coordinates.as_slice(), &self.parameters].concat()
+    }
+
+    /// Those of accelerations.
+    fn of_accelerations(&self) -> Vec<Factor> {
+        [self.parameters.as_slice(), &self.inputs, &self.coordinates, &self.rates].concat()
+    }
+
+    /// Of coordinates, then rates: whether functions depend on them.
+    fn is_limited(&self, law: &Law) -> Vec<bool> {
+        let (first, functions, count) = match law {
+            Law::Motion(dynamics) => (0, dynamics.law(), self.coordinates.len()),
+            Law::Functions(functions) => {
+                (self.parameters.len() + self.inputs.len(), functions.as_ref(), 2 * self.coordinates.len())
+            }
+        };
+        (0..count).map(|k| functions.terms().any(|term| term.exponents[first + k] != 0)).collect()
+    }
+
+    /// The surrogate's model, whose outputs are states.
+    fn model(&self, study: &Study, driven: &Driven, law: &Law, step: f64) -> std::result::Result<Model, FormatError> {
+        let n = self.coordinates.len();
+        let state = |name: &String| driven.states().iter().position(|state| state.name == *name);
+        let shown = study.outputs.keys().filter_map(state);
+        Ok(match law {
+            Law::Motion(dynamics) => {
+                let outputs =
+                    shown.map(|state| if state < n { Shown::Position(state) } else { Shown::Velocity(state - n) });
+                Model::Motion(Box::new(Motion {
+                    dynamics: dynamics.as_ref().clone(),
+                    positions: Dictionary::new(&self.of_motion(), n, &[])?,
+                    // the positions are the coordinates
+                    windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
+                    outputs: outputs.collect(),
+                    step,
+                }))
+            }
+            Law::Functions(functions) => {
+                let derivatives = (0..n).map(|k| Given::State(n + k)).chain((0..n).map(Given::Function));
+                Model::StateSpace(Box::new(StateSpace {
+                    counts: [self.parameters.len(), self.inputs.len(), 2 * n],
+                    functions: functions.as_ref().clone(),
+                    network: None,
+                    results: shown.map(Given::State).chain(derivatives).collect(),
+                    step,
+                }))
+            }
+        })
+    }
+}
