@@ -366,7 +366,7 @@ SECTIONS = {
         "a start": motions(('"v" }', '"v", start = [0, 1], velocity = [0, 1] }')),
         "a bandwidth": motions(("max = 1 }", "max = 1, bandwidth = 1 }")),
         "a network": motions(("[sampling]", "[network]\nhidden = [8]\n[sampling]")),
-        "an index": {**motions(("table =", "index =")), "motion.csv": "file\nrun.csv\n", "run.csv": ROWS},
+        "an index": {**motions(("table =", "index =")), "motion.csv": "file,case\nrun.csv,1\n", "run.csv": ROWS},
         "a part of the runs of a mechanism": dynamics(("test_runs = 2", "train_stop = 0.5")),
         "a rate of a mechanism": dynamics(("max = 5 }", 'max = 5, rate = "v" }')),
         "no range of a mechanism's coordinate": dynamics(("min = -5, max = 5", "")),

@@ -45,7 +45,7 @@ pub struct Recorded {
     seed: u64,
     /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
     is_motion: bool,
-    motions: Option<Motions>,
+    motions: Option<Box<Motions>>,
 }
 
 /// What columns are called in the tables.
@@ -107,8 +107,8 @@ impl Recorded {
             let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
             recorded.parameters.push(resolve(&table, column, name, unit, text)?);
         }
-        // without states, which is said elsewhere, there is nothing to read
-        if study.has_states() && !study.states.is_empty() {
+        // without states, or of an index, which is said elsewhere, there is nothing to read
+        if study.has_states() && !study.states.is_empty() && !recorded.is_index {
             return recorded.with_motions(study);
         }
         if recorded.is_index {
@@ -137,17 +137,17 @@ impl Recorded {
 
     /// The motions, of a study with states.
     pub fn motions(&self) -> Option<&Motions> {
-        self.motions.as_ref()
+        self.motions.as_deref()
     }
 
     /// What drives the runs.
     pub fn inputs(&self) -> &[Variable] {
-        self.motions.as_ref().map_or(&[], Motions::inputs)
+        self.motions().map_or(&[], Motions::inputs)
     }
 
     /// The motions from which equations are learned: the training runs, or the first part of every run.
     pub fn learned(&self) -> Vec<Trajectory> {
-        self.motions.as_ref().map_or(Vec::new(), Motions::learned)
+        self.motions().map_or(Vec::new(), Motions::learned)
     }
 
     /// Reads all runs and chooses those for the tests and for error bounds at random; each set is in the table's order.

@@ -116,7 +116,7 @@ impl Recorded {
             return Err(table.mistake(&format!("a run has {} rows{part}, {expected}", short.rows())));
         }
         self.parameters.extend(motions.driven.starts());
-        self.motions = Some(motions);
+        self.motions = Some(Box::new(motions));
         Ok(self)
     }
 }
