@@ -73,7 +73,12 @@ impl TrajectoriesRecord {
         let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver_step, .. } = self;
         let errors: Vec<String> =
             candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
-        let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
+        let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
+        let order = match (harmonics, powers) {
+            (0, powers) => format!("powers up to {powers}{of_mass}"),
+            (harmonics, 0) => format!("harmonics up to {harmonics}"),
+            _ => format!("harmonics up to {harmonics}, powers up to {powers}{of_mass}"),
+        };
         let ambiguous = match solutions {
             0 | 1 => String::new(),
             _ => format!(
@@ -81,8 +86,8 @@ impl TrajectoriesRecord {
             ),
         };
         format!(
-            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {harmonics}powers up to \
-             {powers}; {ambiguous}solver steps of {solver_step} s",
+            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
+             {ambiguous}solver steps of {solver_step} s",
             errors.join(", ")
         )
     }

@@ -77,7 +77,7 @@ stop = {stop:?}                  # s
 step = {:?}                 # s
 
 [states]                    # coordinates; `rate` is the column of the derivative, which is found by differences otherwise;
-                            # `periodic`: an angle, the equations are the same a turn later
+                            # `periodic = true`: an angle in rad, the equations are the same a turn later
 ",
         quoted(&file),
         runs.count,
@@ -88,7 +88,8 @@ step = {:?}                 # s
         let periodic = (column.unit == "rad").then(|| "periodic = true".to_owned());
         let rate = rate.map(|rate| format!("rate = {}", quoted(&rate.name)));
         let options: Vec<String> = periodic.into_iter().chain(rate).collect();
-        let _ = writeln!(text, "{} = {{ {} }}", key(&column.name), options.join(", "));
+        let hint = if column.unit.is_empty() { "    # without a unit: periodic = true if it is an angle" } else { "" };
+        let _ = writeln!(text, "{} = {{ {} }}{hint}", key(&column.name), options.join(", "));
     }
     for (title, columns) in [("inputs", &inputs), ("parameters", &parameters)] {
         if !columns.is_empty() {

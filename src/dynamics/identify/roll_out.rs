@@ -18,8 +18,9 @@ const SUB_STEPS: usize = 4;
 /// Stretches of a motion that are continued.
 const STRETCHES: usize = 3;
 
-/// Motions that are continued.
+/// Motions that are continued, and rows of a stretch: more cost time and tell little more.
 const MOTIONS: usize = 8;
+const LONGEST: usize = 100;
 
 /// Root mean square error of coordinates along stretches of the rows from `split` on, in the last part of each motion: relative to the
 /// standard deviation of each coordinate. Infinite if a motion cannot be continued.
@@ -35,7 +36,7 @@ pub(super) fn error(law: &Law, trajectories: &[Trajectory], split: impl Fn(usize
             let begin = first + stretch * length / (STRETCHES - 1);
             let mut state: Vec<f64> = [&trajectory.q[begin * n..][..n], &trajectory.v[begin * n..][..n]].concat();
             let mut derivatives = Derivatives::new(law, trajectory);
-            for row in begin..(begin + length).min(rows - 1) {
+            for row in begin..(begin + length.min(LONGEST)).min(rows - 1) {
                 derivatives.advance(row, &mut state);
                 let truth = &trajectory.q[(row + 1) * n..][..n];
                 let errors =
