@@ -1,6 +1,6 @@
 //! Equations of motion from recorded motions.
 //!
-//! The Euler-Lagrange equations are linear in the coefficients of their functions ([`system`]), and homogeneous: the coefficients are the
+//! The Euler-Lagrange equations are linear in the coefficients of their functions (module `system`), and homogeneous: the coefficients are the
 //! singular vector of the smallest singular value. Nothing but a common factor of all functions is lost, on which no acceleration depends.
 //! Where several vectors solve the equations (masses that nothing couples, modes of a linear system, a single orbit of a conservative
 //! one), that combination is taken whose mass matrix is next to a constant diagonal one and positive definite.
