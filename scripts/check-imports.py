@@ -22,8 +22,8 @@ scaling
 study
 sampling network
 training evaluation fmi
-baseline calibration source swap
-acceptance html search surrogate refinement
+baseline calibration html source swap
+acceptance search surrogate refinement
 report
 export
 pipeline

@@ -3,6 +3,7 @@
 use crate::{
     baseline::{Comparison, ModelRow, Status, comparison::NETWORK},
     evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts},
+    html::number,
     study::{AcceptOptions, Study},
 };
 use metafmu_runtime::{Output, Surrogate};
@@ -55,7 +56,7 @@ fn strayed(options: &AcceptOptions, roll_outs: &RollOuts, runs: &str) -> Option<
     if r2 >= options.r2 {
         return None;
     }
-    let (r2, least) = (short(r2.max(f64::MIN)), options.r2);
+    let (r2, seconds, least) = (short(r2.max(f64::MIN)), number(*seconds), options.r2);
     let chaos = if *sensitivity > 1e-3 { ": the motion is chaotic, a shorter `time.stop` can be judged" } else { "" };
     Some(format!("R² {r2} in the median of the {runs} up to {seconds} s, expected at least {least} (accept.r2){chaos}"))
 }

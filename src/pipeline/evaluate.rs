@@ -9,6 +9,7 @@ use crate::{
     baseline::Comparison,
     evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict},
     files,
+    html::number,
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -110,11 +111,11 @@ fn roll_out_table(
     let mut text =
         format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
-        let time = format!("{seconds} s");
+        let time = format!("{} s", number(*seconds));
         let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");
     }
     let diverges = match divergence_time {
-        Some(time) => format!("half of the runs differ by a tenth of a standard deviation within {time} s"),
+        Some(time) => format!("half of the runs differ by a tenth of a standard deviation within {} s", number(*time)),
         None => "more than half of the runs never differ by a tenth of a standard deviation".into(),
     };
     let energy = energy_drift.map_or(String::new(), |drift| {
