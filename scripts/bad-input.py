@@ -119,6 +119,31 @@ def mechanism(old, new, text=PENDULUM, about=MECHANISM):
     return {"study.toml": about, "m.toml": text.replace(old, new, 1)}
 
 
+DISCRETE = """name = "s"
+structure = "discrete"
+[source]
+table = "runs.csv"
+[time]
+stop = 1
+step = 0.5
+[inputs]
+force = { min = -2, max = 2 }
+[outputs]
+y = {}
+[sampling]
+test_runs = 1
+"""
+
+
+def discrete(*changes, more="", rows="a,0,0,1\na,0.5,1,1\na,1,0,1\n"):
+    """Recorded runs with an input, with parts of the study replaced."""
+    text = DISCRETE
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return {"study.toml": text + more, "runs.csv": "run,time,force,y\n" + rows}
+
+
 def dynamics(*changes, more="", **of_mechanism):
     """A study with states, some lines changed, and of its mechanism."""
     texts = {"study.toml": DYNAMICS + more, "crane.toml": TROLLEY}
@@ -370,6 +395,23 @@ SECTIONS = {
         "a part of the runs of a mechanism": dynamics(("test_runs = 2", "train_stop = 0.5")),
         "a rate of a mechanism": dynamics(("max = 5 }", 'max = 5, rate = "v" }')),
         "no range of a mechanism's coordinate": dynamics(("min = -5, max = 5", "")),
+    },
+    "Recorded runs with inputs": {
+        "rows that are not a sample time apart": discrete(rows="a,0,0,1\na,0.5,0,1\na,0.9,0,1\n"),
+        "an input that is empty": discrete(rows="a,0,0,1\na,0.5,,1\na,1,0,1\n"),
+        "an input out of range": discrete(rows="a,0,0,1\na,0.5,3,1\na,1,0,1\n"),
+        "no column of an input": discrete(("force = {", "torque = {")),
+        "no input": discrete(("force = { min = -2, max = 2 }\n", "")),
+        "an empty range of an input": discrete(("max = 2", "max = -3")),
+        "a start outside the input's range": discrete(("max = 2", "max = 2, start = 4")),
+        "signals for recorded inputs": discrete(("max = 2", 'max = 2, bandwidth = 1, excitation = ["steps"]')),
+        "no history": discrete(more="[discrete]\nhistory = 0\n"),
+        "a model that is not there": discrete(more='[discrete]\nmodel = "narx"\n'),
+        "a simulated source": discrete(('table = "runs.csv"', 'system = "single-pendulum"')),
+        "states": discrete(more="[states]\nx = { min = 0, max = 1 }\n"),
+        "no hidden layer": discrete(more="[network]\nhidden = []\n"),
+        "an option without the structure": discrete(('structure = "discrete"\n', ""), ("[inputs]\nforce = { min = -2, max = 2 }\n", "[parameters]\nL = { min = 0, max = 1 }\n"), more="[discrete]\nhistory = 3\n"),
+        "too few runs": discrete(rows="a,0,0,1\na,0.5,0,1\na,1,0,1\n"),
     },
     "Tables": {
         "no file": {"study.toml": RECORDED},

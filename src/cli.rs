@@ -38,10 +38,11 @@ pub enum Command {
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
+  metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
-Of a table, columns with one value in each run become parameters, the others outputs.")]
+Of a table, columns with one value in each run become parameters, the others outputs, or inputs of the structure discrete.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
@@ -186,9 +187,15 @@ pub struct NewArgs {
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
     /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism, of an
-    /// FMU for model exchange or of a table of motions
-    #[arg(long, value_name = "STRUCTURE", default_value = "response", conflicts_with = "system")]
-    #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics"]))]
+    /// FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by columns of a table
+    #[arg(
+        long,
+        value_name = "STRUCTURE",
+        default_value = "response",
+        conflicts_with = "system",
+        requires_if("discrete", "table")
+    )]
+    #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics", "discrete"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", group = "source")]
@@ -202,6 +209,9 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
+    /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
+    pub inputs: Vec<String>,
 }
 
 #[derive(Debug, Args)]

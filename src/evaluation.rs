@@ -100,7 +100,7 @@ impl Accuracy {
             test_runs: test.runs.len(),
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
-            roll_outs: (!surrogate.states().is_empty()).then(|| RollOuts::of(surrogate, test, predictions)),
+            roll_outs: surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions)),
             seen_until: None,
             verdict: None,
         }
@@ -110,7 +110,7 @@ impl Accuracy {
 /// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
 /// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
-    if !surrogate.states().is_empty() {
+    if surrogate.goes_on() {
         return RollOut::along(surrogate, evaluator, run).predictions();
     }
     let mut scratch = evaluator.scratch();

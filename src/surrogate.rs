@@ -101,6 +101,58 @@ pub fn assemble_with_states(
     finish(metadata, model)
 }
 
+/// The same of a model that goes on from sample to sample; `starts`: the values of the inputs before the start.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn assemble_discrete(
+    study: &Study,
+    (dataset, rows): (&Dataset, usize),
+    starts: &[f64],
+    model: Model,
+) -> Result<Surrogate> {
+    let mut metadata = metadata(study, dataset, rows);
+    // the time is no input
+    metadata.inputs.pop();
+    let widths = [dataset.inputs.len(), dataset.outputs.len()];
+    let range = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(value), max.max(value)))
+    };
+    let variable = |of: &Variable, role, (min, max): (f64, f64), start: f64| Input {
+        name: of.name.clone(),
+        role,
+        unit: of.unit.clone(),
+        description: of.description.clone(),
+        min: min.min(start),
+        max: max.max(start),
+        start,
+        encoding: Encoding::Plain,
+    };
+    let driven: Vec<Input> = (dataset.inputs.iter().zip(starts).enumerate())
+        .map(|(column, (of, start))| {
+            let (min, max) = range(
+                &mut dataset.runs.iter().flat_map(|run| run.inputs.iter().skip(column).step_by(widths[0])).copied(),
+            );
+            let options = study.inputs.get(&of.name);
+            let (low, high) = options.map_or((None, None), |options| (options.min, options.max));
+            variable(of, Role::Input, (low.unwrap_or(min), high.unwrap_or(max)), *start)
+        })
+        .collect();
+    let before = &dataset.parameters[study.parameters.len()..];
+    let (of_outputs, of_inputs) = before.split_at(widths[1]);
+    for (column, (of, output)) in of_outputs.iter().zip(&metadata.outputs).enumerate() {
+        let first = dataset.runs.iter().map(|run| run.outputs[column]);
+        let mean = first.sum::<f64>() / dataset.runs.len().max(1) as f64;
+        metadata.inputs.push(variable(of, Role::Start, (output.min, output.max), mean));
+    }
+    for (of, input) in of_inputs.iter().zip(&driven) {
+        metadata.inputs.push(variable(of, Role::Start, (input.min, input.max), input.start));
+    }
+    metadata.inputs.extend(driven);
+    metadata.stop_time = Some(study.time.stop);
+    finish(metadata, model)
+}
+
 /// A state with the range in which equations were learned that depend on it. A velocity of a mechanism has none: it enters exactly,
 /// whatever it is.
 fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
@@ -238,7 +290,7 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     };
     let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
     // what has states follows every change
-    let change = (may_change && surrogate.states().is_empty()).then(|| {
+    let change = (may_change && !surrogate.goes_on()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()
     });
     let more: Vec<String> = values.into_iter().chain(change).collect();

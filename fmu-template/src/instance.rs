@@ -7,7 +7,8 @@ use crate::{
     status::{Refusal, Status, Warning},
 };
 use metafmu_runtime::{
-    BuiltIn, Domain, DomainPolicy, Evaluator, FormatError, Metadata, Quantity, Role, Scratch, Surrogate, Variability,
+    BuiltIn, Domain, DomainPolicy, Evaluator, FormatError, Metadata, Model, Quantity, Role, Scratch, Surrogate,
+    Variability,
 };
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::Variables;
@@ -40,6 +41,8 @@ pub(crate) enum LoadError {
          they do not belong together"
     )]
     Token { path: PathBuf, found: String, expected: String },
+    #[error("this FMU goes on from sample to sample: it is for co-simulation, not for model exchange")]
+    OnlyCoSimulation,
 }
 
 /// One simulation. Shares nothing with another one.
@@ -104,10 +107,12 @@ impl Instance {
         if token != expected {
             return Err(LoadError::Token { path, found: token.to_owned(), expected });
         }
+        if let (Model::Discrete(_), Interface::ModelExchange) = (surrogate.model(), kind.interface) {
+            return Err(LoadError::OnlyCoSimulation);
+        }
         let evaluator = Evaluator::new(&surrogate);
         let metadata = surrogate.metadata().clone();
-        let states = metadata.states.len();
-        let (values, results) = (vec![0.0; metadata.inputs.len() + states], vec![0.0; metadata.outputs.len() + states]);
+        let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let mut instance = Self {
             kind,
@@ -530,7 +535,7 @@ impl Instance {
         for &column in &self.input_columns {
             self.check_value(column, self.extrapolated(column, size), time, self.now.policy, status)?;
         }
-        if !self.metadata.states.is_empty() {
+        if self.goes_on() {
             self.advance_states(time, size, status)?;
         }
         self.set_time(time, status)?;
@@ -622,7 +627,7 @@ impl Instance {
             self.update_point();
             self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
             // a map is finite at every finite point
-            if !self.metadata.states.is_empty() && self.results.iter().any(|value| !value.is_finite()) {
+            if self.goes_on() && self.results.iter().any(|value| !value.is_finite()) {
                 return Err(Refusal::NotComputable);
             }
             self.stale = false;

@@ -38,7 +38,8 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
 /// Where the results are, the FMU first.
 fn files(project: &Project, built: &Built) -> String {
     let fmu = |(Written { fmu, bytes, version }, _): &(Written, _)| {
-        let what = format!("FMI {version} co-simulation and model exchange, {} kB", bytes.div_ceil(1000));
+        let interfaces = if project.study.is_discrete() { "co-simulation" } else { "co-simulation and model exchange" };
+        let what = format!("FMI {version} {interfaces}, {} kB", bytes.div_ceil(1000));
         (fmu.clone(), what)
     };
     let model = if project.study.has_states() { "equations of motion" } else { "network, scaling" };
@@ -51,10 +52,11 @@ fn files(project: &Project, built: &Built) -> String {
         (project.table("train"), "training and validation runs".into()),
         (project.table("test"), "test runs".into()),
     ];
-    // of a surrogate with states there are neither epochs nor baselines
-    let others = others
-        .into_iter()
-        .filter(|(path, _)| !project.study.has_states() || ![project.comparison(), project.history()].contains(path));
+    // of a surrogate with states there are neither epochs nor baselines; of one of samples no baselines
+    let others = others.into_iter().filter(|(path, _)| {
+        let study = &project.study;
+        !(study.has_states() && *path == project.history() || study.goes_on() && *path == project.comparison())
+    });
     let calibration = project.study.bounds.map(|_| (project.table("calibration"), "runs for the error bounds".into()));
     let rows: Vec<(PathBuf, String)> = built.fmus.iter().map(fmu).chain(others).chain(calibration).collect();
     let width = rows.iter().map(|(path, _)| path.display().to_string().len()).max().unwrap_or(0);

@@ -220,6 +220,11 @@ impl<'a> RollOut<'a> {
             self.go_from(before, row, size)?;
         }
         self.set_inputs(row);
+        let width = self.surrogate.outputs().len();
+        // rows before the start tell how the run began; a table to predict may not have them
+        if self.run.times[row] < 0.0 && self.run.outputs.len() > row * width {
+            self.evaluator.correct(&mut self.point, &self.run.outputs[row * width..][..width]);
+        }
         Some(())
     }
 

@@ -9,8 +9,8 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace, Surrogate,
-    Variability,
+    Bounds, BuiltIn, Discrete, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace,
+    Surrogate, Variability,
     regression::{Function, Regression},
 };
 
@@ -45,6 +45,9 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
             match surrogate.model() {
                 Model::Motion(_) =>
                     "It integrates its states, driven by its inputs; any communication step size will do",
+                Model::Discrete(_) =>
+                    "It goes on from sample to sample, driven by its inputs; between samples outputs are linear in time, and any \
+                     communication step size will do",
                 _ => {
                     "It computes its outputs directly from its inputs, parameters and the time, any step size will do"
                 }
@@ -71,7 +74,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    if surrogate.states().is_empty() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if !surrogate.goes_on() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -90,6 +93,7 @@ fn what(model: &Model) -> &'static str {
         },
         Model::Motion(_) => "equations of motion with learned functions of the configuration",
         Model::StateSpace(_) => "learned derivatives of states",
+        Model::Discrete(_) => "a model of recorded inputs and outputs",
     }
 }
 
@@ -218,6 +222,7 @@ fn model(surrogate: &Surrogate) -> String {
         Model::Response(Map::Regression(regression)) => return size(regression),
         Model::Motion(motion) => return size_of_motion(motion),
         Model::StateSpace(space) => return size_of_state_space(space),
+        Model::Discrete(discrete) => return size_of_discrete(discrete),
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
@@ -241,6 +246,17 @@ fn size_of_state_space(space: &StateSpace) -> String {
          steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
         functions.outputs(),
         functions.products(),
+    )
+}
+
+/// What the next outputs are computed from, and with what.
+fn size_of_discrete(discrete: &Discrete) -> String {
+    let Discrete { history: [outputs, inputs], step, network, .. } = discrete;
+    let network =
+        network.as_ref().map_or(String::new(), |network| format!(" and a network, {}", nodes(&network.layers)));
+    format!(
+        "samples {step} s apart: the next outputs are a linear function{network} of the parameters, the last {outputs} samples of the \
+         outputs and the last {inputs} of the inputs; before the start nothing has moved"
     )
 }
 

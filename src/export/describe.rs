@@ -34,6 +34,7 @@ impl ModelDescription {
         let Metadata { name, description, .. } = surrogate.metadata();
         let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
         let v3 = fmi_version == FmiVersion::V3;
+        let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
         let interface = Interface {
             model_identifier: model_identifier(name),
             own_memory_management: true,
@@ -50,11 +51,14 @@ impl ModelDescription {
             description: text(description),
             generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
             // what a solver tries is not warned of, only what it accepts
-            model_exchange: Some(ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
+            // samples would be time events there
+            model_exchange: (!is_discrete)
+                .then(|| ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
             co_simulation: Some(CoSimulation {
                 interface,
                 variable_step_size: true,
-                max_output_derivative_order: MAX_OUTPUT_DERIVATIVE_ORDER,
+                // outputs are linear between samples, with kinks there
+                max_output_derivative_order: if is_discrete { 0 } else { MAX_OUTPUT_DERIVATIVE_ORDER },
                 interpolate_inputs: !v3,
                 event_mode: v3,
                 ..CoSimulation::default()
@@ -330,6 +334,11 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             Model::StateSpace(space) => {
                 return known_in_state_space(space, table[position].1.quantity, surrogate, &states, &later);
             }
+            // what is remembered is no variable, and an input counts from the next sample on
+            Model::Discrete(_) => match table[position].1.quantity {
+                Quantity::Output(_) | Quantity::Array(_) => return Vec::new(),
+                _ => return later.clone(),
+            },
             Model::Response(_) | Model::PerInstant { .. } => return later.clone(),
         };
         let follows_inputs = |output: &usize| matches!(motion.outputs[*output], Shown::Acceleration(_));

@@ -3,7 +3,7 @@
 use super::{
     Network,
     kernels::{
-        Kernel, Lanes, Simd, Store,
+        Kernel, Lanes, Simd, Store, WIDTH,
         activation::{Function, Visitor, slope_follows_from_value, visit},
         batch_norm,
         buffer::Buffer,
@@ -98,6 +98,12 @@ impl Packed {
     /// [`forward_in_training`](Self::forward_in_training) left in the workspace.
     pub(crate) fn backward(&self, rows: usize, workspace: &mut Workspace, store: Store, gradient: &mut [f32]) {
         workspace.simd.run(Backward { network: self, rows, workspace, store, gradient });
+    }
+
+    /// The loss's derivatives by the first `columns` inputs, `[rows, columns]`, after [`backward`](Self::backward). The network has
+    /// hidden layers.
+    pub(crate) fn input_deltas(&self, rows: usize, workspace: &mut Workspace, columns: usize, to: &mut [f32]) {
+        workspace.simd.run(InputDeltas { network: self, rows, deltas: &workspace.deltas[0], columns, to });
     }
 
     fn stores_slopes(&self) -> bool {
@@ -219,6 +225,38 @@ impl Kernel for Backward<'_> {
                     None => Slope::FromValue(*activation, &values[index]),
                 };
                 layer::backward::<L>(shape, parameters, transposed, slope, rows, d, to);
+            }
+        }
+    }
+}
+
+struct InputDeltas<'a> {
+    network: &'a Packed,
+    rows: usize,
+    /// Of the first layer.
+    deltas: &'a [f32],
+    columns: usize,
+    to: &'a mut [f32],
+}
+
+impl Kernel for InputDeltas<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { network, rows, deltas, columns, to } = self;
+        let shape = &network.layout.shapes[0];
+        debug_assert!(!shape.by_rows, "a network with hidden layers");
+        let weights = shape.split(&network.parameters).0.as_chunks::<WIDTH>().0;
+        let rows = deltas.chunks_exact(stride(shape.outputs)).zip(to.chunks_exact_mut(columns)).take(rows);
+        for (deltas, to) in rows {
+            for (column, to) in to.iter_mut().enumerate() {
+                let mut sum = L::splat(0.0);
+                let panels = deltas.as_chunks::<WIDTH>().0.iter().take(padded(shape.outputs) / WIDTH);
+                for (panel, deltas) in panels.enumerate() {
+                    sum = L::load(&weights[panel * shape.inputs + column]).mul_add(L::load(deltas), sum);
+                }
+                *to = sum.sum();
             }
         }
     }

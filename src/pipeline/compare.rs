@@ -49,7 +49,7 @@ pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test:
 
 /// There are no baselines of a surrogate with states.
 pub(super) fn refuse_states(project: &Project) -> Result<()> {
-    if !project.study.has_states() {
+    if !project.study.goes_on() {
         return Ok(());
     }
     let message = "baselines are functions of parameters and time, expected the structure \"response\"";

@@ -6,6 +6,7 @@
 
 pub mod build;
 pub mod compare;
+pub mod discrete;
 pub mod evaluate;
 pub mod export;
 pub mod motion;

@@ -94,6 +94,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         }),
         state_space: None,
         trajectories: None,
+        discrete: None,
     };
     project.finish(format_args!(
         "learned equations of motion from {rows} configurations in {:.1} s: harmonics up to {}, powers up to {}, {} products, error \

@@ -71,6 +71,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         motion: None,
         state_space: None,
         trajectories: None,
+        discrete: None,
     };
     project.finish(format_args!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",

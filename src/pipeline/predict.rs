@@ -212,7 +212,7 @@ impl<'a> Predictor<'a> {
     }
 
     fn has_states(&self) -> bool {
-        !self.surrogate.states().is_empty()
+        self.surrogate.goes_on()
     }
 
     /// Names of the result's columns.

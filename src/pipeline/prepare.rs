@@ -100,7 +100,7 @@ pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.
-fn split<'a>(runs: &'a [Run], options: &TrainingOptions, seed: u64) -> (Vec<&'a Run>, Vec<&'a Run>) {
+pub(super) fn split<'a>(runs: &'a [Run], options: &TrainingOptions, seed: u64) -> (Vec<&'a Run>, Vec<&'a Run>) {
     let order = sampling::permutation(runs.len(), sampling::random(seed, Stream::Validation));
     let count = options.held_out(runs.len());
     let mut held_out = vec![false; runs.len()];

@@ -123,20 +123,24 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         motion,
         state_space,
         trajectories,
+        discrete,
         ..
     } = training;
-    let how = match (motion, state_space) {
-        (None, None) if trajectories.is_some() => {
+    let how = match (motion, state_space, discrete) {
+        (None, None, _) if trajectories.is_some() => {
             let how = trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe);
             format!("{rows} rows, {how}")
         }
-        (None, Some(space)) => format!("{rows} states, {}", space.describe()),
-        (None, None) => {
+        (None, Some(space), _) => format!("{rows} states, {}", space.describe()),
+        (None, None, Some(discrete)) => {
+            format!("{rows} samples, {validation_runs} runs held out, {}", discrete.describe())
+        }
+        (None, None, None) => {
             format!(
                 "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
             )
         }
-        (Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }), _) => {
+        (Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }), ..) => {
             format!(
                 "{rows} configurations, least squares; harmonics up to {harmonics}, powers up to {powers}, {equations} products in the \
              equations and {positions} in positions, error {error:.1e} at unseen configurations; solver steps of {solver_step} s"

@@ -47,12 +47,13 @@ pub struct StateSpaceRecord {
     pub solver_error: f64,
 }
 
-/// A way to learn the functions.
+/// A way to learn functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Candidate {
-    /// `dictionary`, `network`, or `dictionary and network`.
+    /// `dictionary`, `network`, or `dictionary and network`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
     pub name: String,
-    /// Root mean square error at states that were held out, relative to the function's standard deviation, of the worst function.
+    /// Root mean square error at states, or in runs, that were held out, relative to the standard deviation, of the worst function or
+    /// output.
     pub error: f64,
     /// Wall time.
     pub seconds: f64,
@@ -167,6 +168,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         motion: None,
         state_space: Some(space_record),
         trajectories: None,
+        discrete: None,
     };
     project.finish(format_args!(
         "learned the equations from {} states in {:.1} s: {}",

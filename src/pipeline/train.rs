@@ -1,6 +1,7 @@
 //! Trains the network on the sampled runs and writes the surrogate.
 
 use super::{
+    discrete::{self, DiscreteRecord},
     motion::{self, MotionRecord},
     observer::{Event, Work},
     per_instant,
@@ -16,7 +17,7 @@ use crate::{
     evaluation::Accuracy,
     evaluation::Verdict,
     files,
-    study::{Structure, Study},
+    study::{Structure, Study, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Observer, StopReason, TrainingError, write_history},
 };
@@ -62,6 +63,9 @@ pub struct TrainingRecord {
     /// What was learned from the motions of a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trajectories: Option<TrajectoriesRecord>,
+    /// What was learned of recorded runs with inputs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub discrete: Option<DiscreteRecord>,
 }
 
 impl TrainingRecord {
@@ -134,6 +138,9 @@ pub(super) fn once(
             _ => motion::train(project, dataset),
         };
     }
+    if project.study.is_discrete() {
+        return discrete::train(project, dataset);
+    }
     let trained = match project.study.network.structure {
         Structure::Full => train(project, dataset, added, start, resume)?,
         Structure::Fixed => per_instant::train(project, dataset, resume)?,
@@ -198,6 +205,7 @@ fn train(
         motion: None,
         state_space: None,
         trajectories: None,
+        discrete: None,
     };
     project.finish(format_args!(
         "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
@@ -265,6 +273,7 @@ pub(super) struct Follower<'a> {
     project: &'a Project<'a>,
     /// Rows of an epoch.
     rows: usize,
+    epochs: usize,
     history: Vec<EpochRecord>,
     /// The epochs that were done when the first step of this process was, and when that was.
     began: Option<(f64, Instant)>,
@@ -275,9 +284,21 @@ pub(super) struct Follower<'a> {
 
 impl<'a> Follower<'a> {
     pub(super) fn new(project: &'a Project<'a>, rows: usize) -> Self {
-        let options = &project.study.training;
+        Self::with(project, &project.study.training, rows)
+    }
+
+    /// With other options than the study's.
+    pub(super) fn with(project: &'a Project<'a>, options: &TrainingOptions, rows: usize) -> Self {
         project.begin(Work::Steps, rows.div_ceil(options.batch) * options.epochs);
-        Self { project, rows, history: Vec::new(), began: None, written: None, keeps_checkpoints: true }
+        Self {
+            project,
+            rows,
+            epochs: options.epochs,
+            history: Vec::new(),
+            began: None,
+            written: None,
+            keeps_checkpoints: true,
+        }
     }
 
     /// For a network that is one of several.
@@ -285,13 +306,9 @@ impl<'a> Follower<'a> {
         Self { keeps_checkpoints: false, ..self }
     }
 
-    fn epochs(&self) -> usize {
-        self.project.study.training.epochs
-    }
-
     fn speed(&mut self, done: f64) -> Speed {
         let (before, began) = *self.began.get_or_insert((done, Instant::now()));
-        Speed { done: done - before, left: self.epochs() as f64 - done, began, rows: self.rows }
+        Speed { done: done - before, left: self.epochs as f64 - done, began, rows: self.rows }
     }
 
     fn write_checkpoint(
@@ -324,7 +341,7 @@ impl Observer for Follower<'_> {
     fn epoch(&mut self, record: &EpochRecord) {
         self.history.push(*record);
         let EpochRecord { epoch, train_loss, validation_loss, .. } = *record;
-        let epochs = self.epochs();
+        let epochs = self.epochs;
         if epoch % epochs.div_ceil(10) == 0 || epoch == epochs {
             let speed = self.speed(epoch as f64);
             self.project.note(format_args!(
@@ -335,7 +352,7 @@ impl Observer for Follower<'_> {
 
     fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
         let due = self.written.is_none_or(|(at, took)| at.elapsed().mul_f64(CHECKPOINT_SHARE) >= took);
-        if !self.keeps_checkpoints || !due || epoch == self.epochs() {
+        if !self.keeps_checkpoints || !due || epoch == self.epochs {
             return;
         }
         // a full disk must not cost the training

@@ -159,6 +159,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         target_met: None,
         motion: None,
         state_space: None,
+        discrete: None,
         trajectories: Some(exported),
     };
     project.finish(format_args!(

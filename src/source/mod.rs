@@ -28,7 +28,7 @@ pub enum Source {
     /// A system or mechanism that is simulated here, or an FMU that is run.
     Simulation(Simulation),
     /// Tables of runs that were simulated elsewhere.
-    Recorded(Recorded),
+    Recorded(Box<Recorded>),
 }
 
 /// Reads a study file and finds its source.
@@ -57,7 +57,7 @@ impl Source {
     /// source's, [`Error::Table`](crate::Error::Table) or [`Error::Io`](crate::Error::Io) if it is a table that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
         let source = if study.source.is_recorded() {
-            Self::Recorded(Recorded::new(study)?)
+            Self::Recorded(Box::new(Recorded::new(study)?))
         } else {
             Self::Simulation(Simulation::new(study)?)
         };

@@ -8,6 +8,10 @@
 //! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
 //!
 //! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`).
+//! Of the structure "discrete" rows also have inputs, `run,time,<parameters>,<inputs>,<outputs>`, and are `time.step` apart. The
+//! parameters of such a run are those of the study and, after them, what outputs and inputs were before it: the outputs of the first row,
+//! and the start values of the inputs. Rows before time zero are what was before the run. A table of a single run is cut into runs that
+//! follow each other, each with the samples before it.
 
 mod motions;
 mod runs;
@@ -18,10 +22,11 @@ use crate::{
     diagnostics::{KeyProblem, names::did_you_mean},
     dynamics::trajectory::Trajectory,
     sampling::{self, Sets, Stream},
-    study::{ParameterOptions, Study, read_value},
+    study::{InputOptions, ParameterOptions, Study, read_value},
     table::{Table, runs::check_constants},
     variable::Variable,
 };
+use metafmu_runtime::State;
 pub use motions::Motions;
 use runs::{Current, Runs};
 use std::{
@@ -35,17 +40,31 @@ pub struct Recorded {
     path: PathBuf,
     is_index: bool,
     names: Names,
+    /// Of runs with inputs, values of outputs and inputs before the start are such, too.
     parameters: Vec<Variable>,
+    inputs: Vec<Driven>,
+    input_variables: Vec<Variable>,
     outputs: Vec<Variable>,
     /// Each parameter's range or values in the study.
     options: Vec<ParameterOptions>,
     stop: f64,
+    /// Of runs with inputs, the time between two rows, and how many of them before the start a run has unless it has none.
+    samples: Option<(f64, usize)>,
     test_runs: usize,
     calibration_runs: usize,
     seed: u64,
     /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
     is_motion: bool,
     motions: Option<Box<Motions>>,
+}
+
+/// An input.
+#[derive(Clone, Copy, Debug)]
+struct Driven {
+    min: f64,
+    max: f64,
+    /// Its value before the start.
+    start: f64,
 }
 
 /// What columns are called in the tables.
@@ -55,6 +74,7 @@ struct Names {
     time: String,
     file: String,
     parameters: Vec<String>,
+    inputs: Vec<String>,
     outputs: Vec<String>,
 }
 
@@ -82,6 +102,8 @@ impl Recorded {
         let there = |name: &str| columns.get(name).map_or(name, String::as_str).to_owned();
         let (table, index) = (&study.source.table, &study.source.index);
         let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
+        // motions have other columns for what drives them
+        let driven = || study.inputs.iter().filter(|_| study.is_discrete());
         let mut recorded = Self {
             path,
             is_index: index.is_some(),
@@ -90,12 +112,16 @@ impl Recorded {
                 time: there("time"),
                 file: there("file"),
                 parameters: study.parameters.keys().map(|name| there(name)).collect(),
+                inputs: driven().map(|(name, _)| there(name)).collect(),
                 outputs: study.outputs.keys().map(|name| there(name)).collect(),
             },
             parameters: Vec::new(),
+            inputs: driven().map(|(_, input)| Driven::of(input)).collect(),
+            input_variables: Vec::new(),
             outputs: Vec::new(),
             options: study.parameters.values().cloned().collect(),
             stop: study.time.stop,
+            samples: study.is_discrete().then(|| (study.time.step, study.discrete.longest())),
             test_runs: study.sampling.test_runs,
             calibration_runs: study.calibration_runs(),
             seed: study.seed,
@@ -122,10 +148,33 @@ impl Recorded {
             let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
             recorded.outputs.push(resolve(&table, column, name, unit, text)?);
         }
+        for ((name, options), column) in study.inputs.iter().zip(&recorded.names.inputs) {
+            let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
+            recorded.input_variables.push(resolve(&table, column, name, unit, text)?);
+        }
+        recorded.add_starts();
         Ok(recorded)
     }
 
-    /// The parameters, in the study's order.
+    /// What outputs and inputs were before the start are parameters of runs with inputs.
+    fn add_starts(&mut self) {
+        if self.inputs.is_empty() {
+            return;
+        }
+        let start = |variable: &Variable| {
+            let Variable { name, unit, .. } = variable;
+            Variable::new(&State::start_name(name), unit, &format!("{name} before the start"))
+        };
+        let starts: Vec<Variable> = self.outputs.iter().chain(&self.input_variables).map(start).collect();
+        self.parameters.extend(starts);
+    }
+
+    /// The value of each input before the start.
+    pub fn input_starts(&self) -> Vec<f64> {
+        self.inputs.iter().map(|input| input.start).collect()
+    }
+
+    /// The parameters, in the study's order; of runs with inputs, what outputs and inputs were before the start.
     pub fn parameters(&self) -> &[Variable] {
         &self.parameters
     }
@@ -142,7 +191,7 @@ impl Recorded {
 
     /// What drives the runs.
     pub fn inputs(&self) -> &[Variable] {
-        self.motions().map_or(&[], Motions::inputs)
+        self.motions().map_or(&self.input_variables, Motions::inputs)
     }
 
     /// The motions from which equations are learned: the training runs, or the first part of every run.
@@ -165,11 +214,13 @@ impl Recorded {
         } else {
             self.read_long(&mut table, &mut runs)?
         }
+        runs.cut();
         let chosen = self.choose(runs.finished.len()).map_err(|message| table.mistake(&message))?;
         let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
         chosen.try_map(|chosen| {
             let runs = chosen.into_iter().filter_map(|run| runs[run].take()).collect();
-            Ok(Dataset { inputs: Vec::new(), parameters: self.parameters.clone(), outputs: self.outputs.clone(), runs })
+            let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
+            Ok(Dataset { inputs, parameters, outputs: self.outputs.clone(), runs })
         })
     }
 
@@ -198,7 +249,7 @@ impl Recorded {
         let has_label = table.columns().iter().any(|column| column.name == self.names.run);
         let label = has_label.then(|| table.column(&self.names.run)).transpose()?;
         let parameters = positions(table, &self.names.parameters)?;
-        let outputs = positions(table, &self.names.outputs)?;
+        let values = self.value_columns(table)?;
         while table.next_row()? {
             let point = self.point(table, &parameters)?;
             let name = match label {
@@ -222,7 +273,7 @@ impl Recorded {
                     runs.begin(table, name, point)?;
                 }
             }
-            runs.row(table, time, &outputs)?;
+            runs.row(table, time, &values)?;
         }
         runs.finish(table)
     }
@@ -236,16 +287,21 @@ impl Recorded {
             runs.begin(index, name, point)?;
             let mut table = self.open_run(index)?;
             let time = time_column(&table, &self.names.time)?;
-            let outputs = positions(&table, &self.names.outputs)?;
-            for (&column, output) in outputs.iter().zip(&self.outputs) {
+            let values = self.value_columns(&table)?;
+            for (&column, output) in values.iter().zip(self.input_variables.iter().chain(&self.outputs)) {
                 table.check_unit(column, Some(&output.unit))?;
             }
             while table.next_row()? {
-                runs.row(&mut table, time, &outputs)?;
+                runs.row(&mut table, time, &values)?;
             }
             runs.finish(&table)?;
         }
         Ok(())
+    }
+
+    /// Columns of the inputs, then of the outputs.
+    fn value_columns(&self, table: &Table) -> Result<Vec<usize>> {
+        Ok([positions(table, &self.names.inputs)?, positions(table, &self.names.outputs)?].concat())
     }
 
     /// Opens the file that a row of the index names.
@@ -260,6 +316,13 @@ impl Recorded {
     fn point(&self, table: &mut Table, columns: &[usize]) -> Result<Vec<f64>> {
         let columns = columns.iter().zip(&self.options);
         columns.map(|(&column, options)| read_value(table, column, options)).collect()
+    }
+}
+
+impl Driven {
+    fn of(options: &InputOptions) -> Self {
+        let (min, max) = (options.min.unwrap_or(f64::NEG_INFINITY), options.max.unwrap_or(f64::INFINITY));
+        Self { min, max, start: options.start.unwrap_or(0.0f64.max(min).min(max)) }
     }
 }
 

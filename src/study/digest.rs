@@ -2,8 +2,8 @@
 //! key that is added does not compile before that is said.
 
 use super::{
-    BoundsOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions,
-    SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
+    BoundsOptions, DiscreteOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions,
+    SamplingOptions, SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -85,6 +85,8 @@ struct Trained<'a> {
     target: Option<TargetOptions>,
     #[serde(skip_serializing_if = "Option::is_none")]
     states: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    discrete: Option<DiscreteOptions>,
     samples: String,
 }
 
@@ -110,7 +112,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: study.has_states().then_some(Motion { states: &study.states, inputs: &study.inputs }),
+        motion: study.goes_on().then_some(Motion { states: &study.states, inputs: &study.inputs }),
     })
 }
 
@@ -180,6 +182,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         states: _,
         inputs: _,
         outputs: _,
+        discrete,
         sampling,
         starts: _,
         mechanism: _,
@@ -203,6 +206,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         bounds: *bounds,
         target: *target,
         states: sampling.states,
+        discrete: study.is_discrete().then_some(*discrete),
         samples: of_samples(study),
     })
 }

@@ -47,12 +47,15 @@
 //! force = { bandwidth = 1.0 }
 //! ```
 //!
+//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs; see [`DiscreteOptions`].
+//!
 //! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
 //! those that it has by itself, its `problems_beside` those that it has beside the others.
 
 mod accept;
 mod bounds;
 mod digest;
+mod discrete;
 mod export;
 mod inputs;
 mod network;
@@ -81,6 +84,7 @@ use crate::{
 };
 pub use accept::AcceptOptions;
 pub use bounds::BoundsOptions;
+pub use discrete::{DiscreteModel, DiscreteOptions};
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
@@ -132,7 +136,8 @@ pub struct Study {
     /// Independent coordinates by name, one for each degree of freedom, of the structure "dynamics".
     #[serde(default)]
     pub states: IndexMap<String, StateOptions>,
-    /// Inputs by name, all that the mechanism has, of the structure "dynamics"; those that are not named have the mechanism's ranges.
+    /// Inputs by name. Of the structure "dynamics" all that the mechanism has; those that are not named have the mechanism's ranges. Of the
+    /// structure "discrete" the columns that drive the runs.
     #[serde(default)]
     pub inputs: IndexMap<String, InputOptions>,
     /// Outputs by name.
@@ -141,6 +146,9 @@ pub struct Study {
     #[serde(default)]
     #[schemars(extend("examples" = [{"angles": ["theta1", "theta2"]}]))]
     pub arrays: IndexMap<String, Vec<String>>,
+    /// Models that go on from sample to sample, of the structure "discrete".
+    #[serde(default)]
+    pub discrete: DiscreteOptions,
     /// Where in the parameters' ranges runs are placed.
     #[serde(default)]
     pub sampling: SamplingOptions,
@@ -190,6 +198,8 @@ pub enum StudyStructure {
     Response,
     /// Of states, inputs and parameters: equations of motion, learned by their structure from a mechanism.
     Dynamics,
+    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs.
+    Discrete,
 }
 
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
@@ -237,12 +247,20 @@ impl Draft {
         let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
         origin.refuse_section("bodies", hint)?;
         states::join_names(root.get_mut());
+        let gives = |section: &str, key: &str| {
+            let section = root.get_ref().get(section).and_then(|section| section.get_ref().as_table());
+            section.is_some_and(|section| section.contains_key(key))
+        };
+        let given = [gives("network", "hidden"), gives("training", "clip_norm")];
         let (mut problems, damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
         replace(&mut root, &damaged);
         let mut study: Study = origin.deserialize(root)?;
         study.origin = origin.clone();
         if study.structure == StudyStructure::Dynamics {
             study.starts = states::starts(&study);
+        }
+        if study.structure == StudyStructure::Discrete {
+            discrete::set_defaults(&mut study, given);
         }
         // what a damaged section says is unknown: the other ones are checked without it
         let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);
@@ -490,6 +508,7 @@ impl Study {
         problems.extend(inputs::problems(&self.inputs));
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));
+        problems.add_section("discrete", self.discrete.problems());
         problems.extend(self.sampling.problems(self.structure));
         problems.add_section("network", self.network.problems());
         problems.add_section("training", self.training.problems());
@@ -511,6 +530,7 @@ impl Study {
         problems.extend(parameters::problems_beside(self));
         problems.extend(states::problems_beside(self));
         problems.extend(inputs::problems_beside(self));
+        problems.extend(discrete::problems_beside(self));
         problems.extend(outputs::problems_beside(self));
         problems.extend(self.sampling.problems_beside(self));
         problems.extend(size::problems(self));
@@ -535,6 +555,16 @@ impl Study {
     /// Whether the surrogate has states.
     pub fn has_states(&self) -> bool {
         self.structure == StudyStructure::Dynamics
+    }
+
+    /// Whether the surrogate goes on from sample to sample.
+    pub fn is_discrete(&self) -> bool {
+        self.structure == StudyStructure::Discrete
+    }
+
+    /// Whether outputs follow from what was before: from states, or from samples.
+    pub fn goes_on(&self) -> bool {
+        self.structure != StudyStructure::Response
     }
 
     /// How the parameters' values become columns of the network.

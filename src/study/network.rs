@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct NetworkOptions {
     /// How the time enters.
     pub structure: Structure,
-    /// Number of nodes of each hidden layer, 1 to 16384 each; at most 100 layers.
+    /// Number of nodes of each hidden layer, 1 to 16384 each; at most 100 layers. Of the structure "discrete" 32, 32 unless given.
     #[schemars(length(max = MAX_LAYERS), inner(range(min = 1, max = MAX_NODES)))]
     pub hidden: Vec<usize>,
     /// Activation of every hidden layer.

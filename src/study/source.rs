@@ -127,6 +127,10 @@ impl SourceOptions {
                            or `table`";
             problems.add("source", message);
         }
+        if study.is_discrete() && self.count() == 1 && !self.is_recorded() {
+            let message = "the structure \"discrete\" is learned from recorded runs, expected `table` or `index`";
+            problems.add("source", message);
+        }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
         let steps = study.time.stop / step;
         if study.time.step > 0.0 && !divides(step, study.time.step) {

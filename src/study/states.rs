@@ -195,9 +195,13 @@ pub(super) fn problems(study: &Study) -> Problems {
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let Study { states, inputs, structure, .. } = study;
+    if *structure == StudyStructure::Discrete {
+        return problems;
+    }
     if *structure == StudyStructure::Response {
         let message = "belongs to the structure \"dynamics\"";
         problems.expect_absent(!states.is_empty(), "states", message);
+        let message = "belongs to the structures \"dynamics\" and \"discrete\"";
         problems.expect_absent(!inputs.is_empty(), "inputs", message);
         return problems;
     }

@@ -67,7 +67,7 @@ pub struct TrainingOptions {
     pub dropout: f64,
     /// Whether hidden layers are normalised over the rows of a block. In the FMU, weights and biases contain it.
     pub batch_norm: bool,
-    /// Longer gradients are shortened to this length; 0: none is.
+    /// Longer gradients are shortened to this length; 0: none is. Of the structure "discrete" 1 unless given.
     #[schemars(range(min = 0))]
     pub clip_norm: f64,
 }

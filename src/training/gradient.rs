@@ -6,6 +6,7 @@
 use super::{
     Rows,
     loss::LossFunction,
+    recurrence::{Block, Unrolled},
     team::{Divided, Team},
 };
 use crate::network::{
@@ -33,7 +34,7 @@ pub(super) struct Gradients {
     function: LossFunction,
     parts: Vec<Part>,
     /// One for each member.
-    workspaces: Vec<Mutex<Workspace>>,
+    workspaces: Vec<Mutex<Unrolled>>,
 }
 
 /// A part of the batch.
@@ -68,7 +69,7 @@ impl Gradients {
             simd: Simd::detect(),
             function: LossFunction::new(options, outputs),
             parts: (0..parts(batch)).map(|_| part()).collect(),
-            workspaces: (0..members).map(|_| Mutex::new(Workspace::new(network))).collect(),
+            workspaces: (0..members).map(|_| Mutex::new(Unrolled::new(network))).collect(),
         }
     }
 
@@ -88,12 +89,12 @@ impl Gradients {
         let columns = (shapes[0].inputs, shapes[shapes.len() - 1].outputs);
         assert_eq!((rows.n_inputs(), rows.n_outputs()), columns, "columns of the rows");
         let used = parts(numbers.len());
-        let count = (numbers.len() * rows.n_outputs()) as f64;
+        let count = (numbers.len() * rows.targets() / rows.len()) as f64;
         let divided = Divided::new(&mut all[..used]);
         team.for_each(used, |member, index| {
             // SAFETY: one part for each item
             let part = unsafe { &mut divided.range(index..index + 1)[0] };
-            let mut workspace = lock(&workspaces[member]);
+            let mut unrolled = lock(&workspaces[member]);
             let numbers = &numbers[index * numbers.len() / used..(index + 1) * numbers.len() / used];
             part.loss = 0.0;
             part.statistics.iter_mut().for_each(|statistics| statistics.fill(0.0));
@@ -102,11 +103,19 @@ impl Gradients {
             let blocks = numbers.len().div_ceil(BLOCK_ROWS);
             for block in 0..blocks {
                 let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
-                gather(rows, numbers, &mut workspace);
-                network.forward_in_training(&mut workspace, DropoutMask { seed, step, rows: numbers });
-                part.loss += sum_of_losses(function, &mut workspace, rows, numbers, 1.0 / count);
-                network.backward(numbers.len(), &mut workspace, store, &mut part.gradient);
-                part.add_statistics(numbers.len(), &workspace);
+                if let Some(recurrence) = rows.recurrence() {
+                    let block = Block { network, rows, recurrence, function, numbers };
+                    let scale = (1.0 / count) as f32;
+                    part.loss += block.gradient((seed, step), scale, store, &mut unrolled, &mut part.gradient);
+                    store = Store::Add;
+                    continue;
+                }
+                let workspace = &mut unrolled.workspaces[0];
+                gather(rows, numbers, workspace);
+                network.forward_in_training(workspace, DropoutMask { seed, step, rows: numbers });
+                part.loss += sum_of_losses(function, workspace, rows, numbers, 1.0 / count);
+                network.backward(numbers.len(), workspace, store, &mut part.gradient);
+                part.add_statistics(numbers.len(), workspace);
                 store = Store::Add;
             }
         });
@@ -140,17 +149,22 @@ impl Gradients {
         let divided = Divided::new(&mut sums[..blocks]);
         team.for_each(blocks, |member, index| {
             let numbers = index * BLOCK_ROWS..((index + 1) * BLOCK_ROWS).min(rows.len());
-            let mut workspace = lock(&self.workspaces[member]);
+            let mut unrolled = lock(&self.workspaces[member]);
             let mut block = [0; BLOCK_ROWS];
             block.iter_mut().zip(numbers.clone()).for_each(|(to, number)| *to = number as u32);
             // SAFETY: one place for each item
             let sum = unsafe { &mut divided.range(index..index + 1)[0] };
             let numbers = &block[..numbers.len()];
-            gather(rows, numbers, &mut workspace);
-            network.forward(numbers.len(), &mut workspace);
-            *sum = sum_of_losses(&self.function, &mut workspace, rows, numbers, 0.0);
+            if let Some(recurrence) = rows.recurrence() {
+                *sum = Block { network, rows, recurrence, function: &self.function, numbers }.loss(&mut unrolled);
+                return;
+            }
+            let workspace = &mut unrolled.workspaces[0];
+            gather(rows, numbers, workspace);
+            network.forward(numbers.len(), workspace);
+            *sum = sum_of_losses(&self.function, workspace, rows, numbers, 0.0);
         });
-        sums[..blocks].iter().sum::<f64>() / rows.outputs().len() as f64
+        sums[..blocks].iter().sum::<f64>() / rows.targets() as f64
     }
 }
 
@@ -235,6 +249,6 @@ impl Kernel for AddParts<'_> {
     }
 }
 
-fn lock(workspace: &Mutex<Workspace>) -> MutexGuard<'_, Workspace> {
+fn lock(workspace: &Mutex<Unrolled>) -> MutexGuard<'_, Unrolled> {
     workspace.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -5,6 +5,8 @@
 //! through all training rows in a new random order, in batches of (nearly) equal size with one optimizer step each, and
 //! ends with the loss on the held-out validation rows; the network with the smallest validation loss is the result.
 //!
+//! Rows with a [`Recurrence`] are trained by stretches: what the network gives at one row is an input of the rows that follow.
+//!
 //! The same rows, options, seed and processor give the same bits for any number of threads.
 
 mod checkpoint;
@@ -13,6 +15,7 @@ mod history;
 mod loss;
 mod optimizer;
 mod pace;
+mod recurrence;
 mod rows;
 mod run;
 mod schedule;
@@ -20,6 +23,7 @@ mod team;
 mod trainer;
 
 pub use history::{joined, read_history, write_history};
+pub use recurrence::Recurrence;
 pub use rows::Rows;
 pub use run::{resume, train};
 pub use trainer::Trainer;

@@ -1,6 +1,6 @@
 //! The rows a network is trained on.
 
-use super::TrainingError;
+use super::{Recurrence, TrainingError};
 
 /// Standardised inputs and outputs, row by row.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +9,7 @@ pub struct Rows {
     n_outputs: usize,
     inputs: Vec<f32>,
     outputs: Vec<f32>,
+    recurrence: Option<Recurrence>,
 }
 
 impl Rows {
@@ -30,17 +31,41 @@ impl Rows {
                 return Err(TrainingError::NotFinite { what, row, column, value: values[index] });
             }
         }
-        Ok(Self { n_inputs, n_outputs, inputs, outputs })
+        Ok(Self { n_inputs, n_outputs, inputs, outputs, recurrence: None })
     }
 
-    /// Number of rows.
+    /// The same rows, to be trained on by stretches.
+    ///
+    /// # Panics
+    /// If the recurrence does not fit the rows.
+    pub fn with_recurrence(self, recurrence: Recurrence) -> Self {
+        let Self { n_inputs, n_outputs, .. } = self;
+        let rows = self.inputs.len() / n_inputs;
+        let fits = |start: &u32| *start as usize + recurrence.stretch <= rows;
+        assert!(recurrence.stretch > 0 && recurrence.starts.iter().all(fits), "stretches of the rows");
+        assert!(recurrence.history * n_outputs <= n_inputs, "past outputs are inputs");
+        assert_eq!((recurrence.linear.len(), recurrence.gains.len()), (n_inputs * n_outputs, n_outputs));
+        Self { recurrence: Some(recurrence), ..self }
+    }
+
+    /// How inputs follow from outputs of rows before, if they do.
+    pub fn recurrence(&self) -> Option<&Recurrence> {
+        self.recurrence.as_ref()
+    }
+
+    /// Number of what is trained on: rows, or stretches of them.
     pub fn len(&self) -> usize {
-        self.inputs.len() / self.n_inputs
+        self.recurrence.as_ref().map_or(self.inputs.len() / self.n_inputs, |recurrence| recurrence.starts.len())
     }
 
-    /// Whether there are no rows.
+    /// Number of outputs that are compared with predictions: those of all rows, or of all stretches.
+    pub(super) fn targets(&self) -> usize {
+        self.len() * self.n_outputs * self.recurrence.as_ref().map_or(1, |recurrence| recurrence.stretch)
+    }
+
+    /// Whether there are no rows, or no stretches.
     pub fn is_empty(&self) -> bool {
-        self.inputs.is_empty()
+        self.len() == 0
     }
 
     /// Number of input columns.

@@ -54,6 +54,14 @@ struct Range {
 }
 
 impl Range {
+    const EVERYWHERE: Self = Self {
+        min: f64::NEG_INFINITY,
+        max: f64::INFINITY,
+        scale: 1.0,
+        lowest: f64::NEG_INFINITY,
+        highest: f64::INFINITY,
+    };
+
     fn new(min: f64, max: f64) -> Self {
         let scale = [max - min, max.abs()].into_iter().find(|&scale| scale > 0.0).unwrap_or(1.0);
         Self::relative_to(scale, min, max)
@@ -71,9 +79,10 @@ impl Range {
 }
 
 impl Domain {
-    /// The ranges of these inputs and, after them, of these states. The value of a state at the start has none, as the state has one.
+    /// The ranges of these inputs and, after them, of these states. The value of a state at the start has none, as the state has one;
+    /// neither have columns after them, which are what a discrete model remembers.
     pub fn new(inputs: &[Input], states: &[State]) -> Self {
-        let everywhere = || Valid::Range(Range::relative_to(1.0, f64::NEG_INFINITY, f64::INFINITY));
+        let everywhere = || Valid::Range(Range::EVERYWHERE);
         let of_state = |state: &State| match state.range {
             Some([min, max]) => Valid::Range(Range::new(min, max)),
             None => everywhere(),
@@ -90,9 +99,10 @@ impl Domain {
     /// The range that counts for a value: of a nominal input the one that holds the nearest value only.
     #[inline]
     fn range(&self, input: usize, value: f64) -> Range {
-        match &self.inputs[input] {
-            Valid::Range(range) => *range,
-            Valid::Values { values, scale } => {
+        match self.inputs.get(input) {
+            None => Range::EVERYWHERE,
+            Some(Valid::Range(range)) => *range,
+            Some(Valid::Values { values, scale }) => {
                 let nearest = values[nearest(values, value)];
                 Range::relative_to(*scale, nearest, nearest)
             }

@@ -1,8 +1,9 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model, Motion, Output,
-    OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, StateSpace, Surrogate, Variability,
+    Activation, Bounds, Discrete, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model, Motion,
+    Output, OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, StateSpace, Surrogate,
+    Variability,
     dictionary::{Dictionary, Factor, Term},
 };
 
@@ -142,7 +143,7 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         Model::PerInstant { instants, networks } => {
             Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
         }
-        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => {
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
             panic!("the examples are networks")
         }
     };
@@ -316,4 +317,39 @@ pub fn residual_network() -> ScaledNetwork {
         output_scale: vec![0.25],
     };
     ScaledNetwork { scaling, layers }
+}
+
+/// A mass that is pushed, known by samples of its position and of the force 0.1 s apart, with made-up numbers: two past positions and
+/// three past forces count, and a network adds a little.
+pub fn recorded() -> Surrogate {
+    let metadata = Metadata {
+        name: "recorded".into(),
+        description: "a mass that is pushed, by samples".into(),
+        inputs: vec![
+            variable("mass", Role::Parameter(Variability::Fixed), "kg", [1.0, 2.0, 1.25]),
+            variable("position_start", Role::Start, "m", [-2.0, 2.0, 0.5]),
+            variable("force_start", Role::Start, "N", [-3.0, 3.0, 0.0]),
+            variable("force", Role::Input, "N", [-3.0, 3.0, 0.0]),
+        ],
+        outputs: vec![shown("position", "m", 2.0)],
+        time_step: 0.1,
+        stop_time: Some(2.0),
+        ..surrogate().metadata().clone()
+    };
+    let layers = layers(&[6, 5, 1], Activation::Tanh, &mut uniform_sequence());
+    let scaling = Scaling {
+        input_mean: vec![0.0, 0.0, 0.0, 0.0, 0.0, 1.5],
+        input_scale: vec![1.0, 1.0, 2.0, 2.0, 2.0, 0.5],
+        output_mean: vec![0.0],
+        output_scale: vec![0.05],
+    };
+    let discrete = Discrete {
+        counts: [1, 1, 1],
+        history: [2, 3],
+        step: 0.1,
+        weights: vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03],
+        constants: vec![0.01],
+        network: Some(ScaledNetwork { scaling, layers }),
+    };
+    Surrogate::new(metadata, Model::Discrete(Box::new(discrete))).expect("the example is valid")
 }

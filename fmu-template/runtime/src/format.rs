@@ -54,18 +54,27 @@
 //! | `results.given` | U32 | `[outputs + states, 2]` | outputs, then derivatives: 0: state K, 1: function K |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
 //!
+//! A [`Model::Discrete`] has a linear part, and the tensors `outputs.` of a network if there is one (MAP then is that of the network).
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `counts` | U32 | `[3]` | number of parameters, of inputs and of outputs |
+//! | `history` | U32 | `[2]` | number of past samples of the outputs and of the inputs |
+//! | `sample.time` | F64 | `[1]` | time between two samples, in seconds |
+//! | `linear.weights`, `linear.constants` | F64 | `[outputs, columns]`, `[outputs]` | of past outputs, past inputs, the newest first, and parameters |
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 //!
 //! | field | |
 //! |---|---|
 //! | `format` | 2, the version of this layout |
-//! | `model` | `{"structure": "response", "per-instant", "motion" or "state-space", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
+//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without a network `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
 use crate::{
-    Activation, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
+    Activation, Discrete, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
     regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 pub use error::FormatError;
@@ -106,6 +115,7 @@ enum Structure {
     PerInstant,
     Motion,
     StateSpace,
+    Discrete,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -125,6 +135,7 @@ enum MapKind {
     Forest,
     Kernel,
     Dictionary,
+    Linear,
 }
 
 impl ModelHeader {
@@ -137,6 +148,11 @@ impl ModelHeader {
             Model::Motion(_) => {
                 let outputs = MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
                 Self { structure: Structure::Motion, outputs }
+            }
+            Model::Discrete(discrete) => {
+                let linear = || MapHeader { map: MapKind::Linear, activations: Vec::new() };
+                let outputs = discrete.network.as_ref().map_or_else(linear, MapHeader::of_network);
+                Self { structure: Structure::Discrete, outputs }
             }
             Model::StateSpace(space) => {
                 let dictionary = || MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
@@ -183,8 +199,9 @@ impl Surrogate {
             Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
             Model::Motion(motion) => motion.tensors(),
             Model::StateSpace(space) => space.tensors(),
+            Model::Discrete(discrete) => discrete.tensors(),
         };
-        if !matches!(self.model(), Model::Motion(_) | Model::StateSpace(_)) {
+        if !matches!(self.model(), Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_)) {
             tensors.iter_mut().for_each(|(name, ..)| name.insert_str(0, OUTPUTS));
         }
         if let Model::PerInstant { instants, .. } = self.model() {
@@ -229,6 +246,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
                 MapKind::Forest => Function::Forest(Forest::read(tensors)?),
                 MapKind::Network | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
                 MapKind::Dictionary => return Err(FormatError::MotionMap),
+                MapKind::Linear => return Err(FormatError::DiscreteMap),
             };
             Ok(Model::Response(Map::Regression(Regression::read(tensors, function)?)))
         }
@@ -249,6 +267,14 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
             Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, network)?)))
         }
         (Structure::StateSpace, _) => Err(FormatError::StateSpaceMap),
+        (Structure::Discrete, MapKind::Linear | MapKind::Network) => {
+            let network = match map {
+                MapKind::Network => Some(unstacked(tensors, activations, None)?.remove(0)),
+                _ => None,
+            };
+            Ok(Model::Discrete(Box::new(Discrete::read(tensors, network)?)))
+        }
+        (Structure::Discrete, _) => Err(FormatError::DiscreteMap),
     }
 }
 
@@ -399,6 +425,7 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }
 
+mod discrete;
 mod error;
 mod motion;
 mod state_space;

@@ -263,6 +263,11 @@ impl Surrogate {
         self.inputs().iter().position(|input| input.role == Role::Time)
     }
 
+    /// Whether outputs follow from what was before: whether it has states, or a memory.
+    pub fn goes_on(&self) -> bool {
+        !matches!(self.model, Model::Response(_) | Model::PerInstant { .. })
+    }
+
     /// What computes the outputs.
     pub fn model(&self) -> &Model {
         &self.model
@@ -275,7 +280,8 @@ impl Surrogate {
             Model::Response(Map::Regression(_))
             | Model::PerInstant { .. }
             | Model::Motion(_)
-            | Model::StateSpace(_) => None,
+            | Model::StateSpace(_)
+            | Model::Discrete(_) => None,
         }
     }
 

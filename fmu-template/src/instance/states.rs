@@ -1,4 +1,4 @@
-//! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it.
+//! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it; and the memory of a discrete model.
 
 use super::{Instance, finite};
 use crate::{
@@ -8,9 +8,15 @@ use crate::{
 use metafmu_runtime::{DomainPolicy, Drive, StepError};
 
 impl Instance {
+    /// Whether outputs follow from what was before: whether there are states, or a memory.
+    #[inline]
+    pub(super) fn goes_on(&self) -> bool {
+        self.point.len() > self.metadata.inputs.len()
+    }
+
     /// The states' values.
     pub(crate) fn states(&self) -> &[f64] {
-        &self.now.values[self.metadata.inputs.len()..]
+        &self.now.values[self.metadata.inputs.len()..][..self.metadata.states.len()]
     }
 
     /// What the states' values are relative to in a solver's tolerance.
@@ -38,14 +44,14 @@ impl Instance {
         matches!(self.now.state, State::Instantiated | State::Initialization)
     }
 
-    /// Gives the states their values at the start, until the simulation runs.
+    /// Gives the states, or the memory, their values at the start, until the simulation runs.
     pub(super) fn initialize_states(&mut self) {
         if self.is_starting() {
             self.evaluator.start(&mut self.now.values);
         }
     }
 
-    /// Integrates the states over a communication step that ends at `time`. Inputs follow the derivatives the host gave.
+    /// Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow the derivatives the host gave.
     pub(super) fn advance_states(&mut self, time: f64, size: f64, refused: Status) -> Result<(), Refusal> {
         let first = self.metadata.inputs.len();
         self.update_point();

@@ -22,6 +22,12 @@ const TIMES: [&str; 12] = [
     "t",
 ];
 
+/// Beginnings of names of columns that drive a component, in small letters; a single letter is the whole name.
+const INPUTS: [&str; 14] = [
+    "u", "f", "input", "force", "torque", "moment", "voltage", "current", "drive", "command", "setpoint", "effort",
+    "kraft", "eingang",
+];
+
 /// Fewer runs than this may have the numbers 0, 1 or 1, 2 for another reason than to be counted.
 const COUNTED: usize = 3;
 
@@ -68,6 +74,8 @@ struct Roles<'a> {
     time: &'a str,
     label: Option<&'a str>,
     varied: Vec<&'a Column>,
+    /// Of the structure "discrete".
+    inputs: Vec<&'a Column>,
     outputs: Vec<&'a Column>,
     /// Those that are neither, and why.
     others: Vec<(&'a Column, String)>,
@@ -75,8 +83,12 @@ struct Roles<'a> {
 
 pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
-    let roles = roles(&time, label.as_deref(), &runs, &columns);
-    let problem = match (roles.varied.is_empty(), roles.outputs.is_empty()) {
+    let mut roles = roles(&time, label.as_deref(), &runs, &columns);
+    let is_discrete = args.structure == "discrete";
+    if is_discrete {
+        find_inputs(file, args, &mut roles)?;
+    }
+    let problem = match (roles.varied.is_empty() && !is_discrete, roles.outputs.is_empty()) {
         (true, _) => "no column has one value in each run and others in other runs: there is no parameter",
         (_, true) => "no column changes in a run: there is no output",
         _ => "",
@@ -104,6 +116,35 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
     let runs = read(&mut table, time, label, &positions, &mut columns)?;
     let label = label.map(|label| titles[label].clone());
     Ok(Survey { time: titles[time].clone(), label, runs, columns })
+}
+
+/// Which of the columns that change in a run are inputs.
+fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
+    let table = Table::open(file)?;
+    let wanted = args.inputs.iter().map(|name| Ok(table.columns()[given(&table, name)?].name.clone()));
+    let wanted: Vec<String> = wanted.collect::<Result<_>>()?;
+    let is_wanted = |column: &&Column| match wanted.is_empty() {
+        true => drives(&column.title),
+        false => wanted.contains(&column.title),
+    };
+    (roles.inputs, roles.outputs) = std::mem::take(&mut roles.outputs).into_iter().partition(is_wanted);
+    if roles.inputs.is_empty() {
+        let changing: Vec<&str> = roles.outputs.iter().map(|column| column.title.as_str()).collect();
+        let expected = format!("say which they are with --inputs COLUMNS ({})", changing.join(", "));
+        return Err(table.mistake_in_header(&format!("no column is known to drive the runs: {expected}")));
+    }
+    Ok(())
+}
+
+/// Whether a column of this name is an input.
+fn drives(title: &str) -> bool {
+    let title = title.to_lowercase();
+    let begins = |name: &&str| match name.len() {
+        // also u1, u_2
+        1 => title.strip_prefix(*name).is_some_and(|rest| rest.chars().all(|c| c.is_ascii_digit() || c == '_')),
+        _ => title.starts_with(*name),
+    };
+    INPUTS.iter().any(begins)
 }
 
 /// Position of a column by its name, with its unit or without.
@@ -210,6 +251,18 @@ impl Column {
     }
 }
 
+/// The end of a study of the structure "discrete".
+const DISCRETE: &str = "[discrete]
+history = 8                 # past samples of outputs and inputs that the next outputs follow from
+stretch = 64                # samples that are predicted in a row in the training
+
+[network]
+hidden = [32, 32]           # beside what is linear
+
+[training]
+epochs = 300
+";
+
 /// Columns with one value in each run are parameters, but for those that number the runs, unless there are no others.
 fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'a [Column]) -> Roles<'a> {
     let (texts, numbers): (Vec<&Column>, Vec<&Column>) = columns.iter().partition(|column| column.is_text);
@@ -233,13 +286,13 @@ fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'
     others.extend(
         texts.into_iter().map(|column| (column, "is text and left out; --run if it tells the runs apart".into())),
     );
-    Roles { time, label, varied, outputs, others }
+    Roles { time, label, varied, inputs: Vec::new(), outputs, others }
 }
 
 fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
-    let Roles { time, label, varied, outputs, others } = roles;
+    let Roles { time, label, varied, inputs, outputs, others } = roles;
     let file = file.display().to_string();
-    let renamed = varied.iter().chain(outputs).filter(|column| column.name != column.title);
+    let renamed = varied.iter().chain(inputs).chain(outputs).filter(|column| column.name != column.title);
     let renamed = renamed.map(|column| (column.name.as_str(), column.title.as_str()));
     let own = [("time", Some(*time)), ("run", *label)];
     let own = own.into_iter().filter_map(|(name, title)| Some((name, title.filter(|title| *title != name)?)));
@@ -251,26 +304,44 @@ fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
         format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
     };
     let step = runs.stop / (runs.stop / runs.step).round().max(1.0);
+    let is_discrete = !inputs.is_empty();
+    let (structure, option) = match is_discrete {
+        true => (
+            "structure = \"discrete\"      # goes on from sample to sample, driven by the inputs\n",
+            " --structure discrete",
+        ),
+        false => ("", ""),
+    };
+    let steps = match is_discrete {
+        true => "the sample time: rows are so far apart",
+        false => "the step size that the FMU suggests to hosts; rows are where the table has them",
+    };
     let mut text = format!(
-        "# Made by `metafmu new {name} --table {file}`; build it with `metafmu build {name}.toml`.
+        "# Made by `metafmu new {name} --table {file}{option}`; build it with `metafmu build {name}.toml`.
 
 name = \"{name}\"    # names the outputs and the FMU
-seed = 1                    # everything random follows from it
+{structure}seed = 1                    # everything random follows from it
 
 [source]
 table = {}    # {} runs; relative to this file
 {columns}
 [time]                      # runs begin at 0 and are cut off at `stop`, where the shortest ends
 stop = {:?}                  # s
-step = {step:?}                 # s; the step size that the FMU suggests to hosts; rows are where the table has them
-
-[parameters]                # inputs of the surrogate, beside the time: columns with one value in each run
+step = {step:?}                 # s; {steps}
 ",
         quoted(&file),
         runs.count,
         runs.stop,
     );
     let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!("unit = {}", quoted(unit)) };
+    if !varied.is_empty() {
+        let beside = if is_discrete { "" } else { ", beside the time" };
+        // writing to a string does not fail
+        let _ = writeln!(
+            text,
+            "\n[parameters]                # inputs of the surrogate{beside}: columns with one value in each run"
+        );
+    }
     for Column { name, min, max, unit: of, .. } in varied {
         let unit = if of.is_empty() { String::new() } else { format!(", {}", unit(of)) };
         // writing to a string does not fail
@@ -279,15 +350,21 @@ step = {step:?}                 # s; the step size that the FMU suggests to host
     for (Column { title, .. }, why) in others {
         let _ = writeln!(text, "# {} {why}", title.replace(char::is_control, " "));
     }
-    text += "\n[outputs]\n";
-    for Column { name, unit: of, .. } in outputs {
-        let unit = unit(of);
-        let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
+    let sections = [("inputs", inputs), ("outputs", outputs)];
+    for (section, columns) in sections.into_iter().filter(|(_, columns)| !columns.is_empty()) {
+        let _ = writeln!(text, "\n[{section}]");
+        for Column { name, unit: of, .. } in columns {
+            let unit = unit(of);
+            let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
+        }
     }
     let test_runs = (runs.count / 10).max(1);
     let _ = write!(
         text,
         "\n[sampling]\ntest_runs = {test_runs}              # chosen at random, never part of training\n\n"
     );
+    if is_discrete {
+        return text + DISCRETE;
+    }
     text + &rest(runs.count - test_runs.min(runs.count), runs.stop / step)
 }

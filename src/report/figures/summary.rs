@@ -18,6 +18,11 @@ pub fn summary(material: &Material) -> Section {
         blocks.push(paragraph(&format!("{}.", metadata.description.trim_end_matches('.'))));
     }
     let (from, learned) = match metadata.states.len() {
+        0 if evaluated.surrogate.goes_on() => {
+            let inputs = evaluated.test.inputs.len();
+            let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
+            (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
+        }
         0 => (format!("{} parameters and the time", evaluated.test.parameters.len()), "rows"),
         states => {
             let parameters = evaluated.test.parameters.len() - states;
@@ -64,8 +69,8 @@ pub fn summary(material: &Material) -> Section {
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = match input.role {
             Role::Time => "time",
-            Role::Start => "state at the start",
-            Role::Input if !evaluated.surrogate.states().is_empty() => "input",
+            Role::Start => "value at the start",
+            Role::Input if evaluated.surrogate.goes_on() => "input",
             Role::Input | Role::Parameter(_) => "parameter",
         };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))
@@ -135,6 +140,12 @@ fn network(material: &Material) -> String {
                 sizes(network)
             ),
             None => "States whose derivatives are sums of products give".into(),
+        },
+        Model::Discrete(discrete) => match &discrete.network {
+            Some(network) => {
+                format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(network))
+            }
+            None => "A linear model, from sample to sample, gives".into(),
         },
         Model::PerInstant { instants, .. } => {
             format!(

@@ -31,7 +31,7 @@ pub fn section(material: &Material) -> Option<Section> {
     let text = match material.evaluated.surrogate.model() {
         // they have no epochs, so that there is no history
         Model::Motion(_) => return None,
-        Model::Response(_) | Model::StateSpace(_) => format!(
+        Model::Response(_) | Model::StateSpace(_) | Model::Discrete(_) => format!(
             "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
              of {}.",
             best.epoch,

@@ -102,6 +102,9 @@ pub enum FormatError {
     /// A state space of another map.
     #[error("a state space has a dictionary or a network beside one")]
     StateSpaceMap,
+    /// A discrete model whose map is of another kind, or the other way around.
+    #[error("a discrete model has a linear part or a network beside one, and only a discrete model")]
+    DiscreteMap,
     /// The value at the start of nothing.
     #[error("variable `{name}` is the value of a state at the start, but the model has no states")]
     NoState {

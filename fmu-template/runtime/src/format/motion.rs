@@ -89,7 +89,11 @@ pub(super) fn of_dictionary(name: &str, dictionary: &Dictionary) -> [Tensor; 2] 
 }
 
 /// Finite numbers and their shape.
-fn doubles(tensors: &mut Views, name: &str, dimensions: usize) -> Result<(Vec<f64>, Vec<usize>), FormatError> {
+pub(super) fn doubles(
+    tensors: &mut Views,
+    name: &str,
+    dimensions: usize,
+) -> Result<(Vec<f64>, Vec<usize>), FormatError> {
     let view = take(tensors, name, Dtype::F64, dimensions)?;
     let values = elements(view.data(), f64::from_le_bytes);
     expect_finite(name, values.iter().copied())?;

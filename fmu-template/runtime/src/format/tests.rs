@@ -585,3 +585,56 @@ fn a_state_space_that_makes_no_sense_is_refused() {
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
 }
+
+#[test]
+fn a_discrete_model_survives_the_round_trip_with_and_without_a_network() {
+    for has_network in [true, false] {
+        let surrogate = example::recorded();
+        let Model::Discrete(mut discrete) = surrogate.model().clone() else { unreachable!("it is discrete") };
+        discrete.network = discrete.network.filter(|_| has_network);
+        let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete)).unwrap();
+        let surrogate = surrogate.sealed().unwrap();
+        let bytes = surrogate.to_bytes().unwrap();
+        assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
+        for length in (0..bytes.len()).step_by(97) {
+            assert!(Surrogate::from_bytes(&bytes[..length]).is_err(), "{length}");
+        }
+    }
+}
+
+#[test]
+fn a_discrete_model_that_makes_no_sense_is_refused() {
+    for (expected, change) in [
+        ("nothing", &(|_: &mut Discrete| {}) as &dyn Fn(&mut Discrete)),
+        ("tensor `inputs` has shape [1, 2, 1, 0], expected [0, 2, 1, 0]", &|discrete| discrete.counts[0] = 0),
+        ("tensor `inputs` has shape [1, 2, 1, 0], expected [1, 3, 2, 0]", &|discrete| discrete.counts[1] = 2),
+        ("tensor `outputs` has shape [2], expected [1]", &|discrete| discrete.counts[2] = 2),
+        ("the list of past inputs is empty", &|discrete| discrete.history[1] = 0),
+        ("tensor `linear.weights` has shape [6], expected [7]", &|discrete| discrete.history[0] = 3),
+        ("tensor `linear.constants` has shape [0], expected [1]", &|discrete| discrete.constants.clear()),
+        ("tensor `linear.weights`, element 1: NaN is not finite", &|discrete| discrete.weights[1] = f64::NAN),
+        ("time step 0 is not positive", &|discrete| discrete.step = 0.0),
+    ] {
+        let surrogate = example::recorded();
+        let Model::Discrete(mut discrete) = surrogate.model().clone() else { unreachable!("it is discrete") };
+        change(&mut discrete);
+        let found = Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete));
+        let found = found.map_or_else(|error| error.to_string(), |_| "nothing".into());
+        assert!(found.starts_with(expected), "{found} instead of {expected}");
+    }
+    let bytes = example::recorded().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    for (from, to, expected) in [
+        ("sample.time", "sample.tim", "tensor `sample.time` is missing"),
+        (
+            "\\\"map\\\":\\\"network\\\"",
+            "\\\"map\\\":\\\"forest\\\"",
+            "a discrete model has a linear part or a network beside one",
+        ),
+    ] {
+        assert!(header.contains(from), "{from} is not in {header}");
+        let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
+        assert!(found.contains(expected), "{found}");
+    }
+}

@@ -2,6 +2,7 @@
 
 use super::{
     Drive, Model, Motion, StepError,
+    discrete::{DiscreteScratch, PreparedDiscrete},
     maps::{Maps, MapsScratch},
     motion::MotionScratch,
     state_space::{PreparedStateSpace, StateSpaceScratch},
@@ -14,8 +15,8 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 /// A [`Surrogate`] laid out for fast evaluation. Immutable: any number of threads may share it, each with a [`Scratch`]
 /// of its own. No evaluation allocates.
 ///
-/// A point has one value for each input and, after them, one for each state; results are the outputs and, after them, the states'
-/// derivatives with respect to time.
+/// A point has one value for each input and, after them, one for each state, or what a discrete model remembers; results are the
+/// outputs and, after them, the states' derivatives with respect to time.
 ///
 /// Every method panics if a slice has the wrong length or the scratch belongs to another evaluator.
 #[derive(Clone, Debug)]
@@ -30,6 +31,7 @@ enum Engine {
     Maps(Maps),
     Motion(Motion),
     StateSpace(Box<PreparedStateSpace>),
+    Discrete(Box<PreparedDiscrete>),
 }
 
 /// Working memory of one evaluation at a time.
@@ -41,6 +43,7 @@ enum Working {
     Maps(MapsScratch),
     Motion(MotionScratch),
     StateSpace(StateSpaceScratch),
+    Discrete(DiscreteScratch),
 }
 
 impl Evaluator {
@@ -48,17 +51,21 @@ impl Evaluator {
     pub fn new(surrogate: &Surrogate) -> Self {
         let metadata = surrogate.metadata();
         let states = metadata.states.len();
-        Self {
-            columns: metadata.inputs.len() + states,
-            results: metadata.outputs.len() + states,
-            engine: match surrogate.model() {
-                Model::Motion(motion) => Engine::Motion((**motion).clone()),
-                Model::StateSpace(space) => {
-                    Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
-                }
-                Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(surrogate)),
-            },
-        }
+        let engine = match surrogate.model() {
+            Model::Motion(motion) => Engine::Motion((**motion).clone()),
+            Model::StateSpace(space) => {
+                Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
+            }
+            Model::Discrete(discrete) => {
+                Engine::Discrete(Box::new(PreparedDiscrete::new(discrete, metadata.precision)))
+            }
+            Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(surrogate)),
+        };
+        let memory = match &engine {
+            Engine::Discrete(discrete) => discrete.memory(),
+            Engine::Maps(_) | Engine::Motion(_) | Engine::StateSpace(_) => states,
+        };
+        Self { columns: metadata.inputs.len() + memory, results: metadata.outputs.len() + states, engine }
     }
 
     /// The same where the parameters of equations of motion keep these values, which is faster; of other models the same.
@@ -81,6 +88,7 @@ impl Evaluator {
             Engine::Maps(maps) => Working::Maps(maps.scratch()),
             Engine::Motion(motion) => Working::Motion(motion.scratch()),
             Engine::StateSpace(space) => Working::StateSpace(space.scratch()),
+            Engine::Discrete(discrete) => Working::Discrete(discrete.scratch()),
         })
     }
 
@@ -116,7 +124,8 @@ impl Evaluator {
     }
 
     /// Integrates the states of a point over `size` seconds, with steps of fixed size, or
-    /// with a tolerance relative to the states and their nominal values. Nothing happens without states.
+    /// with a tolerance relative to the states and their nominal values; a discrete model goes on from sample to sample. Nothing
+    /// happens without states or a memory.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
@@ -132,11 +141,21 @@ impl Evaluator {
             (Engine::Maps(_), _) => Ok(()),
             (Engine::Motion(motion), Working::Motion(scratch)) => motion.advance(point, method, drive, scratch),
             (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.advance(point, method, drive, scratch),
+            (Engine::Discrete(discrete), Working::Discrete(scratch)) => {
+                discrete.advance(point, method.0, drive, scratch)
+            }
             _ => panic!("{OTHER}"),
         }
     }
 
-    /// Number of values of a point: inputs and states.
+    /// Of a discrete model, makes a sample of the outputs what was measured; of other models nothing.
+    pub fn correct(&self, point: &mut [f64], outputs: &[f64]) {
+        if let Engine::Discrete(discrete) = &self.engine {
+            discrete.correct(point, outputs);
+        }
+    }
+
+    /// Number of values of a point: inputs, and states or what is remembered.
     pub fn columns(&self) -> usize {
         self.columns
     }
@@ -146,13 +165,14 @@ impl Evaluator {
         self.results
     }
 
-    /// Gives the states of a point the values that its inputs have for the start.
+    /// Gives the states of a point, or its memory, the values that its inputs have for the start.
     pub fn start(&self, point: &mut [f64]) {
         self.check_point(point);
         let starts = match &self.engine {
             Engine::Maps(_) => return,
             Engine::Motion(motion) => motion.start_columns(),
             Engine::StateSpace(space) => space.start_columns(),
+            Engine::Discrete(discrete) => return discrete.start(point),
         };
         let first = self.columns - starts.len();
         point.copy_within(starts, first);
@@ -173,6 +193,7 @@ impl Evaluator {
             (Engine::Maps(maps), Working::Maps(scratch)) => maps.perform(point, task, scratch),
             (Engine::Motion(motion), Working::Motion(scratch)) => motion.perform(point, task, scratch),
             (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.perform(point, task, scratch),
+            (Engine::Discrete(discrete), _) => discrete.perform(point, task),
             _ => panic!("{OTHER}"),
         }
     }

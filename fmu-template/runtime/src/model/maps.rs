@@ -52,7 +52,7 @@ impl Maps {
                 let instants = Instants::new(instants, encoder.first_column(time));
                 (networks.iter().map(prepared).collect(), Some(instants))
             }
-            Model::Motion(_) | Model::StateSpace(_) => (Vec::new(), None),
+            Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => (Vec::new(), None),
         };
         Self {
             outputs: metadata.outputs.len(),

@@ -1,6 +1,7 @@
 //! Models: maps together with time, and with states.
 
 mod adjoint;
+pub(crate) mod discrete;
 pub(crate) mod dynamics;
 mod evaluator;
 mod maps;
@@ -13,6 +14,7 @@ use crate::{
     Encoder, FormatError, Input, Metadata, Role, State,
     map::{Map, ScaledNetwork, expect_finite, expect_shape},
 };
+pub use discrete::Discrete;
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use motion::{Motion, Shown};
 pub use solver::{Drive, MAX_SOLVER_STEPS, StepError};
@@ -37,6 +39,8 @@ pub enum Model {
     Motion(Box<Motion>),
     /// Derivatives of states and outputs as functions of parameters, inputs and states.
     StateSpace(Box<StateSpace>),
+    /// The next sample of the outputs as a function of past outputs and inputs.
+    Discrete(Box<Discrete>),
 }
 
 impl Model {
@@ -62,6 +66,7 @@ impl Model {
             }
             Self::Motion(motion) => motion.check(inputs, states, outputs),
             Self::StateSpace(space) => space.check(inputs, states, outputs),
+            Self::Discrete(discrete) => discrete.check(inputs, states, outputs),
         }
     }
 }
@@ -69,6 +74,13 @@ impl Model {
 /// Makes sure that a model's inputs are, in this order, so many parameters, a start for each state, and so many inputs: `counts` are the
 /// numbers of parameters, inputs and states.
 fn expect_roles(inputs: &[Input], states: &[State], counts: [usize; 3]) -> Result<(), FormatError> {
+    let [parameters, drivers, count] = counts;
+    expect_starts(inputs, [parameters, count, drivers])?;
+    expect_shape("states", &[states.len()], &[count])
+}
+
+/// Makes sure that a model's inputs are, in this order, so many parameters, values at the start, and inputs.
+fn expect_starts(inputs: &[Input], counts: [usize; 3]) -> Result<(), FormatError> {
     let mut rest = inputs;
     let mut count = |is_wanted: fn(Role) -> bool| {
         let count = rest.iter().take_while(|input| is_wanted(input.role)).count();
@@ -77,9 +89,8 @@ fn expect_roles(inputs: &[Input], states: &[State], counts: [usize; 3]) -> Resul
     };
     let parameters = count(|role| matches!(role, Role::Parameter(_)));
     let found = [parameters, count(|role| role == Role::Start), count(|role| role == Role::Input), rest.len()];
-    let [parameters, drivers, expected] = counts;
-    expect_shape("inputs", &found, &[parameters, expected, drivers, 0])?;
-    expect_shape("states", &[states.len()], &[expected])?;
+    let [parameters, starts, drivers] = counts;
+    expect_shape("inputs", &found, &[parameters, starts, drivers, 0])?;
     match inputs.iter().find(|input| !input.encoding.is_plain()) {
         Some(input) => Err(FormatError::Encoding { name: input.name.clone(), expected: "none with states" }),
         None => Ok(()),

@@ -126,7 +126,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::PerInstant { instants, networks } => {
             return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => {
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
             panic!("a network was expected")
         }
     };
@@ -261,7 +261,7 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let network = match surrogate.model() {
         Model::Response(Map::Network(network)) => Some(network),
         Model::PerInstant { networks, .. } => networks.first(),
-        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) => None,
+        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => None,
     };
     network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
 }

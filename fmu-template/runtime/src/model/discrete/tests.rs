@@ -1,0 +1,139 @@
+use crate::{Domain, Drive, Evaluator, Model, StepError, example};
+
+/// Mass, starts of output and force, force; then the memory.
+fn point(evaluator: &Evaluator, start: f64, force: f64) -> Vec<f64> {
+    let mut point = vec![1.5, start, 0.25, force];
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    point
+}
+
+fn drive<'a>(rates: [&'a [f64]; 2]) -> Drive<'a> {
+    Drive { rates, clamp: None }
+}
+
+/// What [`example::recorded`] says, one number after the other: outputs at the samples for these forces.
+fn expected(start: f64, forces: &[f64]) -> Vec<f64> {
+    let surrogate = example::recorded();
+    let Model::Discrete(discrete) = surrogate.model() else { panic!("it is discrete") };
+    let (mut y, mut u) = ([start; 2], [0.25; 3]);
+    let mut outputs = vec![start];
+    for force in forces {
+        u = [*force, u[0], u[1]];
+        let z = [y[0], y[1], u[0], u[1], u[2], 1.5];
+        let linear: f64 = discrete.weights.iter().zip(z).map(|(weight, z)| weight * z).sum();
+        let network = discrete.network.as_ref().unwrap().evaluate(&[z.to_vec()]);
+        y = [discrete.constants[0] + linear + network[0][0], y[0]];
+        outputs.push(y[0]);
+    }
+    outputs
+}
+
+fn output(evaluator: &Evaluator, point: &[f64]) -> f64 {
+    let mut results = [0.0];
+    evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
+    results[0]
+}
+
+const FORCES: [f64; 6] = [1.0, -0.5, 0.7, 2.0, 0.0, -1.0];
+
+#[test]
+fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let expected = expected(0.4, &FORCES);
+    assert!(expected.windows(2).all(|pair| (pair[0] - pair[1]).abs() > 1e-3), "{expected:?}");
+    let none = vec![0.0; evaluator.columns()];
+    // the sample time is 0.1 s; sums of these steps are not exactly multiples of it
+    for (parts, size) in [(1, 0.1), (2, 0.05), (3, 0.1 / 3.0), (10, 0.01)] {
+        let mut point = point(&evaluator, 0.4, 0.0);
+        let mut scratch = evaluator.scratch();
+        assert_eq!(output(&evaluator, &point), 0.4);
+        for (k, force) in FORCES.iter().enumerate() {
+            point[3] = *force;
+            for part in 1..=parts {
+                evaluator.advance(&mut point, (size, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+                // linear between samples; what the input is there does not count
+                point[3] = 100.0;
+                let share = f64::from(part) / f64::from(parts);
+                let line = expected[k] + share * (expected[k + 1] - expected[k]);
+                let found = output(&evaluator, &point);
+                assert!((found - line).abs() < 1e-12, "{parts} {k} {part}: {found} {line}");
+            }
+        }
+    }
+    // one step over all samples with an input that is held
+    let mut point = point(&evaluator, 0.4, 1.0);
+    let held = super::tests::expected(0.4, &[1.0; 6]);
+    evaluator.advance(&mut point, (0.6, None, &[]), drive([&none, &none]), &mut evaluator.scratch()).unwrap();
+    assert!((output(&evaluator, &point) - held[6]).abs() < 1e-12);
+}
+
+#[test]
+fn inputs_follow_their_derivatives_at_samples_within_a_step_and_are_clamped() {
+    let surrogate = example::recorded();
+    let evaluator = Evaluator::new(&surrogate);
+    let (mut first, mut second) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.columns()]);
+    (first[3], second[3]) = (2.0, -8.0);
+    let domain = Domain::new(surrogate.inputs(), surrogate.states());
+    let at = |time: f64| -0.2 + 2.0 * time - 4.0 * time * time;
+    for clamp in [None, Some(&domain)] {
+        let mut point = point(&evaluator, 0.0, 0.0);
+        point[3] = -0.2;
+        let forces = [0.0, 0.1, 0.2, 0.3].map(|time| clamp.map_or(at(time), |domain| domain.clamp(3, at(time))));
+        let with = Drive { rates: [&first, &second], clamp };
+        evaluator.advance(&mut point, (0.4, None, &[]), with, &mut evaluator.scratch()).unwrap();
+        let expected = expected(0.0, &forces);
+        assert!((output(&evaluator, &point) - expected[4]).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn steps_that_miss_samples_a_little_do_not_add_up() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let none = vec![0.0; evaluator.columns()];
+    let mut scratch = evaluator.scratch();
+    let mut point = point(&evaluator, 0.4, 1.0);
+    // ten million samples late by a tenth of a millionth each are a whole sample: a hundred are a hundred thousandth of one
+    for _ in 0..100 {
+        evaluator.advance(&mut point, (0.1 * (1.0 + 1e-7), None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+    }
+    let phase = *point.last().unwrap();
+    assert!((phase - 1e-5).abs() < 1e-10, "{phase}");
+}
+
+#[test]
+fn derivatives_are_those_of_the_line_between_samples() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let none = vec![0.0; evaluator.columns()];
+    let mut scratch = evaluator.scratch();
+    let mut point = point(&evaluator, 0.4, 1.0);
+    evaluator.advance(&mut point, (0.125, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+    let direction: Vec<f64> =
+        (0..point.len()).map(|k| if k + 1 < point.len() { 1.0 + k as f64 } else { 0.0 }).collect();
+    let mut along = [0.0];
+    evaluator.directional(&point, &direction, &mut along, &mut scratch);
+    let moved: Vec<f64> = point.iter().zip(&direction).map(|(value, rate)| value + 1e-3 * rate).collect();
+    let slope = (output(&evaluator, &moved) - output(&evaluator, &point)) / 1e-3;
+    assert!((along[0] - slope).abs() < 1e-9, "{along:?} {slope}");
+    let mut gradient = vec![0.0; point.len()];
+    evaluator.adjoint(&point, &[2.0], &mut gradient, &mut scratch);
+    let backwards: f64 = gradient.iter().zip(&direction).map(|(gradient, along)| gradient * along).sum();
+    assert!((backwards - 2.0 * along[0]).abs() < 1e-12);
+}
+
+#[test]
+fn outputs_that_diverge_are_an_error_and_the_memory_stays() {
+    let surrogate = example::recorded();
+    let Model::Discrete(mut discrete) = surrogate.model().clone() else { panic!("it is discrete") };
+    discrete.weights[0] = 1e200;
+    let surrogate = crate::Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete)).unwrap();
+    let evaluator = Evaluator::new(&surrogate);
+    let none = vec![0.0; evaluator.columns()];
+    let mut point = point(&evaluator, 0.4, 1.0);
+    let before = point.clone();
+    let mut advance =
+        |size| evaluator.advance(&mut point, (size, None, &[]), drive([&none, &none]), &mut evaluator.scratch());
+    assert!(matches!(advance(1.0), Err(StepError::NotFinite { after }) if (after - 0.2).abs() < 1e-12));
+    assert!(matches!(advance(2e6), Err(StepError::TooManySteps)));
+    assert_eq!(point, before);
+}

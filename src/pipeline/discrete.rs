@@ -1,0 +1,396 @@
+//! Learns models of recorded runs that go on from sample to sample.
+
+use super::{
+    prepare::{self, held_out},
+    project::Project,
+    rescue,
+    state_space::Candidate,
+    train::{Follower, TrainingRecord},
+};
+use crate::{
+    Result,
+    dataset::{Dataset, Run},
+    evaluation::{Accuracy, OutputMetrics},
+    files,
+    network::Network,
+    scaling,
+    source::Source,
+    study::{DiscreteModel, TrainingOptions},
+    surrogate,
+    training::{self, EpochRecord, Recurrence, Rows, StopReason, write_history},
+};
+use metafmu_runtime::{Discrete, Layer, Model, ScaledNetwork, Scaling, Surrogate};
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use std::{sync::atomic::Ordering, time::Instant};
+
+/// What was learned of recorded runs with inputs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct DiscreteRecord {
+    /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
+    /// says otherwise.
+    pub candidates: Vec<Candidate>,
+    /// The name of the one that is exported.
+    pub exported: String,
+    /// Number of past samples of outputs and of inputs that it goes on from.
+    pub history: [usize; 2],
+}
+
+impl DiscreteRecord {
+    /// How it went, in words.
+    pub(super) fn describe(&self) -> String {
+        let list: Vec<String> =
+            self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let [outputs, inputs] = self.history;
+        format!(
+            "error in simulations of held-out runs: {}; exported: {}, which goes on from {outputs} samples of outputs and {inputs} of \
+             inputs",
+            list.join(", "),
+            self.exported
+        )
+    }
+}
+
+/// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
+const RIDGE: f64 = 1e-10;
+/// Smallest weight of a network beside what is linear.
+const LEAST_GAIN: f64 = 1e-6;
+/// Stretches of a batch at least.
+const LEAST_BATCH: usize = 32;
+/// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
+const OVERLAP: usize = 4;
+const STRETCHES: usize = 2000;
+/// First stretches are as much shorter.
+const SHORTER: usize = 8;
+
+/// Learns the candidates, keeps the one whose simulations of the held-out runs are best, and writes the surrogate.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+    let study = &project.study;
+    let Source::Recorded(recorded) = &project.source else {
+        return Err(study.refusal("source", "expected recorded runs"));
+    };
+    let began = Instant::now();
+    let samples = Samples::new(project, dataset);
+    let validation = held_out(study, dataset);
+    let mut learned: Vec<(Candidate, Surrogate, Learned)> = Vec::new();
+    for kind in DiscreteModel::ALL {
+        if study.discrete.model.is_some_and(|wanted| wanted != kind) {
+            continue;
+        }
+        let start = Instant::now();
+        let one = samples.learn(project, kind)?;
+        let model = Model::Discrete(Box::new(one.model.clone()));
+        let rows = samples.rows();
+        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &recorded.input_starts(), model)?;
+        let error = error(&Accuracy::of(&surrogate, &validation));
+        let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
+        let was_interrupted = one.stopped == StopReason::Interrupted;
+        learned.push((candidate, surrogate, one));
+        if was_interrupted {
+            break;
+        }
+    }
+    learned.sort_by(|a, b| a.0.error.total_cmp(&b.0.error));
+    let candidates = learned.iter().map(|(candidate, ..)| candidate.clone()).collect();
+    // there is at least one kind
+    let (Candidate { name, .. }, surrogate, one) = learned.swap_remove(0);
+    let stopped = if learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
+        StopReason::Interrupted
+    } else {
+        one.stopped
+    };
+    let record = TrainingRecord {
+        train_rows: samples.rows(),
+        validation_runs: validation.runs.len(),
+        epochs: one.history.len(),
+        best_epoch: one.best_epoch,
+        stopped,
+        train_seconds: began.elapsed().as_secs_f64(),
+        added_runs: 0,
+        target_met: None,
+        motion: None,
+        state_space: None,
+        trajectories: None,
+        discrete: Some(DiscreteRecord { candidates, exported: name, history: one.model.history }),
+    };
+    project.finish(format_args!(
+        "learned from {} samples in {:.1} s: {}",
+        record.train_rows,
+        record.train_seconds,
+        record.discrete.as_ref().map_or(String::new(), DiscreteRecord::describe)
+    ));
+    rescue::write(project, |project| {
+        surrogate::save(&surrogate, &project.model())?;
+        write_history(&project.history(), &one.history)?;
+        files::write_json(&project.training_record(), &record)
+    })?;
+    Ok((surrogate, record))
+}
+
+/// Root mean square error in simulations, relative to the standard deviation, of the worst output.
+fn error(accuracy: &Accuracy) -> f64 {
+    let of = |metrics: &OutputMetrics| metrics.r2.map_or(0.0, |r2| (1.0 - r2).max(0.0).sqrt().min(f64::MAX));
+    accuracy.outputs.values().map(of).fold(0.0, f64::max)
+}
+
+/// What came of a way to learn.
+struct Learned {
+    model: Discrete,
+    /// Of the network, one training after the other.
+    history: Vec<EpochRecord>,
+    best_epoch: usize,
+    stopped: StopReason,
+}
+
+/// Means and standard deviations.
+type Moments = (Vec<f64>, Vec<f64>);
+
+/// The runs, and what is known of their columns.
+struct Samples<'a> {
+    /// Number of parameters, of inputs and of outputs.
+    counts: [usize; 3],
+    step: f64,
+    training: Vec<&'a Run>,
+    validation: Vec<&'a Run>,
+    /// Mean and standard deviation of each parameter, input and output.
+    scales: [Moments; 3],
+}
+
+/// Regressors of all samples of some runs, standardised: `[samples, columns]`, and the outputs that follow.
+struct Regressors {
+    inputs: Vec<Vec<f64>>,
+    outputs: Vec<Vec<f64>>,
+    /// Number of samples of each run.
+    lengths: Vec<usize>,
+}
+
+impl<'a> Samples<'a> {
+    fn new(project: &Project, dataset: &'a Dataset) -> Self {
+        let study = &project.study;
+        let (training, validation) = prepare::split(&dataset.runs, &study.training, study.seed);
+        let counts = [study.parameters.len(), dataset.inputs.len(), dataset.outputs.len()];
+        let rows = |of: fn(&Run) -> &[f64], count: usize| -> Moments {
+            let rows: Vec<Vec<f64>> =
+                training.iter().flat_map(|run| of(run).chunks(count.max(1)).map(<[f64]>::to_vec)).collect();
+            scaling::of_columns(&rows)
+        };
+        let points: Vec<Vec<f64>> = training.iter().map(|run| run.parameters[..counts[0]].to_vec()).collect();
+        let scales =
+            [scaling::of_columns(&points), rows(|run| &run.inputs, counts[1]), rows(|run| &run.outputs, counts[2])];
+        Self { counts, step: study.time.step, training, validation, scales }
+    }
+
+    /// Number of samples that follow from those before.
+    fn rows(&self) -> usize {
+        self.training.iter().map(|run| run.times.len() - 1).sum()
+    }
+
+    fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Learned> {
+        let study = &project.study;
+        let options = &study.discrete;
+        let history = match kind {
+            DiscreteModel::Linear | DiscreteModel::Feedback => [options.history, options.history],
+            DiscreteModel::Window => [0, options.window],
+        };
+        let (seen, unseen) = (self.regressors(&self.training, history), self.regressors(&self.validation, history));
+        let linear = solve(&seen).ok_or_else(|| {
+            study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
+        })?;
+        let solved = |model| Learned { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
+        let gains = gains(&seen, &linear);
+        let width = linear.nrows();
+        let network = || Network::new(width, self.counts[2], &study.network, study.seed);
+        match kind {
+            DiscreteModel::Linear => Ok(solved(self.model(history, &linear, None))),
+            DiscreteModel::Window => {
+                let rest = |regressors: &Regressors| plain(regressors, &linear, &gains);
+                let outcome = follow(project, network()?, &rest(&seen)?, &rest(&unseen)?, &study.training)?;
+                let layers = outcome.network.to_layers();
+                Ok(Learned {
+                    model: self.model(history, &linear, Some((&gains, layers))),
+                    history: outcome.history,
+                    best_epoch: outcome.best_epoch,
+                    stopped: outcome.reason,
+                })
+            }
+            DiscreteModel::Feedback => {
+                let mut network = network()?;
+                let mut learned = solved(self.model(history, &linear, None));
+                let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
+                let longest = options.stretch.min(shortest(&seen));
+                let mut stretches = vec![longest.div_ceil(SHORTER), longest];
+                stretches.dedup();
+                let most = (self.rows() / STRETCHES).max(1);
+                let apart = |stretch: usize| stretch.div_ceil(OVERLAP).min(most);
+                for stretch in stretches {
+                    let training = recurrent(&seen, &linear, &gains, history[0], (stretch, apart(stretch)))?;
+                    let length = shortest(&unseen);
+                    let validation = recurrent(&unseen, &linear, &gains, history[0], (length, length))?;
+                    let batch = (study.training.batch / stretch).max(LEAST_BATCH);
+                    let with = TrainingOptions { batch, ..study.training.clone() };
+                    let outcome = follow(project, network, &training, &validation, &with)?;
+                    let best = learned.history.len() + outcome.best_epoch;
+                    learned = Learned {
+                        model: self.model(history, &linear, Some((&gains, outcome.network.to_layers()))),
+                        history: training::joined([learned.history.as_slice(), &outcome.history]),
+                        best_epoch: best,
+                        stopped: outcome.reason,
+                    };
+                    network = outcome.network;
+                    if learned.stopped == StopReason::Interrupted {
+                        break;
+                    }
+                }
+                Ok(learned)
+            }
+        }
+    }
+
+    /// Standardised past samples at each sample but the last, and the outputs of the next one.
+    fn regressors(&self, runs: &[&Run], history: [usize; 2]) -> Regressors {
+        let [parameters, inputs, outputs] = self.counts;
+        let [of_parameters, of_inputs, of_outputs] = &self.scales;
+        let mut found = Regressors { inputs: Vec::new(), outputs: Vec::new(), lengths: Vec::new() };
+        for run in runs {
+            let (p, starts) = run.parameters.split_at(parameters);
+            let (outputs_before, inputs_before) = starts.split_at(outputs);
+            let samples = run.times.len() - 1;
+            // before the first row of a run that begins at rest nothing moved; of others nothing is known
+            let first = if run.times[0] < 0.0 { history[0].max(history[1]).saturating_sub(1) } else { 0 };
+            found.lengths.push(samples - first);
+            for k in first..samples {
+                let mut row = Vec::new();
+                for lag in 0..history[0] {
+                    let sample = k.checked_sub(lag).map_or(outputs_before, |k| &run.outputs[k * outputs..][..outputs]);
+                    row.extend(standardised(sample, of_outputs));
+                }
+                for lag in 0..history[1] {
+                    let sample = k.checked_sub(lag).map_or(inputs_before, |k| &run.inputs[k * inputs..][..inputs]);
+                    row.extend(standardised(sample, of_inputs));
+                }
+                row.extend(standardised(p, of_parameters));
+                found.inputs.push(row);
+                found.outputs.push(standardised(&run.outputs[(k + 1) * outputs..][..outputs], of_outputs).collect());
+            }
+        }
+        found
+    }
+
+    /// The model in the units of the table.
+    fn model(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Discrete {
+        let [parameters, inputs, outputs] = &self.scales;
+        let repeated = |of: fn(&Moments) -> &Vec<f64>| -> Vec<f64> {
+            let past_outputs = (0..history[0]).flat_map(|_| of(outputs).iter().copied());
+            let past_inputs = (0..history[1]).flat_map(|_| of(inputs).iter().copied());
+            past_outputs.chain(past_inputs).chain(of(parameters).iter().copied()).collect()
+        };
+        let (means, scales) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
+        let mut weights = Vec::new();
+        let mut constants = Vec::new();
+        for output in 0..self.counts[2] {
+            let (mean, scale) = (outputs.0[output], outputs.1[output]);
+            let row: Vec<f64> =
+                (0..linear.nrows()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
+            constants.push(mean - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
+            weights.extend(row);
+        }
+        let network = network.map(|(gains, layers)| {
+            let output_scale = outputs.1.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
+            let output_mean = vec![0.0; self.counts[2]];
+            ScaledNetwork {
+                scaling: Scaling { input_mean: means, input_scale: scales, output_mean, output_scale },
+                layers,
+            }
+        });
+        Discrete { counts: self.counts, history, step: self.step, weights, constants, network }
+    }
+}
+
+fn standardised<'a>(values: &'a [f64], (means, scales): &'a Moments) -> impl Iterator<Item = f64> + 'a {
+    values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
+}
+
+/// Coefficients of least squares, shape `[columns, outputs]`; none if they are not determined.
+fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
+    let Regressors { inputs, outputs, .. } = regressors;
+    let (rows, columns, functions) = (inputs.len(), inputs.first()?.len(), outputs.first()?.len());
+    let ridge = (RIDGE * rows as f64).sqrt();
+    let element = |row: usize, column: usize| match row.checked_sub(rows) {
+        None => inputs[row][column],
+        Some(row) => f64::from(u8::from(row == column)) * ridge,
+    };
+    let matrix = DMatrix::from_fn(rows + columns, columns, element);
+    let mut sides = DMatrix::from_fn(rows + columns, functions, |row, output| {
+        outputs.get(row).map_or(0.0, |outputs| outputs[output])
+    });
+    let decomposition = matrix.qr();
+    decomposition.q_tr_mul(&mut sides);
+    let sides = sides.rows(0, columns).into_owned();
+    let solution = decomposition.r().solve_upper_triangular(&sides)?;
+    Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
+}
+
+/// What the linear part gives at a row.
+fn linear_part(linear: &DMatrix<f64>, row: &[f64], output: usize) -> f64 {
+    row.iter().zip(linear.column(output).iter()).map(|(value, weight)| value * weight).sum()
+}
+
+/// Standard deviation of what the linear part leaves over, of each output.
+fn gains(regressors: &Regressors, linear: &DMatrix<f64>) -> Vec<f64> {
+    let rows = || regressors.inputs.iter().zip(&regressors.outputs);
+    let of = |output: usize| {
+        let squares = rows().map(|(row, outputs)| (outputs[output] - linear_part(linear, row, output)).powi(2));
+        (squares.sum::<f64>() / regressors.inputs.len().max(1) as f64).sqrt().max(LEAST_GAIN)
+    };
+    (0..linear.ncols()).map(of).collect()
+}
+
+/// Rows of what the linear part leaves over.
+fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Result<Rows> {
+    let rest = regressors.inputs.iter().zip(&regressors.outputs).flat_map(|(row, outputs)| {
+        let rest = |(output, gain): (usize, &f64)| (outputs[output] - linear_part(linear, row, output)) / gain;
+        gains.iter().enumerate().map(rest).map(|rest| rest as f32).collect::<Vec<_>>()
+    });
+    let inputs = regressors.inputs.iter().flatten().map(|value| *value as f32).collect();
+    Ok(Rows::new(linear.nrows(), linear.ncols(), inputs, rest.collect())?)
+}
+
+/// Rows of stretches of a length, which begin so many samples after each other.
+fn recurrent(
+    regressors: &Regressors,
+    linear: &DMatrix<f64>,
+    gains: &[f64],
+    history: usize,
+    (stretch, apart): (usize, usize),
+) -> Result<Rows> {
+    let single = |rows: &[Vec<f64>]| rows.iter().flatten().map(|value| *value as f32).collect();
+    let rows = Rows::new(linear.nrows(), linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
+    let mut starts = Vec::new();
+    let mut first = 0;
+    for length in &regressors.lengths {
+        starts.extend((0..=length.saturating_sub(stretch)).step_by(apart).map(|begin| (first + begin) as u32));
+        first += length;
+    }
+    Ok(rows.with_recurrence(Recurrence {
+        history,
+        // columns of a matrix of nalgebra lie one after the other
+        linear: linear.iter().map(|weight| *weight as f32).collect(),
+        gains: gains.iter().map(|gain| *gain as f32).collect(),
+        starts,
+        stretch,
+    }))
+}
+
+fn follow(
+    project: &Project,
+    network: Network,
+    training: &Rows,
+    validation: &Rows,
+    options: &TrainingOptions,
+) -> Result<training::Outcome> {
+    let mut follower = Follower::with(project, options, training.len()).without_checkpoints();
+    let outcome = training::train(network, training, validation, options, project.study.seed, &mut follower)?;
+    // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
+    project.control().stop.store(false, Ordering::Relaxed);
+    Ok(outcome)
+}

@@ -1,0 +1,145 @@
+//! `[discrete]`: models of recorded runs that go on from sample to sample.
+
+use super::{NetworkOptions, Study, StudyStructure};
+use crate::diagnostics::Problems;
+use metafmu_baselines::Baselines;
+use metafmu_runtime::{Precision, State};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[discrete]`: models of recorded runs that go on from sample to sample, of the structure "discrete".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DiscreteOptions {
+    /// Number of past samples of the outputs and of the inputs that the next outputs follow from, in models with feedback.
+    pub history: usize,
+    /// Number of past samples of the inputs that the next outputs follow from, in the model without feedback.
+    pub window: usize,
+    /// Samples of a stretch: so many predictions in a row are trained at a time, each from those before.
+    pub stretch: usize,
+    /// The model that is exported; unless given, the one whose simulations of the held-out runs are best.
+    pub model: Option<DiscreteModel>,
+}
+
+/// A way to learn the next outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DiscreteModel {
+    /// Linear in past outputs and inputs, by least squares (ARX).
+    Linear,
+    /// A network on a window of past inputs, without feedback: it has nothing that could drift.
+    Window,
+    /// The linear model and a network on the same past outputs and inputs, trained on stretches of predictions.
+    Feedback,
+}
+
+impl DiscreteModel {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Linear, Self::Window, Self::Feedback];
+
+    /// Its name in a study.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Window => "window",
+            Self::Feedback => "feedback",
+        }
+    }
+}
+
+impl Default for DiscreteOptions {
+    fn default() -> Self {
+        Self { history: 8, window: 64, stretch: 64, model: None }
+    }
+}
+
+/// Hidden layers unless given: a network that is evaluated at each sample, and has a linear part beside it.
+const HIDDEN: [usize; 2] = [32, 32];
+/// Longest gradients unless given: what goes through many predictions has steep slopes.
+const CLIP_NORM: f64 = 1.0;
+
+/// Samples of a history, a window or a stretch at most.
+const MOST: usize = 10_000;
+
+impl DiscreteOptions {
+    /// Number of samples before a run that its models can go on from.
+    pub fn longest(&self) -> usize {
+        self.history.max(self.window)
+    }
+
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        let Self { history, window, stretch, model: _ } = *self;
+        let mut problems = Problems::default();
+        for (key, value) in [("history", history), ("window", window), ("stretch", stretch)] {
+            problems.expect((1..=MOST).contains(&value), key, value, &format!("a number from 1 to {MOST}"));
+        }
+        problems
+    }
+}
+
+/// What is wrong beside the other sections.
+pub(super) fn problems_beside(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    if study.structure != StudyStructure::Discrete {
+        let is_given = study.discrete != DiscreteOptions::default();
+        problems.expect_absent(is_given, "discrete", "belongs to the structure \"discrete\"");
+        return problems;
+    }
+    problems.expect_absent(!study.states.is_empty(), "states", "belongs to the structure \"dynamics\"");
+    if study.inputs.is_empty() {
+        problems.add("inputs", "no input, expected at least one: the columns that drive the runs");
+    }
+    for (name, input) in &study.inputs {
+        let message = "belongs to the structure \"dynamics\": recorded runs have their signals";
+        problems.expect_absent(input.bandwidth.is_some(), format!("inputs.{name}.bandwidth"), message);
+        problems.expect_absent(input.excitation.is_some(), format!("inputs.{name}.excitation"), message);
+        let (min, max) = (input.min.unwrap_or(f64::NEG_INFINITY), input.max.unwrap_or(f64::INFINITY));
+        if min >= max {
+            problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));
+        } else if let Some(start) = input.start.filter(|start| !(min..=max).contains(start)) {
+            problems.add(format!("inputs.{name}.start"), format!("{start}, expected {min} to {max}"));
+        }
+    }
+    let names = || study.outputs.keys().chain(study.inputs.keys());
+    for start in names().map(|name| State::start_name(name)) {
+        if study.parameters.contains_key(&start) || names().any(|name| *name == start) {
+            problems.add("outputs", format!("`{start}` is the name of a variable's value before the start"));
+        }
+    }
+    if study.time.stop < 2.0 * study.time.step {
+        problems.add("time.stop", format!("{} s, expected at least two steps", study.time.stop));
+    }
+    problems.extend(refused(study));
+    problems
+}
+
+/// Sections and keys that are of other structures.
+fn refused(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    let of_response = "belongs to the structure \"response\"";
+    problems.expect_absent(study.target.is_some(), "target", of_response);
+    problems.expect_absent(study.bounds.is_some(), "bounds", of_response);
+    problems.expect_absent(study.search.is_some(), "search", of_response);
+    problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_response);
+    let is_fixed = study.network.structure != NetworkOptions::default().structure;
+    problems.expect_absent(is_fixed, "network.structure", of_response);
+    problems.expect_absent(study.training.batch_norm, "training.batch_norm", of_response);
+    problems.expect_absent(study.training.dropout > 0.0, "training.dropout", of_response);
+    if study.network.hidden.is_empty() {
+        problems.add("network.hidden", "no hidden layer, expected at least one: the linear part is beside the network");
+    }
+    let is_single = study.export.precision == Precision::Single;
+    problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks without feedback");
+    problems
+}
+
+/// Options that have other defaults than those of other structures; `given`: whether the hidden layers and the length of gradients are.
+pub(super) fn set_defaults(study: &mut Study, [hidden, clip_norm]: [bool; 2]) {
+    if !hidden {
+        study.network.hidden = HIDDEN.to_vec();
+    }
+    if !clip_norm {
+        study.training.clip_norm = CLIP_NORM;
+    }
+}

@@ -1,0 +1,368 @@
+"""Surrogates of recorded inputs and outputs that go on from sample to sample, in fmpy, against the model file in numpy."""
+
+import csv
+import json
+import os
+import subprocess
+from ctypes import c_double, c_int, c_uint32, create_string_buffer
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import METAFMU, OTHER_THREADS, fmu_of, metafmu
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.simulation import instantiate_fmu
+from fmpy.validation import validate_fmu
+from safetensors.numpy import load_file
+
+RUNS, ROWS, STEP = 14, 101, 0.02
+STUDY = f"""name = "plant"
+structure = "discrete"
+
+[source]
+table = "runs.csv"
+columns = {{ position = "y" }}
+
+[time]
+stop = {STEP * (ROWS - 1)}
+step = {STEP}
+
+[parameters]
+gain = {{ min = 0.5, max = 1.5 }}
+
+[inputs]
+force = {{ min = -2, max = 2, unit = "N" }}
+
+[outputs]
+position = {{ unit = "m" }}
+speed = {{}}
+
+[discrete]
+history = 3
+window = 12
+stretch = 20
+
+[network]
+hidden = [12]
+
+[training]
+epochs = 100
+
+[sampling]
+test_runs = 3
+"""
+
+
+def plant(forces, gain, start=0.0):
+    """Position and speed at each row: a stiffening oscillator, by its own difference equation."""
+    position, speed = start, 0.0
+    rows = []
+    for force in forces:
+        rows.append((position, speed))
+        speed = 0.9 * speed + STEP * (-30.0 * position - 40.0 * position**3 + 8.0 * gain * force)
+        position = position + STEP * speed
+    return np.array(rows)
+
+
+def forces(seed):
+    levels = np.random.default_rng(seed).uniform(-2, 2, ROWS // 5 + 2)
+    return np.interp(np.arange(ROWS) / 5, np.arange(levels.size), levels)
+
+
+def table(path, change=lambda rows: rows):
+    rows = [["run", "time", "gain", "force", "y", "speed"]]
+    for run in range(RUNS):
+        gain = 0.5 + run / (RUNS - 1)
+        force = forces(run)
+        for row, (value, (position, speed)) in enumerate(zip(force, plant(force, gain))):
+            rows.append([f"r{run}", repr(round(row * STEP, 6)), repr(gain), repr(float(value)), repr(float(position)), repr(float(speed))])
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows(change(rows))
+
+
+@dataclass
+class Plant:
+    study: Path
+    folder: Path
+
+    def fmu(self, version):
+        return str(fmu_of(self.folder, "plant", version))
+
+    def simulate(self, force, gain, start=(0.0, 0.0)):
+        """The outputs at all rows by the model file, which is specified in fmu-template/runtime/src/format.rs."""
+        tensors = load_file(self.folder / "plant.safetensors")
+        past_outputs, past_inputs = tensors["history"]
+        mean, scale = tensors["outputs.input_mean"], tensors["outputs.input_scale"]
+        y, u = [np.array(start)] * max(past_outputs, 1), [0.0] * past_inputs
+        found = [y[0]]
+        for value in force[:-1]:
+            u = [value, *u[:-1]]
+            z = np.array([*np.ravel(y[:past_outputs]), *u, gain])
+            hidden = np.tanh(tensors["outputs.layers.0.weight"].astype(float) @ ((z - mean) / scale) + tensors["outputs.layers.0.bias"])
+            added = tensors["outputs.layers.1.weight"].astype(float) @ hidden + tensors["outputs.layers.1.bias"]
+            added = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * added
+            y = [tensors["linear.constants"] + tensors["linear.weights"] @ z + added, *y[:-1]]
+            found.append(y[0])
+        return np.array(found)
+
+
+def build(folder, **environment):
+    folder.mkdir(parents=True, exist_ok=True)
+    table(folder / "runs.csv")
+    (folder / "plant.toml").write_text(STUDY)
+    command = [METAFMU, "build", folder / "plant.toml", "--out", folder / "out", "--fmi", "both"]
+    subprocess.run(command, check=True, capture_output=True, env=os.environ | environment)
+    return Plant(folder / "plant.toml", folder / "out")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Tests write nothing into its folder."""
+    return build(tmp_path_factory.mktemp("discrete") / "plant")
+
+
+class Running:
+    """An FMU that fmpy has loaded and initialized, to be called function by function."""
+
+    def __init__(self, fmu, folder, **starts):
+        self.description = read_model_description(fmu)
+        self.is_fmi3 = self.description.fmiVersion.startswith("3")
+        self.references = {variable.name: variable.valueReference for variable in self.description.modelVariables}
+        self.fmu = instantiate_fmu(extract(fmu, folder), self.description, "CoSimulation")
+        if not self.is_fmi3:
+            self.fmu.setupExperiment(startTime=0.0)
+        for name, value in starts.items():
+            self.set(name, value)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.time = 0.0
+
+    def set(self, name, value):
+        setter = self.fmu.setFloat64 if self.is_fmi3 else self.fmu.setReal
+        setter([self.references[name]], [value])
+
+    def get(self, *names):
+        getter = self.fmu.getFloat64 if self.is_fmi3 else self.fmu.getReal
+        return np.array(getter([self.references[name] for name in names]))
+
+    def step(self, size):
+        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)
+        self.time += size
+
+    def outputs(self):
+        return self.get("position", "speed")
+
+
+def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(built):
+    metrics = json.loads((built.folder / "metrics.json").read_text())
+    candidates = {candidate["name"]: candidate["error"] for candidate in metrics["discrete"]["candidates"]}
+    assert set(candidates) == {"linear", "window", "feedback"}
+    assert metrics["discrete"]["exported"] == min(candidates, key=candidates.get) == "feedback"
+    assert candidates["feedback"] < 0.3 * candidates["linear"]
+    assert metrics["roll_outs"]["long_runs"] == [2, 2]
+    assert metrics["test_runs"] == 3 and all(output["r2"] > 0.99 for output in metrics["outputs"].values())
+    # a force and a gain that it has not seen, against the plant itself
+    found = built.simulate(forces(99), 1.1)
+    truth = plant(forces(99), 1.1)
+    assert np.all(np.abs(found - truth).std(axis=0) < 0.1 * truth.std(axis=0))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_rows_of_fmpy_are_those_of_the_model_file(built, version):
+    force = forces(99)
+    signal = np.array(list(zip(np.arange(ROWS) * STEP, force)), dtype=[("time", float), ("force", float)])
+    result = simulate_fmu(
+        built.fmu(version), input=signal, start_values={"gain": 1.1}, output=["position", "speed"], stop_time=STEP * (ROWS - 1),
+        output_interval=STEP, fmi_type="CoSimulation",
+    )
+    expected = built.simulate(force, 1.1)
+    assert np.abs(np.column_stack([result["position"], result["speed"]]) - expected).max() < 1e-12
+    assert validate_fmu(built.fmu(version)) == []
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_parts_of_samples_and_several_samples_agree_at_samples(built, version, tmp_path):
+    force = forces(7)
+    expected = built.simulate(force, 0.8, (0.1, -0.2))
+    starts = {"gain": 0.8, "position_start": 0.1, "speed_start": -0.2}
+    halves = Running(built.fmu(version), tmp_path / "halves", **starts)
+    assert np.array_equal(halves.outputs(), expected[0])
+    for row in range(20):
+        halves.set("force", force[row])
+        halves.step(0.5 * STEP)
+        # outputs are linear in between; what an input is there does not count
+        assert np.abs(halves.outputs() - 0.5 * (expected[row] + expected[row + 1])).max() < 1e-12
+        halves.set("force", 2.0)
+        halves.step(0.5 * STEP)
+        assert np.abs(halves.outputs() - expected[row + 1]).max() < 1e-12
+    held = np.repeat(force[:12:3], 3)
+    expected = built.simulate(held, 0.8, (0.1, -0.2))
+    threes = Running(built.fmu(version), tmp_path / "threes", **starts)
+    for row in range(0, 9, 3):
+        threes.set("force", held[row])
+        threes.step(3 * STEP)
+        assert np.abs(threes.outputs() - expected[row + 3]).max() < 1e-12
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_state_between_samples_is_restored_and_serialized(built, version, tmp_path):
+    running = Running(built.fmu(version), tmp_path, gain=1.2)
+    fmu = running.fmu
+    running.set("force", 1.5)
+    running.step(2.4 * STEP)
+    state = fmu.getFMUState() if running.is_fmi3 else fmu.getFMUstate()
+    time = running.time
+
+    def go_on():
+        running.set("force", -0.5)
+        rows = []
+        for _ in range(5):
+            running.step(0.7 * STEP)
+            rows.append(running.outputs())
+        return np.array(rows)
+
+    first = go_on()
+    serialized = fmu.serializeFMUState(state) if running.is_fmi3 else fmu.serializeFMUstate(state)
+    for again in (state, (fmu.deserializeFMUState if running.is_fmi3 else fmu.deSerializeFMUstate)(serialized)):
+        (fmu.setFMUState if running.is_fmi3 else fmu.setFMUstate)(again)
+        running.time = time
+        assert np.array_equal(go_on(), first)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_it_is_for_cosimulation_only(built, version):
+    description = read_model_description(built.fmu(version))
+    assert description.modelExchange is None and description.coSimulation.canHandleVariableCommunicationStepSize
+    names = {variable.name: variable for variable in description.modelVariables}
+    assert (names["force"].causality, names["gain"].causality, names["force_start"].causality) == ("input", "parameter", "parameter")
+    assert metafmu("validate", built.fmu(version)).returncode == 0
+    refused = metafmu("export", built.study, "--out", built.folder, "--sources", check=False)
+    assert refused.returncode == 2 and "source code is written of a single network or of equations of motion only" in refused.stderr
+
+
+def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):
+    result = metafmu("predict", built.fmu(2), built.folder / "test.csv", "--out", tmp_path / "found.csv")
+    assert "force_start" not in result.stderr
+    with open(built.folder / "test.csv", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["run"] == "1"]
+    with open(tmp_path / "found.csv", newline="") as file:
+        found = [[float(row["position"]), float(row["speed"])] for row in csv.DictReader(file) if row["run"] == "1"]
+    force = [float(row["force"]) for row in rows]
+    expected = built.simulate(force, float(rows[0]["gain"]), (float(rows[0]["position_start"]), float(rows[0]["speed_start"])))
+    assert np.abs(np.array(found) - expected).max() < 1e-12
+
+
+def test_other_numbers_of_threads_give_the_same_bytes(built, tmp_path):
+    again = build(tmp_path / "again", **OTHER_THREADS)
+    for name in ("plant.fmu", "plant-fmi3.fmu", "plant.safetensors"):
+        assert (again.folder / name).read_bytes() == (built.folder / name).read_bytes(), name
+
+
+def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(tmp_path):
+    count, stop = 8, 20
+    force = np.concatenate([forces(run)[:stop] for run in range(count)] + [[0.0]])
+    values = plant(force, 1.0)
+    lines = [f"{row * STEP:.6f},{u!r},{y!r},{v!r}" for row, (u, (y, v)) in enumerate(zip(force.tolist(), values.tolist()))]
+    (tmp_path / "runs.csv").write_text("time,force,y,speed\n" + "\n".join(lines) + "\n")
+    text = STUDY.replace("[parameters]\ngain = { min = 0.5, max = 1.5 }\n", "").replace(f"stop = {STEP * (ROWS - 1)}", f"stop = {stop * STEP}")
+    (tmp_path / "plant.toml").write_text(text.replace("stretch = 20", "stretch = 8"))
+    for verb in ("sample", "train"):
+        metafmu(verb, tmp_path / "plant.toml", "--out", tmp_path / "out", check=verb == "sample")
+    found = {}
+    for name in ("train", "test"):
+        with open(tmp_path / "out" / f"{name}.csv", newline="") as file:
+            for row in csv.DictReader(file):
+                found.setdefault((name, row["run"]), []).append([float(row[key]) for key in ("time", "force", "position", "speed")])
+    assert sum(name == "test" for name, _ in found) == 3 and len(found) == count
+    rows = np.column_stack([force, values])
+    begins = set()
+    for run in map(np.array, found.values()):
+        # which piece it is follows from its forces
+        start = next(piece for piece in range(count) if np.array_equal(run[run[:, 0] > -1e-9][:, 1], force[piece * stop : (piece + 1) * stop + 1]))
+        before = 0 if start == 0 else 12
+        assert np.abs(run[:, 0] - STEP * np.arange(-before, stop + 1)).max() < 1e-12
+        assert np.array_equal(run[:, 1:], rows[start * stop - before : (start + 1) * stop + 1])
+        begins.add(start)
+    assert begins == set(range(count))
+    # the held-out runs are simulated from the rows before them: nearly linear motions are simulated well from the first row on
+    record = json.loads((tmp_path / "out" / "training.json").read_text())
+    assert min(candidate["error"] for candidate in record["discrete"]["candidates"]) < 0.3
+
+
+def with_row(number, **values):
+    """Changes fields of a row, counted as lines of the file."""
+
+    def change(rows):
+        for name, value in values.items():
+            rows[number - 1][rows[0].index(name)] = value
+        return rows
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (with_row(5, time="0.0601"), "runs.csv:5: time 0.0601 s, expected 0.06 s: rows are 0.02 s apart (time.step)"),
+        (with_row(5, force="2.5"), "runs.csv:5: column `force`: 2.5, expected -2 to 2, the study's range"),
+        (with_row(5, force=""), "runs.csv:5: column `force`: is empty"),
+        (lambda rows: [rows[0], *rows[1:50], *rows[102:]], "ends before this line at 0.96 s, expected 2 s"),
+        (with_row(2, time="-0.04"), "runs.csv:2: run `r0` begins at -0.04 s, expected 0 s, or at least 12 rows before it"),
+        (lambda rows: [row[:3] + row[4:] for row in rows], "runs.csv:1: no column `force`"),
+    ],
+)
+def test_tables_that_are_no_samples_are_refused_with_their_line(tmp_path, change, message):
+    table(tmp_path / "runs.csv", change)
+    (tmp_path / "plant.toml").write_text(STUDY)
+    result = metafmu("sample", tmp_path / "plant.toml", "--out", tmp_path / "out", check=False)
+    assert result.returncode != 0 and message in result.stderr, result.stderr
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ('table = "runs.csv"\ncolumns = { position = "y" }', 'system = "single-pendulum"', "source: the structure \"discrete\" is learned from recorded runs"),
+        ('force = { min = -2, max = 2, unit = "N" }', "", "inputs: no input, expected at least one"),
+        ("max = 2, unit", "max = -3, unit", "inputs.force: from -2 to -3, expected min below max"),
+        ("max = 2, unit", "max = 2, start = 3, unit", "inputs.force.start: 3, expected -2 to 2"),
+        ("max = 2, unit", "max = 2, bandwidth = 1, unit", "inputs.force.bandwidth: belongs to the structure \"dynamics\""),
+        ("history = 3", "history = 0", "discrete.history: 0, expected a number from 1 to 10000"),
+        ("stretch = 20", 'model = "best"', "discrete.model"),
+        ("hidden = [12]", "hidden = []", "network.hidden: no hidden layer, expected at least one"),
+        ("epochs = 100", "epochs = 100\nbatch_norm = true", "training.batch_norm: belongs to the structure \"response\""),
+        ("[sampling]", "[bounds]\n[sampling]", "bounds: belongs to the structure \"response\""),
+        ("[sampling]", "[states]\nx = { min = 0, max = 1 }\n[sampling]", "states: belongs to the structure \"dynamics\""),
+        ("speed = {}", "speed = {}\nforce_start = {}", "`force_start` is the name of a variable's value before the start"),
+        ('structure = "discrete"', "", "discrete: belongs to the structure \"discrete\""),
+        ("step = 0.02", "step = 2.0", "time.stop: 2 s, expected at least two steps"),
+    ],
+)
+def test_mistakes_in_a_study_are_found_with_key_and_line(tmp_path, old, new, message):
+    table(tmp_path / "runs.csv")
+    assert old in STUDY, old
+    (tmp_path / "plant.toml").write_text(STUDY.replace(old, new, 1))
+    result = metafmu("sample", tmp_path / "plant.toml", "--dry-run", check=False)
+    assert result.returncode != 0 and message in result.stderr, result.stderr
+    assert "plant.toml:" in result.stderr
+
+
+def test_a_new_study_of_a_table_names_inputs_and_builds(tmp_path):
+    table(tmp_path / "runs.csv")
+
+    def new(*arguments):
+        return subprocess.run([METAFMU, "new", *arguments], cwd=tmp_path, capture_output=True, text=True)
+
+    result = new("mine", "--table", "runs.csv", "--structure", "discrete")
+    assert result.returncode == 0, result.stderr
+    text = (tmp_path / "mine.toml").read_text()
+    assert "[inputs]\nforce = {}\n\n[outputs]\ny = {}\nspeed = {}\n" in text and "gain = { min = 0.5, max = 1.5 }" in text
+    (tmp_path / "mine.toml").write_text(text.replace("epochs = 300", "epochs = 5"))
+    built = subprocess.run([METAFMU, "build", "mine.toml"], cwd=tmp_path, capture_output=True, text=True)
+    assert "FMI 2.0 co-simulation, " in built.stdout, built.stderr
+    assert new("other", "--table", "runs.csv", "--structure", "discrete", "--inputs", "speed,force").returncode == 0
+    assert "[inputs]\nforce = {}\nspeed = {}\n\n[outputs]\ny = {}\n" in (tmp_path / "other.toml").read_text()
+    (tmp_path / "plain.csv").write_text((tmp_path / "runs.csv").read_text().replace("force", "push"))
+    refused = new("third", "--table", "plain.csv", "--structure", "discrete")
+    assert refused.returncode == 2 and "no column is known to drive the runs: say which they are with --inputs COLUMNS (push, y, speed)" in refused.stderr
+    assert new("third", "--mechanism", "runs.csv", "--structure", "discrete").returncode == 2
