@@ -97,6 +97,8 @@ pub(crate) enum Refusal {
          where the mass matrix is not positive definite"
     )]
     Diverged { after: f64, status: Status },
+    #[error("the outputs are not finite at the sample {after} s after the beginning of the step: the model diverges")]
+    OutputsDiverged { after: f64, status: Status },
     #[error("communication step size {size} takes more than ten million steps of the solver, expected a smaller one")]
     LongStep { size: f64 },
     #[error("the state belongs to another FMU, or to another FMI version or interface of this one")]
@@ -117,7 +119,7 @@ impl Refusal {
             Self::NoStatus { .. } => Status::Discard,
             // a solver tries again with a smaller step
             Self::NotComputable => Status::Discard,
-            Self::Diverged { status, .. } => *status,
+            Self::Diverged { status, .. } | Self::OutputsDiverged { status, .. } => *status,
             Self::OutsideDomain { status, .. } | Self::Changed { status, .. } => *status,
             Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
             _ => Status::Error,

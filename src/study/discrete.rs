@@ -12,10 +12,13 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct DiscreteOptions {
     /// Number of past samples of the outputs and of the inputs that the next outputs follow from, in models with feedback.
+    #[schemars(range(min = 1, max = MOST))]
     pub history: usize,
     /// Number of past samples of the inputs that the next outputs follow from, in the model without feedback.
+    #[schemars(range(min = 1, max = MOST))]
     pub window: usize,
     /// Samples of a stretch: so many predictions in a row are trained at a time, each from those before.
+    #[schemars(range(min = 1, max = MOST))]
     pub stretch: usize,
     /// The model that is exported; unless given, the one whose simulations of the held-out runs are best.
     pub model: Option<DiscreteModel>,

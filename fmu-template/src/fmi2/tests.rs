@@ -15,6 +15,7 @@ mod domain;
 mod exchange;
 mod instances;
 mod motion;
+mod samples;
 mod snapshots;
 mod states;
 mod steps;

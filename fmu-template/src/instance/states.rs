@@ -65,6 +65,9 @@ impl Instance {
         let method = (size, tolerance, self.nominals.as_slice());
         let step = self.evaluator.advance(&mut self.point, method, drive, &mut self.scratch);
         step.map_err(|error| match error {
+            StepError::NotFinite { after } if self.metadata.states.is_empty() => {
+                Refusal::OutputsDiverged { after, status: refused }
+            }
             StepError::NotFinite { after } => Refusal::Diverged { after, status: refused },
             StepError::TooManySteps => Refusal::LongStep { size },
         })?;
