@@ -329,8 +329,12 @@ SECTIONS = {
         "a signal that is not there": dynamics(('["steps"]', '["step"]')),
         "no signal": dynamics(('["steps"]', "[]")),
         "a signal that is no list": dynamics(('["steps"]', '"steps"')),
-        "a network": dynamics(more="[network]\nhidden = [8]\n"),
-        "a training": dynamics(more="[training]\nepochs = 10\n"),
+        "networks for each instant": dynamics(more='[network]\nstructure = "fixed"\n'),
+        "a model that is not there": dynamics(more='[dynamics]\nmodel = "forest"\n'),
+        "a comparison that is no truth value": dynamics(more="[dynamics]\ncompare = 1\n"),
+        "an empty range of a velocity": dynamics(("max = 5 ", "max = 5, velocity_range = [1, 1] ")),
+        "a range of a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity_range = [-1, nan] ")),
+        "a force that is not a number at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),
         "bounds": dynamics(more="[bounds]\ncoverage = 0.9\n"),
         "a target": dynamics(more="[target]\nr2 = 0.9\nruns = 8\nmax_runs = 100\n"),
         "a search": dynamics(more='[search]\ntrials = 2\n[search.space]\n"training.batch" = [64]\n'),
@@ -366,7 +370,7 @@ SECTIONS = {
             ('"rail.position" = { min = -5', '"rail.position" = { min = 7'),
             ("bandwidth = 1.0, excitation = [\"steps\"]", "bandwidth = 100, excitation = []"),
             ("l = { min = 1", "l = { min = 3"),
-            more="[network]\nhidden = [8]\n",
+            more="[bounds]\ncoverage = 0.9\n",
         ),
         "keys that are not known in three sections": dynamics(
             ("max = 5 }", "max = 5, unit = \"m\" }"), ("bandwidth = 1.0", "frequency = 1.0"), ("test_runs", "tests")

@@ -1,9 +1,9 @@
-"""Prints the table of docs/dynamics.md: surrogates with states of the mechanisms in examples/dynamics/.
+"""Prints the tables of docs/dynamics.md: surrogates with states of the mechanisms in examples/dynamics/, as exported and by networks alone.
 
 For each, `metafmu new --structure dynamics` writes a study, in which only `stop` and `step` are changed, and `metafmu build` does the rest.
-Needs target/release/metafmu.
+For networks alone, `[dynamics]` asks for them. Needs target/release/metafmu.
 
-Usage: python3 scripts/dynamics-table.py
+Usage: python3 scripts/dynamics-table.py [--networks] [MECHANISM ...]
 """
 
 import argparse
@@ -18,7 +18,14 @@ METAFMU = ROOT / "target" / "release" / "metafmu"
 MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
 
 
-def row(name, folder):
+HORIZONS = "10 s: median, 90 % (start off by 1e-9) | 60 s"
+HEADINGS = {
+    False: f"| mechanism | products: equations + positions | error at unseen configurations | solver step, ms | {HORIZONS} | energy | build, s of processor time |",
+    True: f"| mechanism | accelerations at unseen states | solver step, ms | {HORIZONS} | energy | build, s of processor time |",
+}
+
+
+def row(name, folder, networks):
     """The line of a mechanism."""
     mechanism = ROOT / "examples" / "dynamics" / f"{name}.toml"
     subprocess.run([METAFMU, "new", name, "--mechanism", mechanism, "--structure", "dynamics"], cwd=folder, check=True, capture_output=True)
@@ -27,6 +34,9 @@ def row(name, folder):
     for old, new in [("stop = 10.0 ", "stop = 60.0 "), ("step = 0.02 ", "step = 0.05 ")]:
         assert old in text, (name, old)
         text = text.replace(old, new, 1)
+    if networks:
+        # however poor, it is evaluated
+        text += "\n[dynamics]\nmodel = \"network\"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\n"
     study.write_text(text)
     before = processor_time()
     subprocess.run([METAFMU, "build", study.name], cwd=folder, check=True, capture_output=True)
@@ -36,6 +46,9 @@ def row(name, folder):
     horizons = [f"{h['median']:.0e}, {h['q90']:.0e} ({h['sensitivity'][0]:.0e}, {h['sensitivity'][1]:.0e})" for h in roll_outs["horizons"]]
     drift = roll_outs.get("energy_drift")
     energy = "-" if drift is None else f"{drift:.0e}"
+    if networks:
+        error = next(candidate["error"] for candidate in motion["candidates"] if candidate["name"] == "network")
+        return f"| {name} | {error:.0e} | {1000 * motion['solver_step']:.3g} | {horizons[0]} | {horizons[1]} | {energy} | {seconds:.0f} |"
     products = " + ".join(str(count) for count in motion["products"])
     return f"| {name} | {products} | {motion['error']:.0e} | {1000 * motion['solver_step']:.3g} | {horizons[0]} | {horizons[1]} | {energy} | {seconds:.0f} |"
 
@@ -47,12 +60,16 @@ def processor_time():
 
 
 def main():
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    print("| mechanism | products: equations + positions | error at unseen configurations | solver step, ms | 10 s: median, 90 % (start off by 1e-9) | 60 s | energy | build, s of processor time |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        for name in MECHANISMS:
-            print(row(name, Path(folder)), flush=True)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("mechanisms", nargs="*", default=MECHANISMS, metavar="MECHANISM", help="all unless given")
+    parser.add_argument("--networks", action="store_true", help="by networks alone")
+    options = parser.parse_args()
+    heading = HEADINGS[options.networks]
+    print(heading)
+    print("|---" * (heading.count("|") - 1) + "|", flush=True)
+    for name in options.mechanisms:
+        with tempfile.TemporaryDirectory() as folder:
+            print(row(name, Path(folder), options.networks), flush=True)
 
 
 if __name__ == "__main__":

@@ -52,15 +52,15 @@ pub fn assemble_baseline(
     finish(metadata, Model::Response(Map::Regression(regression)))
 }
 
-/// The same of a model with states, whose outputs have the ranges of the dataset's. `is_limited`: of the first states, whether the
-/// equations were learned in a range of it; of the others every number is as good.
+/// The same of a model with states, whose outputs have the ranges of the dataset's. `ranges`: of each state the range in which the
+/// equations were learned, if not every number is as good.
 ///
 /// # Errors
 /// As [`assemble`].
 pub fn assemble_with_states(
     study: &Study,
     (dataset, rows): (&Dataset, usize),
-    (driven, is_limited): (&Driven, &[bool]),
+    (driven, ranges): (&Driven, &[Option<[f64; 2]>]),
     model: Model,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
@@ -83,12 +83,7 @@ pub fn assemble_with_states(
         start: driver.start,
         encoding: Encoding::Plain,
     }));
-    let range = |state: usize| match study.states.get_index(state) {
-        Some((name, options)) => (!options.goes_around(name)).then_some([options.min, options.max]),
-        None => driven.range(state),
-    };
-    let is_limited = is_limited.iter().copied().chain(std::iter::repeat(false));
-    let ranges = is_limited.enumerate().map(|(state, is_limited)| range(state).filter(|_| is_limited));
+    let ranges = ranges.iter().copied().chain(std::iter::repeat(None));
     let is_output = |name: &str| study.outputs.contains_key(name);
     let own_name = |state: &Variable| match is_output(&state.name) {
         // an FMU's state may be an output as well, which keeps the name
@@ -153,8 +148,7 @@ pub fn assemble_discrete(
     finish(metadata, model)
 }
 
-/// A state with the range in which equations were learned that depend on it. A velocity of a mechanism has none: it enters exactly,
-/// whatever it is.
+/// A state with the range in which equations were learned that depend on it.
 fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
     let rate_unit = match (unit.as_str(), unit.strip_suffix("/s"), unit.strip_suffix("/s2")) {
         ("", ..) => "1/s".into(),

@@ -1,12 +1,18 @@
 //! What a mechanism's equations of motion are in a configuration.
 
 use super::{Range, Region, outputs::Outputs};
-use crate::multibody::{Mechanism, reduced::Reduced};
+use crate::multibody::{
+    Mechanism,
+    reduced::{Reduced, Terms},
+};
 use metafmu_runtime::{Dynamics, dictionary::Factor};
 use nalgebra::DVector;
 
 /// Coordinates, then parameters.
 pub(super) type Point = Vec<f64>;
+
+/// Of each velocity, unless the region says otherwise.
+const VELOCITIES: [f64; 2] = [-1.0, 1.0];
 
 /// A length that is one: less is rounding, in m.
 const SHORTEST: f64 = 1e-9;
@@ -20,6 +26,24 @@ pub(super) struct Labels<'a> {
     varied: Vec<usize>,
     is_angle: Vec<bool>,
     outputs: Outputs,
+}
+
+/// What the equations are at a point.
+pub(super) struct Label {
+    /// In the order of [`Dynamics`], then the positions.
+    pub(super) functions: Vec<f64>,
+    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](Labels::known).
+    pub(super) gradients: Vec<f64>,
+    /// Whether all forces are linear in the velocities and, apart from them, in the inputs.
+    pub(super) is_linear: bool,
+}
+
+/// The equations in a configuration.
+pub(super) struct Configured {
+    reduced: Reduced,
+    terms: Terms,
+    /// `-D`: what a unit of each velocity changes.
+    damping: Vec<DVector<f64>>,
 }
 
 impl<'a> Labels<'a> {
@@ -88,7 +112,7 @@ impl<'a> Labels<'a> {
         ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
     }
 
-    fn reduced(&self, point: &Point) -> Result<Reduced, String> {
+    fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
         let mut values = self.defaults.clone();
         let of_parameters = &point[self.coordinates()..];
         self.varied.iter().zip(of_parameters).for_each(|(position, value)| values[*position] = *value);
@@ -125,8 +149,46 @@ impl<'a> Labels<'a> {
         largest
     }
 
-    /// The functions at a point, in the order of [`Dynamics`], then the positions.
-    pub(super) fn at(&self, point: &Point) -> Result<Vec<f64>, String> {
+    /// The functions at a point.
+    ///
+    /// Where forces are not linear in the velocities, the damping is that between the ends of each velocity's range, and
+    /// [`Configured::other_forces`] are what is left.
+    pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
+        let (configured, is_linear) = self.configured(point)?;
+        let Configured { terms, damping, .. } = configured;
+        let n = self.coordinates();
+        let mut functions = Vec::with_capacity(self.functions());
+        for row in 0..n {
+            functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
+        }
+        functions.push(terms.potential);
+        functions.extend((&terms.force - &terms.potential_force).iter());
+        for row in 0..n {
+            functions.extend(damping.iter().map(|column| column[row]));
+        }
+        for row in 0..n {
+            functions.extend(terms.input_map.row(row).iter());
+        }
+        functions.extend(self.outputs.labels(&terms.q, &point[..n]));
+        let mut gradients = Vec::with_capacity(self.functions() * n);
+        for row in 0..n {
+            gradients.extend((0..=row).flat_map(|column| terms.mass_gradient.iter().map(move |by| by[(row, column)])));
+        }
+        gradients.extend(terms.potential_force.iter().map(|force| -force));
+        gradients.resize(self.functions_of_equations() * n, 0.0);
+        gradients.extend(self.outputs.gradients(&terms.q, &terms.velocities));
+        Ok(Label { functions, gradients, is_linear })
+    }
+
+    /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix and the potential, which
+    /// enter the equations with them, and of the positions.
+    pub(super) fn known(&self) -> Vec<bool> {
+        let (n, of_equations) = (self.coordinates(), self.functions_of_equations());
+        (0..self.functions()).map(|function| function <= n * (n + 1) / 2 || function >= of_equations).collect()
+    }
+
+    /// The equations in the configuration of a point, and whether the forces are linear there.
+    pub(super) fn configured(&self, point: &[f64]) -> Result<(Configured, bool), String> {
         let explain = |message: String| {
             let values: Vec<String> =
                 self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
@@ -135,39 +197,52 @@ impl<'a> Labels<'a> {
         let reduced = self.reduced(point).map_err(explain)?;
         let n = self.coordinates();
         let terms = reduced.terms(&DVector::from_column_slice(&point[..n])).map_err(explain)?;
-        let mut functions = Vec::with_capacity(self.functions());
-        for row in 0..n {
-            functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
-        }
-        functions.push(terms.potential);
-        functions.extend((&terms.force - &terms.potential_force).iter());
         let rest = vec![0.0; self.inputs()];
         let damping = |rates: &DVector<f64>| &terms.force - reduced.force(&terms, rates, &rest);
-        let columns: Vec<DVector<f64>> =
-            (0..n).map(|k| damping(&DVector::from_fn(n, |row, _| f64::from(u8::from(row == k))))).collect();
+        let only = |k: usize, rate: f64| DVector::from_fn(n, |row, _| if row == k { rate } else { 0.0 });
+        let columns: Vec<DVector<f64>> = (0..n).map(|k| damping(&only(k, 1.0))).collect();
         // rates of both signs and other sizes, all at once
         let rates = DVector::from_fn(n, |row, _| if row % 2 == 0 { -2.5 } else { 1.75 } + 0.1 * row as f64);
         let linear = columns.iter().zip(&rates).fold(DVector::zeros(n), |sum, (column, rate)| sum + column * *rate);
         let found = damping(&rates);
-        // a maximum leaves out what is not a number, so that is looked for first
-        let is_finite = found.iter().chain(&linear).all(|value| value.is_finite());
-        if !is_finite || (&found - &linear).amax() > 1e-9 * (found.amax() + linear.amax() + terms.force.amax()) {
-            return Err(explain("the forces are not linear in the velocities".into()));
-        }
         let inputs: Vec<f64> = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
         let together = &terms.force - &linear + &terms.input_map * DVector::from_column_slice(&inputs);
-        let found = reduced.force(&terms, &rates, &inputs);
-        let is_finite = found.iter().all(|value| value.is_finite());
-        if !is_finite || (&found - &together).amax() > 1e-9 * (found.amax() + together.amax() + terms.force.amax()) {
-            return Err(explain("a force is a product of an input and a velocity, expected a sum".into()));
+        let driven = reduced.force(&terms, &rates, &inputs);
+        // a maximum leaves out what is not a number, so that is looked for first
+        if !found.iter().chain(&linear).chain(&driven).all(|value| value.is_finite()) {
+            return Err(explain("a force is not a number at some velocities".into()));
         }
-        for row in 0..n {
-            functions.extend(columns.iter().map(|column| column[row]));
+        let differ = |one: &DVector<f64>, other: &DVector<f64>| {
+            (one - other).amax() > 1e-9 * (one.amax() + other.amax() + terms.force.amax())
+        };
+        if !differ(&found, &linear) && !differ(&driven, &together) {
+            return Ok((Configured { damping: columns, reduced, terms }, true));
         }
-        for row in 0..n {
-            functions.extend(terms.input_map.row(row).iter());
+        let between_ends = |k: usize| {
+            let [low, high] = self.region.velocities.get(k).copied().unwrap_or(VELOCITIES);
+            (damping(&only(k, high)) - damping(&only(k, low))) / (high - low)
+        };
+        let damping: Vec<DVector<f64>> = (0..n).map(between_ends).collect();
+        if !damping.iter().flatten().all(|value| value.is_finite()) {
+            return Err(explain("a force is not a number at some velocities".into()));
         }
-        functions.extend(self.outputs.labels(&terms.q, &point[..n]));
-        Ok(functions)
+        Ok((Configured { damping, reduced, terms }, false))
+    }
+}
+
+impl Configured {
+    /// The forces that `F(q, p) - D(q, p) v + B(q, p) u - dV/dq` leaves out.
+    pub(super) fn other_forces(&self, v: &[f64], u: &[f64]) -> Vec<f64> {
+        let Self { reduced, terms, damping } = self;
+        let v = DVector::from_column_slice(v);
+        let damped = damping.iter().zip(&v).fold(DVector::zeros(v.len()), |sum, (column, rate)| sum + column * *rate);
+        let known = &terms.force - damped + &terms.input_map * DVector::from_column_slice(u);
+        (reduced.force(terms, &v, u) - known).iter().copied().collect()
+    }
+
+    /// The accelerations.
+    pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, String> {
+        let [q, v] = [q, v].map(DVector::from_column_slice);
+        Ok(self.reduced.accelerations(&q, &v, u)?.iter().copied().collect())
     }
 }

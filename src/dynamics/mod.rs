@@ -4,11 +4,13 @@
 //! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
 //! mass matrix, the potential, the other forces at rest, the damping and the map of the inputs. One linear least-squares problem for
 //! all of them finds the coefficients. Velocities and inputs enter the equations exactly
-//! ([`Dynamics`]), so neither is sampled and neither is extrapolated.
+//! ([`Dynamics`]), so neither is sampled and neither is extrapolated, unless forces are not linear in them, as friction is: what the
+//! equations leave out then is sampled over velocities and inputs as well ([`Equations`]).
 //!
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
+mod equations;
 pub mod identify;
 mod labels;
 mod least_squares;
@@ -21,7 +23,8 @@ pub mod trajectory;
 mod tests;
 
 use crate::multibody::Mechanism;
-use labels::{Labels, Point};
+pub use equations::Equations;
+use labels::{Label, Labels, Point};
 use metafmu_runtime::{
     Dynamics, Shown,
     dictionary::{Dictionary, Factor},
@@ -41,6 +44,10 @@ pub struct Region {
     pub constants: Vec<(String, f64)>,
     /// Outputs of the mechanism that are learned as well.
     pub outputs: Vec<String>,
+    /// Ranges of the velocities, and of the inputs, for forces that are not linear in them.
+    pub velocities: Vec<[f64; 2]>,
+    /// See there.
+    pub inputs: Vec<[f64; 2]>,
 }
 
 /// A quantity and its range.
@@ -79,21 +86,8 @@ pub struct Fitted {
     /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
-}
-
-impl Fitted {
-    /// Whether any learned function has a term with a coordinate or parameter, by its position among both. One that none has may be any
-    /// number.
-    pub fn depends_on(&self, column: usize) -> bool {
-        self.dynamics.law().terms().chain(self.positions.terms()).any(|term| term.exponents[column] != 0)
-    }
-
-    /// Whether the equations have a term with an input.
-    pub fn is_driven_by(&self, input: usize) -> bool {
-        let (n, m) = (self.dynamics.coordinates(), self.dynamics.inputs());
-        let first = Dynamics::functions(n, m) - n * m;
-        self.dynamics.law().terms().any(|term| (0..n).any(|row| term.coefficients[first + row * m + input] != 0.0))
-    }
+    /// Whether there are forces that are not linear in the velocities or the inputs, of which the equations have a linear part.
+    pub has_other_forces: bool,
 }
 
 /// An error at which a higher order is not worth its cost: rounding begins to dominate.
@@ -123,14 +117,14 @@ const WORTH_IT: f64 = 0.7;
 /// Learns the equations of motion of a mechanism.
 ///
 /// # Errors
-/// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, forces are not linear in the velocities, or a
-/// configuration of the region cannot be reached.
+/// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, a force is not a number, or a configuration of
+/// the region cannot be reached.
 pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, String> {
     let labels = Labels::new(mechanism, region)?;
     let factors = labels.factors();
-    let mut unseen = Samples::default();
+    let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
-    let mut samples = Samples::default();
+    let mut samples = OfEquations::default();
     let mut try_order = |order: [usize; 2]| {
         let exponents = terms::exponents(&factors, order);
         if exponents.len() > MOST_TERMS {
@@ -169,8 +163,9 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
 /// As [`fit`].
 pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<String>, String> {
     let labels = Labels::new(mechanism, region)?;
-    let mut samples = Samples::default();
+    let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
+    let samples = samples.samples;
     let scales = labels.scales(samples.labels.iter());
     let mut idle = Vec::new();
     for (index, parameter) in region.parameters.iter().enumerate() {
@@ -178,7 +173,7 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<St
             let at = |value: f64| {
                 let mut point = point.clone();
                 point[labels.coordinates() + index] = value;
-                labels.at(&point)
+                labels.at(&point).map(|label| label.functions)
             };
             let differences = at(parameter.min)?.into_iter().zip(at(parameter.max)?).map(|(low, high)| high - low);
             Ok(differences.zip(&scales).any(|(change, scale)| change.abs() > UNCHANGED * scale))
@@ -204,13 +199,26 @@ pub struct Samples {
     pub labels: Vec<Vec<f64>>,
 }
 
+/// Samples of the equations of motion: configurations and the functions there.
+#[derive(Clone, Debug, Default)]
+pub struct OfEquations {
+    /// Configurations `(q, p)`, and the functions of [`Dynamics`], then the positions.
+    pub samples: Samples,
+    /// Derivatives of the functions with respect to the coordinates, where they are known: shape `[functions, coordinates]` each.
+    pub gradients: Vec<Vec<f64>>,
+    /// Whether forces somewhere are not linear in the velocities or the inputs.
+    pub has_other_forces: bool,
+}
+
 impl Samples {
     /// The first ones.
     fn first(&self, count: usize) -> Self {
         let count = count.min(self.points.len());
         Self { points: self.points[..count].to_vec(), labels: self.labels[..count].to_vec() }
     }
+}
 
+impl OfEquations {
     /// Adds points until there are `count`, the same ones for the same seed.
     fn extend(&mut self, labels: &Labels, count: usize, seed: u64) -> Result<(), String> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -219,10 +227,14 @@ impl Samples {
             let shares = (0..columns).map(|_| generator.random::<f64>()).collect::<Vec<_>>();
             labels.ranges().zip(shares).map(|(range, share)| range.min + share * (range.max - range.min)).collect()
         });
-        let points: Vec<Point> = points.skip(self.points.len()).collect();
-        let found: Vec<Vec<f64>> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
-        self.labels.extend(found);
-        self.points.extend(points);
+        let points: Vec<Point> = points.skip(self.samples.points.len()).collect();
+        let found: Vec<Label> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
+        self.has_other_forces |= found.iter().any(|label| !label.is_linear);
+        for label in found {
+            self.samples.labels.push(label.functions);
+            self.gradients.push(label.gradients);
+        }
+        self.samples.points.extend(points);
         Ok(())
     }
 }
@@ -233,9 +245,11 @@ fn solve(
     factors: &[Factor],
     order: [usize; 2],
     exponents: &[Vec<i16>],
-    samples: &Samples,
-    unseen: &Samples,
+    samples: &OfEquations,
+    unseen: &OfEquations,
 ) -> Result<Fitted, String> {
+    let has_other_forces = samples.has_other_forces || unseen.has_other_forces;
+    let (samples, unseen) = (&samples.samples, &unseen.samples);
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let scales = labels.scales(samples.labels.iter().chain(&unseen.labels));
     let (coefficients, error) =
@@ -246,5 +260,5 @@ fn solve(
         Dynamics::new(labels.coordinates(), labels.inputs(), equations).map_err(|error| error.to_string())?;
     let positions = law(of_equations..functions)?;
     let (windings, outputs) = (labels.outputs().windings.clone(), labels.outputs().shown.clone());
-    Ok(Fitted { dynamics, positions, windings, outputs, order, terms: exponents.len(), error })
+    Ok(Fitted { dynamics, positions, windings, outputs, order, terms: exponents.len(), error, has_other_forces })
 }

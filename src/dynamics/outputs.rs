@@ -2,7 +2,7 @@
 
 use crate::multibody::{Mechanism, coordinate::Coordinate, measure::Measure, reduced::Reduced};
 use metafmu_runtime::Shown;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
 /// The outputs in terms of positions.
@@ -82,6 +82,15 @@ impl Outputs {
         self.positions.iter().zip(self.windings.chunks(s.len())).map(move |(position, windings)| {
             let turned: f64 = windings.iter().zip(s).map(|(winding, s)| winding * s).sum();
             position.value(q) - turned
+        })
+    }
+
+    /// Derivatives of these with respect to the coordinates, shape `[positions, coordinates]`; `velocities` are those of the bodies in
+    /// the configuration, shape `[3 bodies, coordinates]`.
+    pub(super) fn gradients(&self, q: &DVector<f64>, velocities: &DMatrix<f64>) -> impl Iterator<Item = f64> {
+        let n = velocities.ncols();
+        self.positions.iter().enumerate().flat_map(move |(index, position)| {
+            (0..n).map(move |k| position.rate(q, &velocities.column(k).into_owned()) - self.windings[index * n + k])
         })
     }
 }

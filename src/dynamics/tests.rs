@@ -89,11 +89,8 @@ fn what_cannot_be_learned_is_refused() {
         change(&mut region);
         region
     };
-    let quadratic = CRANE.replace("-b * rail.velocity", "-b * rail.velocity * abs(rail.velocity)");
-    assert!(message(&quadratic, &region).ends_with("the forces are not linear in the velocities"));
-    // a force that is not a number for some velocities or inputs is not linear either
     let rooted = CRANE.replace("-b * rail.velocity", "-sqrt(rail.velocity)");
-    assert!(message(&rooted, &region).ends_with("the forces are not linear in the velocities"));
+    assert!(message(&rooted, &region).ends_with("a force is not a number at some velocities"));
     let rooted = CRANE.replace("effort = \"force\"", "effort = \"sqrt(force)\"");
     assert!(message(&rooted, &region).ends_with("the forces are not linear in the input `force`"));
     let far = with(&|region| region.coordinates[0].max = 1e9);
@@ -107,6 +104,60 @@ fn what_cannot_be_learned_is_refused() {
     assert_eq!(check(&parse(&idle), &region, 1).unwrap(), ["b"]);
     let few = with(&|region| region.coordinates.truncate(1));
     assert!(message(CRANE, &few).contains("1 coordinate, expected 2: one for each degree of freedom"));
+}
+
+/// Friction in tanh, and a force that is a product of the input and a velocity.
+fn rough_crane() -> String {
+    CRANE
+        .replace("-b * rail.velocity", "-b * tanh(rail.velocity / 0.05)")
+        .replace("effort = \"force\"", "effort = \"force * (1 - 0.1 * rail.velocity)\"")
+}
+
+#[test]
+fn forces_that_are_not_linear_in_the_velocities_are_what_the_equations_leave_out() {
+    let mechanism = parse(&rough_crane());
+    let region = Region { velocities: vec![[-2.0, 2.0], [-3.0, 3.0]], inputs: vec![[-20.0, 20.0]], ..crane_region() };
+    assert!(!fit(&parse(CRANE), &region, 1).unwrap().has_other_forces);
+    let fitted = fit(&mechanism, &region, 1).unwrap();
+    assert!(fitted.has_other_forces && fitted.error < 1e-12, "{:e}", fitted.error);
+    let equations = Equations::new(&mechanism, &region).unwrap();
+    let samples = equations.other_forces(50, 1).unwrap();
+    for (point, forces) in samples.points.iter().zip(&samples.labels) {
+        let [_, _, _, _, b, v, _, u] = point[..] else { panic!("{point:?}") };
+        // the damping is that between the ends of the velocity
+        let expected = -b * (v / 0.05).tanh() + b * (2.0f64 / 0.05).tanh() / 2.0 * v - 0.1 * u * v;
+        assert!((forces[0] - expected).abs() < 1e-11 && forces[1].abs() < 1e-11, "{forces:?} {expected}");
+    }
+    // of x, theta, l, m, b, the two velocities and the force
+    let depends = equations.dependencies_of_forces(&samples).unwrap();
+    assert_eq!(depends, [false, false, false, false, true, true, false, true]);
+    let without = Region { velocities: Vec::new(), ..region };
+    assert!(Equations::new(&mechanism, &without).is_err());
+}
+
+#[test]
+fn gradients_of_the_functions_are_those_of_finite_differences() {
+    let text = include_str!("../../examples/dynamics/slider-crank.toml");
+    let mechanism = parse(text);
+    let free = mechanism.free_coordinates().unwrap().remove(0).name;
+    let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
+    let coordinates = vec![Range::new(&free, 0.0, TAU)];
+    let region = Region { coordinates, outputs, inputs: vec![[-1.0, 1.0]], ..Region::default() };
+    let labels = Labels::new(&mechanism, &region).unwrap();
+    let known = labels.known();
+    // mass matrix, potential, force, damping, input, positions
+    assert_eq!(known[..5], [true, true, false, false, false]);
+    assert!(known.len() > 5 && known[5..].iter().all(|known| *known));
+    for angle in [0.3, 1.9, 4.0] {
+        let (at, h) = (|angle: f64| labels.at(&[angle]).unwrap().functions, 1e-4);
+        let gradients = labels.at(&[angle]).unwrap().gradients;
+        let [before, after] = [at(angle - h), at(angle + h)];
+        for (function, _) in known.iter().enumerate().filter(|(_, known)| **known) {
+            let expected = (after[function] - before[function]) / (2.0 * h);
+            let found = gradients[function];
+            assert!((found - expected).abs() < 1e-6, "{function}: {found} {expected}");
+        }
+    }
 }
 
 #[test]

@@ -132,11 +132,7 @@ fn divergence(run: &Run, found: &[f64], width: usize) -> f64 {
 fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) -> Option<f64> {
     let Model::Motion(motion) = surrogate.model() else { return None };
     let dynamics = &motion.dynamics;
-    let (n, m) = (dynamics.coordinates(), dynamics.inputs());
-    let forces = n * (n + 1) / 2 + 1..Dynamics::functions(n, m) - n * m;
-    let is_conservative =
-        dynamics.law().terms().all(|term| term.coefficients[forces.clone()].iter().all(|value| *value == 0.0));
-    if !is_conservative {
+    if !dynamics.is_conservative() {
         return None;
     }
     let drift = |run: &Run| {

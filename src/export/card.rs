@@ -11,6 +11,7 @@ use crate::{
 use metafmu_runtime::{
     Bounds, BuiltIn, Discrete, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace,
     Surrogate, Variability,
+    law::NetworkTerm,
     regression::{Function, Regression},
 };
 
@@ -263,12 +264,21 @@ fn size_of_discrete(discrete: &Discrete) -> String {
 /// How large the functions in equations of motion are, and how they are integrated.
 fn size_of_motion(motion: &Motion) -> String {
     let Motion { dynamics, positions, step, .. } = motion;
+    let network = |what: &str, term: Option<&NetworkTerm>| {
+        term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
+    };
+    let networks = [
+        network("the equations", dynamics.law().network()),
+        network("positions", positions.network()),
+        network("forces", dynamics.forces()),
+    ];
     format!(
-        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions), integrated \
+        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions){}, integrated \
          in steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
         dynamics.coordinates(),
-        dynamics.law().products(),
-        positions.products(),
+        dynamics.law().dictionary().products(),
+        positions.dictionary().products(),
+        networks.concat(),
     )
 }
 

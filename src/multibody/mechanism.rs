@@ -210,6 +210,31 @@ impl Mechanism {
         self.rows(&model, &measures, &simulate_from(&model, (terms.q, velocities), times, budget)?)
     }
 
+    /// The rates of the coordinates in the same run: shape `[times, coordinates]`.
+    ///
+    /// # Errors
+    /// As [`simulate_from`](Self::simulate_from).
+    pub fn rates_from(
+        &self,
+        values: &[f64],
+        (coordinates, state): (&[&str], [&[f64]; 2]),
+        signals: &[Signal],
+        times: &[f64],
+        (tolerance, budget): (f64, &Budget),
+    ) -> std::result::Result<Vec<f64>, String> {
+        let (model, _) = self.driven(values, signals, tolerance)?;
+        let [s, rates] = state.map(DVector::from_column_slice);
+        let reduced = self.reduced(values, coordinates)?;
+        let terms = reduced.terms(&s)?;
+        let velocities = &terms.velocities * &rates;
+        let samples = simulate_from(&model, (terms.q, velocities), times, budget)?;
+        let of_sample = |sample: &Sample| {
+            let rates = reduced.coordinates().iter().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
+            rates.collect::<Vec<_>>()
+        };
+        Ok(samples.iter().flat_map(of_sample).collect())
+    }
+
     /// The model with signals, and what its outputs measure.
     fn driven(
         &self,

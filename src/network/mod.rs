@@ -14,6 +14,7 @@
 pub(crate) mod kernels;
 pub(crate) mod layout;
 mod pass;
+mod tangent;
 
 use crate::study::NetworkOptions;
 use layout::stride;
@@ -22,6 +23,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 
 pub(crate) use pass::{BLOCK_ROWS, DropoutMask, Packed, Workspace};
+pub(crate) use tangent::block_rows;
 
 /// A feed-forward network: dense layers, the hidden ones with an activation, the last one linear.
 #[derive(Clone, Debug, PartialEq)]

@@ -21,7 +21,7 @@ pub(crate) const BLOCK_ROWS: usize = 64;
 #[derive(Clone, Debug)]
 pub(crate) struct Packed {
     pub(crate) layout: Layout,
-    activation: Activation,
+    pub(super) activation: Activation,
     pub(crate) parameters: Buffer,
     /// The weights again, as the backward pass reads them.
     pub(crate) transposed: Buffer,
@@ -33,14 +33,16 @@ pub(crate) struct Packed {
 pub(crate) struct Workspace {
     pub(crate) simd: Simd,
     /// `x, y_1 ... y_L`
-    values: Vec<Buffer>,
+    pub(super) values: Vec<Buffer>,
     /// `d_1 ... d_L`
-    deltas: Vec<Buffer>,
+    pub(super) deltas: Vec<Buffer>,
     /// `f'` of each hidden layer, unless it follows from `y`.
     slopes: Vec<Buffer>,
     /// Of each hidden layer that is normalised.
     normalized: Vec<Buffer>,
     statistics: Vec<Buffer>,
+    /// Derivatives by the biases of the layer at hand.
+    pub(super) bias: Buffer,
 }
 
 /// What decides which nodes are left out for which rows: the same for any number of threads.
@@ -106,7 +108,7 @@ impl Packed {
         workspace.simd.run(InputDeltas { network: self, rows, deltas: &workspace.deltas[0], columns, to });
     }
 
-    fn stores_slopes(&self) -> bool {
+    pub(super) fn stores_slopes(&self) -> bool {
         !slope_follows_from_value(self.activation) || self.dropout > 0.0 || self.layout.shapes[0].normalized
     }
 }
@@ -278,6 +280,7 @@ impl Workspace {
             slopes: of(slopes),
             normalized: of(normalized),
             statistics: normalized.iter().map(statistics).collect(),
+            bias: Buffer::zeros(shapes.iter().map(|shape| padded(shape.outputs)).max().unwrap_or(0)),
         }
     }
 

@@ -1,10 +1,10 @@
 //! Learns models of recorded runs that go on from sample to sample.
 
 use super::{
+    learned::Candidate,
     prepare::{self, held_out},
     project::Project,
     rescue,
-    state_space::Candidate,
     train::{Follower, TrainingRecord},
 };
 use crate::{

@@ -1,44 +1,75 @@
 //! Learns equations of motion from a mechanism.
 
-use super::{project::Project, rescue, train::TrainingRecord};
+use super::{
+    learned::{self, Candidate},
+    motion_networks::{Learned, learn},
+    project::Project,
+    rescue,
+    train::TrainingRecord,
+};
 use crate::{
     Result,
     dataset::{Dataset, Run},
-    dynamics::{Fitted, fit},
     evaluation::{OFF, predict_all, predict_off},
     files,
     source::{Source, driven::Driven},
     surrogate,
-    training::{StopReason, write_history},
+    training::write_history,
 };
 use metafmu_runtime::{Evaluator, Model, Motion, Output, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// What was found by least squares.
+/// What was learned of the equations of motion of a mechanism.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MotionRecord {
-    /// Highest harmonic of the angles.
+    /// Highest harmonic of the angles in the dictionary, which is found by least squares.
     pub harmonics: usize,
     /// Highest power of the other coordinates and of the parameters.
     pub powers: usize,
     /// Products of sines, cosines and powers with a coefficient: those of the equations of motion and of the positions.
     pub products: [usize; 2],
-    /// Largest error of any function at unseen configurations, relative to the largest value of the function.
+    /// Largest error of any function of the dictionary at unseen configurations, relative to the largest value of the function.
     pub error: f64,
+    /// Of forces that are not linear in the velocities, which a network gives: root mean square error at unseen states, relative to their
+    /// standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force_error: Option<f64>,
+    /// The ways to learn the equations that were compared, the best first; none if the dictionary is exact.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<Candidate>,
+    /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
+    #[serde(default = "dictionary")]
+    pub exported: String,
     /// Largest step of the solver, in seconds.
     pub solver_step: f64,
     /// Error of a start, in all states, that changes the outputs of a training run as much as halving that step does.
     pub solver_error: f64,
 }
 
-/// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism.
+/// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism; with networks that of
+/// the accelerations, relative to their standard deviation.
 const POOR: f64 = 0.01;
+
+fn dictionary() -> String {
+    learned::DICTIONARY.into()
+}
 
 impl MotionRecord {
     /// What is wrong with the equations.
     pub(super) fn problem(&self) -> Option<String> {
+        if let Some(exported) = self.candidates.iter().find(|candidate| candidate.name == self.exported) {
+            // also of what is not a number
+            let is_good = exported.error <= POOR;
+            return (!is_good).then(|| {
+                format!(
+                    "the learned accelerations or positions are off by {:.1e} of their standard deviation at unseen states, expected \
+                     at most {POOR}: more `sampling.states`, smaller ranges or a larger network may help",
+                    exported.error
+                )
+            });
+        }
         (self.error > POOR).then(|| {
             format!(
                 "the learned equations of motion are off by {:.1e} of their largest value at unseen configurations, expected at most \
@@ -46,6 +77,26 @@ impl MotionRecord {
                 self.error
             )
         })
+    }
+
+    /// How it went, in words.
+    pub(super) fn describe(&self) -> String {
+        let Self { harmonics, powers, products: [equations, positions], error, solver_step, .. } = self;
+        let Self { candidates, exported, force_error, .. } = self;
+        let forces = force_error.map_or(String::new(), |error| {
+            format!("; a network for forces that are not linear in the velocities, error {error:.1e} at unseen states")
+        });
+        let compared = match candidates.as_slice() {
+            [] => String::new(),
+            candidates => format!(
+                "; error of the accelerations at unseen states: {}; exported: {exported}",
+                learned::list(candidates)
+            ),
+        };
+        format!(
+            "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
+             in positions, error {error:.1e} at unseen configurations{forces}{compared}; solver steps of {solver_step} s"
+        )
     }
 }
 
@@ -68,63 +119,69 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
     };
     let region = driven.region().ok_or_else(|| study.refusal("source", "expected a mechanism"))?;
     let began = Instant::now();
-    let fitted = fit(mechanism, region, study.seed).map_err(|message| study.refusal("states", message))?;
-    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !fitted.is_driven_by(*index)) {
+    let learned = learn(project, dataset, (mechanism, driven, region))?;
+    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.dynamics.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }
-    let rows = 3 * fitted.terms + 50;
-    let with_step = |step: f64| assemble(project, dataset, (driven, rows), &fitted, step);
+    let with_step = |step: f64| assemble(project, dataset, driven, &learned, step);
     let (surrogate, solver_step, solver_error) = choose_step(dataset, study.time.step, with_step)?;
+    let Learned { fitted, dynamics, positions, rows, .. } = &learned;
+    let motion = MotionRecord {
+        harmonics: fitted.order[0],
+        powers: fitted.order[1],
+        products: [dynamics.law().dictionary().products(), positions.dictionary().products()],
+        error: fitted.error,
+        force_error: learned.force_error,
+        candidates: learned.candidates.clone(),
+        exported: learned.exported.clone(),
+        solver_step,
+        solver_error,
+    };
     let record = TrainingRecord {
-        train_rows: rows,
+        train_rows: *rows,
         validation_runs: 0,
-        epochs: 0,
-        best_epoch: 0,
-        stopped: StopReason::Solved,
+        epochs: learned.history.len(),
+        best_epoch: learned.best_epoch,
+        stopped: learned.stopped,
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        motion: Some(MotionRecord {
-            harmonics: fitted.order[0],
-            powers: fitted.order[1],
-            products: [fitted.dynamics.law().products(), fitted.positions.products()],
-            error: fitted.error,
-            solver_step,
-            solver_error,
-        }),
+        motion: Some(motion.clone()),
         state_space: None,
         trajectories: None,
         discrete: None,
     };
     project.finish(format_args!(
-        "learned equations of motion from {rows} configurations in {:.1} s: harmonics up to {}, powers up to {}, {} products, error \
-         {:.1e} at unseen configurations; solver steps of {solver_step} s",
+        "learned equations of motion from {rows} configurations in {:.1} s by {}",
         record.train_seconds,
-        fitted.order[0],
-        fitted.order[1],
-        fitted.dynamics.law().products(),
-        fitted.error,
+        motion.describe()
     ));
     rescue::write(project, |project| {
         surrogate::save(&surrogate, &project.model())?;
-        write_history(&project.history(), &[])?;
+        write_history(&project.history(), &learned.history)?;
         files::write_json(&project.training_record(), &record)
     })?;
     Ok((surrogate, record))
 }
 
-fn assemble(
-    project: &Project,
-    dataset: &Dataset,
-    (driven, rows): (&Driven, usize),
-    fitted: &Fitted,
-    step: f64,
-) -> Result<Surrogate> {
-    let Fitted { dynamics, positions, windings, outputs, .. } = fitted.clone();
-    let is_limited: Vec<bool> = (0..dynamics.coordinates()).map(|column| fitted.depends_on(column)).collect();
-    let motion = Motion { dynamics, positions, windings, outputs, step };
+fn assemble(project: &Project, dataset: &Dataset, driven: &Driven, learned: &Learned, step: f64) -> Result<Surrogate> {
+    let Learned { fitted, dynamics, positions, velocities, rows, .. } = learned;
+    let motion = Motion {
+        dynamics: dynamics.clone(),
+        positions: positions.clone(),
+        windings: fitted.windings.clone(),
+        outputs: fitted.outputs.clone(),
+        step,
+    };
+    let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
+        let is_limited = motion.depends_on(column) && !options.goes_around(name);
+        is_limited.then_some([options.min, options.max])
+    });
+    let of_velocities = (0..dynamics.coordinates())
+        .map(|column| velocities.as_ref().filter(|_| dynamics.extrapolates(column)).map(|ranges| ranges[column]));
+    let ranges: Vec<Option<[f64; 2]>> = ranges.chain(of_velocities).collect();
     let model = Model::Motion(Box::new(motion));
-    surrogate::assemble_with_states(&project.study, (dataset, rows), (driven, &is_limited), model)
+    surrogate::assemble_with_states(&project.study, (dataset, *rows), (driven, &ranges), model)
 }
 
 /// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error. Errors of the solver

@@ -2,7 +2,6 @@
 
 use super::{
     compare::seconds_per_row,
-    motion::MotionRecord,
     project::{Project, SamplesRecord},
     train::TrainingRecord,
     trajectories::TrajectoriesRecord,
@@ -140,12 +139,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
                 "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
             )
         }
-        (Some(MotionRecord { harmonics, powers, products: [equations, positions], error, solver_step, .. }), ..) => {
-            format!(
-                "{rows} configurations, least squares; harmonics up to {harmonics}, powers up to {powers}, {equations} products in the \
-             equations and {positions} in positions, error {error:.1e} at unseen configurations; solver steps of {solver_step} s"
-            )
-        }
+        (Some(motion), ..) => format!("{rows} configurations, {}", motion.describe()),
     };
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };

@@ -1,30 +1,29 @@
 //! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
 
 use super::{
+    learned::{self, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, EXACT, Examples, NETWORK, held_out},
     motion::choose_step,
     observer::{Event, Work},
     project::Project,
     rescue,
-    train::{Follower, TrainingRecord},
+    train::TrainingRecord,
 };
 use crate::{
     Result,
     dataset::Dataset,
     dynamics::{Samples, fit_functions},
-    files,
-    network::Network,
-    scaling,
+    files, scaling,
     source::{Source, driven::Driven, fmu::FmuModel},
     surrogate,
-    training::{self, EpochRecord, Rows, StopReason, write_history},
+    training::{EpochRecord, Outcome, StopReason, write_history},
 };
 use metafmu_runtime::{
-    Encoder, Encoding, Given, Model, ScaledNetwork, Scaling, StateSpace, Surrogate,
+    Encoder, Encoding, Given, Model, ScaledNetwork, StateSpace, Surrogate,
     dictionary::{Dictionary, Factor},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use serde::{Deserialize, Serialize};
-use std::{f64::consts::TAU, sync::atomic::Ordering, time::Instant};
+use std::{f64::consts::TAU, time::Instant};
 
 /// What was learned of the equations of an FMU.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -47,30 +46,6 @@ pub struct StateSpaceRecord {
     pub solver_error: f64,
 }
 
-/// A way to learn functions.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Candidate {
-    /// `dictionary`, `network`, or `dictionary and network`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
-    pub name: String,
-    /// Root mean square error at states, or in runs, that were held out, relative to the standard deviation, of the worst function or
-    /// output.
-    pub error: f64,
-    /// Wall time.
-    pub seconds: f64,
-}
-
-/// `sampling.states` unless given.
-const STATES: usize = 5000;
-/// Of how many states one is held out, and how many are at the least, unless that is more than half of them.
-const HELD_OUT: (usize, usize) = (10, 200);
-
-/// Number of states that are held out.
-fn held_out(states: usize) -> usize {
-    (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
-}
-
-/// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
-const EXACT: f64 = 1e-9;
 /// Error of a function, relative to its standard deviation, from which on the equations are not those of the FMU.
 const POOR: f64 = 0.1;
 /// Two values that differ by less of the largest one are the same.
@@ -78,7 +53,8 @@ const SAME: f64 = 1e-12;
 
 impl StateSpaceRecord {
     fn error(&self) -> f64 {
-        self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
+        let exported = self.candidates.iter().find(|candidate| candidate.name == self.exported);
+        exported.map_or(f64::INFINITY, |candidate| candidate.error)
     }
 
     /// What is wrong with the equations.
@@ -97,13 +73,11 @@ impl StateSpaceRecord {
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
         let Self { functions, harmonics, powers, products, candidates, exported, solver_step, .. } = self;
-        let list: Vec<String> =
-            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
         let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
         format!(
             "{functions} functions; error at unseen states: {}; exported: {exported}, {products} products, {harmonics}powers up to \
              {powers}; solver steps of {solver_step} s",
-            list.join(", ")
+            learned::list(candidates)
         )
     }
 }
@@ -123,13 +97,13 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
     let samples = space.ask(project, fmu)?;
     let (given, samples) = recognise(samples, &space.counts);
     let mut learned = space.learn(project, &samples)?;
-    let best = learned.candidates.iter().enumerate().min_by(|a, b| a.1.0.error.total_cmp(&b.1.0.error));
-    let best = best.map_or(0, |(index, _)| index);
+    let best = learned::chosen(&learned.records, &study.dynamics);
     let (Candidate { name, .. }, dictionary, network) = learned.candidates.swap_remove(best);
-    let is_limited: Vec<bool> = (0..space.counts[2])
-        .map(|state| {
+    let ranges: Vec<Option<[f64; 2]>> = (study.states.iter().enumerate())
+        .map(|(state, (name, options))| {
             let column = space.counts[0] + space.counts[1] + state;
-            network.is_some() || dictionary.terms().any(|term| term.exponents[column] != 0)
+            let depends = network.is_some() || dictionary.terms().any(|term| term.exponents[column] != 0);
+            (depends && !options.goes_around(name)).then_some([options.min, options.max])
         })
         .collect();
     let with_step = |step: f64| {
@@ -141,7 +115,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
             step,
         };
         let model = Model::StateSpace(Box::new(space));
-        surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &is_limited), model)
+        surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), model)
     };
     let (surrogate, solver_step, solver_error) = choose_step(dataset, study.time.step, with_step)?;
     let mut candidates = learned.records;
@@ -222,7 +196,7 @@ impl Space {
 
     /// Derivatives and outputs of the FMU at random points, the same ones for the same seed.
     fn ask(&self, project: &Project, fmu: &FmuModel) -> Result<Samples> {
-        let count = project.study.sampling.states.unwrap_or(STATES);
+        let count = learned::states(&project.study);
         let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
         let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
         let points: Vec<Vec<f64>> = (0..count).map(point).collect();
@@ -253,22 +227,22 @@ impl Space {
             (Candidate { name: name.into(), error, seconds: began.elapsed().as_secs_f64() }, dictionary, network)
         };
         let mut learned = Learned {
-            candidates: vec![candidate("dictionary", dictionary.clone(), None, began)],
+            candidates: vec![candidate(DICTIONARY, dictionary.clone(), None, began)],
             records: Vec::new(),
             order: fitted.order,
             history: Vec::new(),
             best_epoch: 0,
             stopped: StopReason::Solved,
         };
-        let nothing = Dictionary::new(&self.factors, dictionary.outputs(), &[]);
-        if let (true, Ok(nothing)) = (learned.candidates[0].0.error > EXACT, nothing) {
-            // what the highest order leaves over oscillates, and no network learns that
-            for (name, base) in [("dictionary and network", fit(true)?.dictionary), ("network", nothing)] {
-                if learned.stopped == StopReason::Interrupted {
-                    break;
-                }
+        let nothing = Dictionary::new(&self.factors, dictionary.outputs(), &[])
+            .map_err(|source| crate::Error::Surrogate { source })?;
+        let exact = learned.candidates[0].0.error <= EXACT;
+        for name in [DICTIONARY_AND_NETWORK, NETWORK] {
+            if study.dynamics.tries(name, exact) && learned.stopped != StopReason::Interrupted {
+                // what the highest order leaves over oscillates, and no network learns that
+                let base = if name == NETWORK { nothing.clone() } else { fit(true)?.dictionary };
                 let began = Instant::now();
-                let (network, outcome) = self.train(project, &base, &seen, &unseen)?;
+                let (network, outcome) = self.train(project, &base, [&seen, &unseen])?;
                 learned.stopped = outcome.reason;
                 learned.best_epoch = outcome.best_epoch;
                 learned.history = outcome.history;
@@ -284,29 +258,14 @@ impl Space {
         &self,
         project: &Project,
         base: &Dictionary,
-        seen: &Samples,
-        unseen: &Samples,
-    ) -> Result<(ScaledNetwork, training::Outcome)> {
-        let study = &project.study;
-        let (inputs, rest) = (self.columns(seen), residuals(base, seen));
-        let ((input_mean, input_scale), (output_mean, output_scale)) =
-            (scaling::of_columns(&inputs), scaling::of_columns(&rest));
-        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-        let rows = |inputs: &[Vec<f64>], rest: &[Vec<f64>]| {
-            let x = scaling::standardise_rows(inputs, &scaling.input_mean, &scaling.input_scale);
-            let y = scaling::standardise_rows(rest, &scaling.output_mean, &scaling.output_scale);
-            Rows::new(self.encoder().width(), base.outputs(), x, y)
-        };
-        let training_rows = rows(&inputs, &rest)?;
-        let validation_rows = rows(&self.columns(unseen), &residuals(base, unseen))?;
-        let network = Network::new(self.encoder().width(), base.outputs(), &study.network, study.seed)?;
-        let mut follower = Follower::new(project, training_rows.len()).without_checkpoints();
-        let options = &study.training;
-        let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?;
-        // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
-        project.control().stop.store(false, Ordering::Relaxed);
-        let layers = outcome.network.to_layers();
-        Ok((ScaledNetwork { scaling, layers }, outcome))
+        [seen, unseen]: [&Samples; 2],
+    ) -> Result<(ScaledNetwork, Outcome)> {
+        let [seen, unseen] = [seen, unseen].map(|samples| Examples {
+            inputs: self.columns(samples),
+            outputs: residuals(base, samples),
+            tangents: None,
+        });
+        learned::train(project, &seen, &unseen)
     }
 
     fn encoder(&self) -> Encoder {

@@ -1,6 +1,6 @@
 //! Learns equations of motion from the motions of a table.
 
-use super::{motion::choose_step, project::Project, rescue, state_space::Candidate, train::TrainingRecord};
+use super::{learned::Candidate, motion::choose_step, project::Project, rescue, train::TrainingRecord};
 use crate::{
     Error, Result,
     dataset::Dataset,
@@ -130,9 +130,15 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
     };
     let model =
         |step: f64| columns.model(study, driven, &identified.law, step).map_err(|source| Error::Surrogate { source });
-    let is_limited = columns.is_limited(&identified.law);
+    let is_limited = columns.is_limited(&identified.law).into_iter().enumerate();
+    let range = |state: usize| match study.states.get_index(state) {
+        Some((name, options)) => (!options.goes_around(name)).then_some([options.min, options.max]),
+        None => driven.range(state),
+    };
+    let ranges: Vec<Option<[f64; 2]>> =
+        is_limited.map(|(state, is_limited)| range(state).filter(|_| is_limited)).collect();
     let with_step =
-        |step: f64| surrogate::assemble_with_states(study, (dataset, rows), (driven, &is_limited), model(step)?);
+        |step: f64| surrogate::assemble_with_states(study, (dataset, rows), (driven, &ranges), model(step)?);
     let (surrogate, solver_step, solver_error) = match candidate.error <= POOR {
         true => choose_step(dataset, study.time.step, with_step)?,
         // no step is small enough for equations that diverge
@@ -226,7 +232,7 @@ impl Columns {
     /// Of coordinates, then rates: whether functions depend on them.
     fn is_limited(&self, law: &Law) -> Vec<bool> {
         let (first, functions, count) = match law {
-            Law::Motion(dynamics) => (0, dynamics.law(), self.coordinates.len()),
+            Law::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),
             Law::Functions(functions) => {
                 (self.parameters.len() + self.inputs.len(), functions.as_ref(), 2 * self.coordinates.len())
             }
@@ -245,7 +251,7 @@ impl Columns {
                     shown.map(|state| if state < n { Shown::Position(state) } else { Shown::Velocity(state - n) });
                 Model::Motion(Box::new(Motion {
                     dynamics: dynamics.as_ref().clone(),
-                    positions: Dictionary::new(&self.of_motion(), n, &[])?,
+                    positions: Dictionary::new(&self.of_motion(), n, &[])?.into(),
                     // the positions are the coordinates
                     windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
                     outputs: outputs.collect(),

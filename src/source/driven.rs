@@ -2,6 +2,7 @@
 
 use super::wrong_unit;
 use crate::{
+    dataset::Run,
     diagnostics::{Problems, names::expected_one_of},
     dynamics::{self, Range, Region},
     integrate::Budget,
@@ -11,7 +12,14 @@ use crate::{
     variable::Variable,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
+
+/// Tolerance of runs of which the largest velocities are looked for.
+const ROUGH: f64 = 1e-6;
+
+/// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
+const SLOWEST: f64 = 1e-3;
 
 /// A quantity that acts on the source.
 #[derive(Clone, Debug)]
@@ -253,6 +261,43 @@ impl Driven {
         times: &[f64],
         integration: (f64, &Budget),
     ) -> Result<Vec<f64>, String> {
+        let Launch { names, state, signals } = self.launch(parameters, times)?;
+        mechanism.simulate_from(values, (&names, state), &signals, times, integration)
+    }
+
+    /// Ranges of the coordinates' velocities: the study's own, or else what they reach in these runs of the mechanism, in either
+    /// direction, and half as much more.
+    ///
+    /// # Errors
+    /// A sentence, as [`Mechanism::rates_from`].
+    pub fn velocities(&self, study: &Study, mechanism: &Mechanism, runs: &[Run]) -> Result<Vec<[f64; 2]>, String> {
+        let own: Vec<Option<[f64; 2]>> = study.states.values().map(|state| state.velocity_range).collect();
+        if own.iter().all(Option::is_some) {
+            return Ok(own.into_iter().flatten().collect());
+        }
+        let region = self.region.as_ref().ok_or("expected a mechanism")?;
+        let reached = runs.par_iter().map(|run| {
+            let value = |(name, value): &(String, f64)| {
+                let varied = region.parameters.iter().position(|range| range.name == *name);
+                varied.map_or(*value, |index| run.parameters[index])
+            };
+            let values: Vec<f64> = region.constants.iter().map(value).collect();
+            let Launch { names, state, signals } = self.launch(&run.parameters, &run.times)?;
+            let integration = (ROUGH, &Budget::default());
+            let rates = mechanism.rates_from(&values, (&names, state), &signals, &run.times, integration)?;
+            let largest = |k: usize| rates.iter().skip(k).step_by(names.len()).fold(0.0f64, |max, v| max.max(v.abs()));
+            Ok((0..names.len()).map(largest).collect())
+        });
+        let reached: Vec<Vec<f64>> = reached.collect::<Result<_, String>>()?;
+        let range = |(k, own): (usize, Option<[f64; 2]>)| {
+            let largest = reached.iter().map(|largest| 1.5 * largest[k]).fold(SLOWEST, f64::max);
+            own.unwrap_or([-largest, largest])
+        };
+        Ok(own.into_iter().enumerate().map(range).collect())
+    }
+
+    /// How the run with these parameters begins and is driven.
+    fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
         let count = self.states.len();
         let (_, starts) = parameters.split_at(parameters.len() - count);
         let (coordinates, velocities) = starts.split_at(count / 2);
@@ -261,9 +306,11 @@ impl Driven {
             let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
             Ok(Signal::Linear(Knots::new(times.to_vec(), values)?))
         };
-        let signals = (0..self.drivers.len()).map(signal).collect::<Result<Vec<_>, String>>()?;
-        let names: Vec<&str> = self.states[..count / 2].iter().map(|state| state.name.as_str()).collect();
-        mechanism.simulate_from(values, (&names, [coordinates, velocities]), &signals, times, integration)
+        Ok(Launch {
+            names: self.states[..count / 2].iter().map(|state| state.name.as_str()).collect(),
+            state: [coordinates, velocities],
+            signals: (0..self.drivers.len()).map(signal).collect::<Result<_, String>>()?,
+        })
     }
 }
 
@@ -278,6 +325,15 @@ fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<Driver>, Problems
         }
     }
     if problems.is_empty() { Ok(drivers) } else { Err(problems) }
+}
+
+/// How a run begins and what drives it.
+struct Launch<'a> {
+    /// Of the coordinates.
+    names: Vec<&'a str>,
+    /// Coordinates and velocities at the start.
+    state: [&'a [f64]; 2],
+    signals: Vec<Signal>,
 }
 
 fn coordinates_and_velocities(names: &[&str]) -> Vec<Variable> {
@@ -300,6 +356,8 @@ fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
         parameters: study.parameters.iter().map(|(name, range)| Range::new(name, range.min, range.max)).collect(),
         constants: names.zip(values.iter().copied()).collect(),
         outputs: study.outputs.keys().cloned().collect(),
+        velocities: Vec::new(),
+        inputs: Vec::new(),
     }
 }
 

@@ -2,8 +2,9 @@
 //! key that is added does not compile before that is said.
 
 use super::{
-    BoundsOptions, DiscreteOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions,
-    SamplingOptions, SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions, Variability,
+    BoundsOptions, DiscreteOptions, DynamicsOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions,
+    ParameterOptions, SamplingOptions, SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
+    Variability,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -87,6 +88,8 @@ struct Trained<'a> {
     states: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     discrete: Option<DiscreteOptions>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dynamics: Option<DynamicsOptions>,
     samples: String,
 }
 
@@ -173,6 +176,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         export,
         bounds,
         target,
+        dynamics,
         // these decide the runs
         seed: _,
         source: _,
@@ -207,6 +211,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         target: *target,
         states: sampling.states,
         discrete: study.is_discrete().then_some(*discrete),
+        dynamics: (*dynamics != DynamicsOptions::default()).then_some(*dynamics),
         samples: of_samples(study),
     })
 }

@@ -56,6 +56,7 @@ mod accept;
 mod bounds;
 mod digest;
 mod discrete;
+mod dynamics;
 mod export;
 mod inputs;
 mod network;
@@ -85,6 +86,7 @@ use crate::{
 pub use accept::AcceptOptions;
 pub use bounds::BoundsOptions;
 pub use discrete::{DiscreteModel, DiscreteOptions};
+pub use dynamics::{DynamicsModel, DynamicsOptions};
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
@@ -140,6 +142,9 @@ pub struct Study {
     /// structure "discrete" the columns that drive the runs.
     #[serde(default)]
     pub inputs: IndexMap<String, InputOptions>,
+    /// Which of the ways to learn the equations is exported, of the structure "dynamics".
+    #[serde(default)]
+    pub dynamics: DynamicsOptions,
     /// Outputs by name.
     pub outputs: IndexMap<String, OutputOptions>,
     /// Outputs of one unit that an FMI 3.0 FMU also offers as an array, by the array's name.
@@ -152,10 +157,11 @@ pub struct Study {
     /// Where in the parameters' ranges runs are placed.
     #[serde(default)]
     pub sampling: SamplingOptions,
-    /// The feed-forward network.
+    /// The feed-forward network. Without this section, those in the equations of motion of a mechanism have `hidden = [64, 64, 64]`.
     #[serde(default)]
     pub network: NetworkOptions,
-    /// How the network is trained.
+    /// How the network is trained. Without this section, those in the equations of motion of a mechanism are trained with
+    /// `schedule = "cosine"`, `learning_rate = 0.01`, `batch = 256` and `epochs = 600`.
     #[serde(default)]
     pub training: TrainingOptions,
     /// How good the surrogate is to be, if runs are to be added until it is.
@@ -254,7 +260,13 @@ impl Draft {
         let given = [gives("network", "hidden"), gives("training", "clip_norm")];
         let (mut problems, damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
         replace(&mut root, &damaged);
+        let has = |section: &str| root.get_ref().contains_key(section);
+        let [has_network, has_training] = ["network", "training"].map(has);
         let mut study: Study = origin.deserialize(root)?;
+        if study.structure == StudyStructure::Dynamics && study.source.mechanism.is_some() {
+            study.network = if has_network { study.network } else { NetworkOptions::of_equations() };
+            study.training = if has_training { study.training } else { TrainingOptions::of_equations() };
+        }
         study.origin = origin.clone();
         if study.structure == StudyStructure::Dynamics {
             study.starts = states::starts(&study);

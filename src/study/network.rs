@@ -38,6 +38,13 @@ impl Default for NetworkOptions {
     }
 }
 
+impl NetworkOptions {
+    /// In the equations of motion of a mechanism, which are evaluated in every stage of every step.
+    pub fn of_equations() -> Self {
+        Self { hidden: vec![64; 3], ..Self::default() }
+    }
+}
+
 /// The runtime has no schemas: what is in every FMU stays small.
 fn activations(_: &mut SchemaGenerator) -> Schema {
     use Activation::{Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh};

@@ -19,8 +19,8 @@ pub struct SamplingOptions {
     /// ranges of the outputs and the steps of the solver are known, 8 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
-    /// Of the structure "dynamics" of an FMU: number of states, with inputs and parameters, at which it is asked for its equations, 5000
-    /// unless given. A tenth of them is held out.
+    /// Of the structure "dynamics": number of states, with inputs and parameters, at which an FMU is asked for its equations, 5000
+    /// unless given, or a mechanism for what its networks learn, 20000 unless given. A tenth of them is held out.
     #[schemars(range(min = 100, max = MAX_RUNS))]
     pub states: Option<usize>,
     /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
@@ -121,8 +121,8 @@ impl SamplingOptions {
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { method, levels, runs, states, file, faces, train_stop, .. } = self;
         let mut problems = Problems::default();
-        let is_asked = study.has_states() && study.source.fmu.is_some();
-        let message = "belongs to the structure \"dynamics\" of an FMU";
+        let is_asked = study.has_states() && !study.source.is_recorded();
+        let message = "belongs to the structure \"dynamics\" of an FMU or a mechanism";
         problems.expect_absent(states.is_some() && !is_asked, "sampling.states", message);
         let message = "belongs to the structure \"dynamics\" of a table";
         problems.expect_absent(

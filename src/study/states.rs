@@ -1,6 +1,9 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
-use super::{NetworkOptions, ParameterOptions, Study, StudyStructure, TrainingOptions, outputs::check_variable_name};
+use super::{
+    DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure, TrainingOptions,
+    outputs::check_variable_name,
+};
 use crate::{Result, diagnostics::Problems, table::Table};
 use indexmap::IndexMap;
 use metafmu_baselines::Baselines;
@@ -33,6 +36,11 @@ pub struct StateOptions {
     /// Of a mechanism: the velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
+    /// Of a mechanism: the velocities for which forces are learned that are not linear in them, such as friction in tanh; what the
+    /// velocity reaches in the training runs, in either direction, and half as much more unless given. Other forces are exact at any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-unit" = "rad/s or m/s"))]
+    pub velocity_range: Option<[f64; 2]>,
     /// Of an FMU or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU the range then is a
     /// turn; of a table an angle is not wound back into a turn, and has no range.
     #[serde(default)]
@@ -161,7 +169,7 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 pub(super) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_table = study.source.is_recorded();
-    for (name, StateOptions { min, max, start, velocity, periodic, rate: _ }) in &study.states {
+    for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, rate: _ }) in &study.states {
         let key = format!("states.{name}");
         if of_table && (min.is_nan() || max.is_nan()) {
             continue;
@@ -177,9 +185,11 @@ pub(super) fn problems(study: &Study) -> Problems {
         if *periodic && !of_table && (max - min - TAU).abs() > 1e-6 {
             problems.add(format!("{key}.periodic"), format!("the range from {min} to {max} is not a turn of 2 pi"));
         }
-        for (field, range) in [("start", start), ("velocity", velocity)] {
+        for (field, range) in [("start", start), ("velocity", velocity), ("velocity_range", velocity_range)] {
             let Some([low, high]) = range else { continue };
-            if !(low.is_finite() && high.is_finite() && low <= high) {
+            if field == "velocity_range" && low == high {
+                problems.add(format!("{key}.{field}"), format!("range is empty: from {low} to {high}"));
+            } else if !(low.is_finite() && high.is_finite() && low <= high) {
                 let expected = "expected two finite numbers, the second at least as large as the first";
                 problems.add(format!("{key}.{field}"), format!("[{low}, {high}], {expected}"));
             } else if field == "start" && !(min <= low && high <= max) {
@@ -203,6 +213,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.expect_absent(!states.is_empty(), "states", message);
         let message = "belongs to the structures \"dynamics\" and \"discrete\"";
         problems.expect_absent(!inputs.is_empty(), "inputs", message);
+        problems.expect_absent(study.dynamics != DynamicsOptions::default(), "dynamics", message);
         return problems;
     }
     if states.is_empty() {
@@ -221,12 +232,14 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         if of_table {
             let message = "belongs to sources that are simulated: recorded runs start where they start";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
+            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
             problems.expect_absent(state.start.is_some(), format!("{key}.start"), message);
             check_variable_name(&mut problems, &key, name);
             check_variable_name(&mut problems, &format!("{key}.rate"), &state.rate_name(name));
         } else if is_fmu {
             let message = "belongs to mechanisms: every state of an FMU has a range of its own";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
+            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
         } else if velocity_name(name).is_none() {
             let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
             problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
@@ -243,11 +256,14 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         let message = "equations of a table's motions are learned by least squares";
         problems.expect_absent(study.network != NetworkOptions::default(), "network", message);
         problems.expect_absent(study.training != TrainingOptions::default(), "training", message);
+        problems.expect_absent(study.dynamics != DynamicsOptions::default(), "dynamics", message);
         problems.extend(duplicates(study));
-    } else if !is_fmu {
-        problems.expect_absent(study.network != NetworkOptions::default(), "network", of_network);
-        problems.expect_absent(study.training != TrainingOptions::default(), "training", of_network);
     }
+    problems.expect_absent(
+        study.network.structure == Structure::Fixed,
+        "network.structure",
+        "\"fixed\" belongs to the structure \"response\"",
+    );
     problems.expect_absent(study.target.is_some(), "target", of_network);
     problems.expect_absent(study.bounds.is_some(), "bounds", of_network);
     problems.expect_absent(study.search.is_some(), "search", of_network);

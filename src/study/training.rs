@@ -150,6 +150,12 @@ impl Default for TrainingOptions {
 pub(super) const MAX_EPOCHS: usize = 1_000_000;
 
 impl TrainingOptions {
+    /// Of networks in the equations of motion of a mechanism: their labels are exact, and errors add up along a motion, so that the last
+    /// digits count.
+    pub fn of_equations() -> Self {
+        Self { learning_rate: 1e-2, schedule: Schedule::Cosine, batch: 256, epochs: 600, ..Self::default() }
+    }
+
     /// Every mistake, by key within the section.
     pub fn problems(&self) -> Problems {
         let mut problems = Problems::default();

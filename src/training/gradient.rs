@@ -4,13 +4,13 @@
 //! buffer of its own, whichever thread works on it; the parts are added in their order, by [`Gradients::sum_piece`].
 
 use super::{
-    Rows,
+    Rows, Tangents,
     loss::LossFunction,
     recurrence::{Block, Unrolled},
     team::{Divided, Team},
 };
 use crate::network::{
-    BLOCK_ROWS, DropoutMask, Packed, Workspace,
+    BLOCK_ROWS, DropoutMask, Packed, Workspace, block_rows,
     kernels::{Kernel, Lanes, Simd, Store, WIDTH, buffer::Buffer},
     layout::{padded, stride},
 };
@@ -90,6 +90,9 @@ impl Gradients {
         assert_eq!((rows.n_inputs(), rows.n_outputs()), columns, "columns of the rows");
         let used = parts(numbers.len());
         let count = (numbers.len() * rows.targets() / rows.len()) as f64;
+        let tangents = rows.tangents().filter(|tangents| network.takes_tangents(tangents.directions));
+        let of_tangents = tangents.map(|tangents| (tangents, function.of(&tangents.known)));
+        let most = tangents.map_or(BLOCK_ROWS, |tangents| block_rows(tangents.directions));
         let divided = Divided::new(&mut all[..used]);
         team.for_each(used, |member, index| {
             // SAFETY: one part for each item
@@ -100,7 +103,7 @@ impl Gradients {
             part.statistics.iter_mut().for_each(|statistics| statistics.fill(0.0));
             let mut store = Store::Replace;
             // blocks of nearly equal size: a small one would be normalised badly
-            let blocks = numbers.len().div_ceil(BLOCK_ROWS);
+            let blocks = numbers.len().div_ceil(most);
             for block in 0..blocks {
                 let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
                 if let Some(recurrence) = rows.recurrence() {
@@ -112,10 +115,20 @@ impl Gradients {
                 }
                 let workspace = &mut unrolled.workspaces[0];
                 gather(rows, numbers, workspace);
+                if let Some((tangents, of_tangents)) = &of_tangents {
+                    let shape = (numbers.len(), tangents.directions);
+                    gather_tangents(rows, tangents, numbers, workspace);
+                    network.forward_with_tangents(shape, workspace);
+                    part.loss += sum_of_losses(function, workspace, rows, numbers, 1.0 / count);
+                    part.loss += sum_of_tangents(of_tangents, workspace, (rows, tangents), numbers, 1.0 / count);
+                    network.backward_with_tangents(shape, workspace, store, &mut part.gradient);
+                    store = Store::Add;
+                    continue;
+                }
                 network.forward_in_training(workspace, DropoutMask { seed, step, rows: numbers });
                 part.loss += sum_of_losses(function, workspace, rows, numbers, 1.0 / count);
                 network.backward(numbers.len(), workspace, store, &mut part.gradient);
-                part.add_statistics(numbers.len(), workspace);
+                part.add_statistics(numbers.len(), &workspace);
                 store = Store::Add;
             }
         });
@@ -210,6 +223,39 @@ fn sum_of_losses(function: &LossFunction, workspace: &mut Workspace, rows: &Rows
         function.row(outputs, targets, scale as f32, deltas)
     };
     outputs.zip(numbers).map(row).sum()
+}
+
+/// Puts the derivatives of the inputs after those of the rows: direction by direction.
+fn gather_tangents(rows: &Rows, tangents: &Tangents, numbers: &[u32], workspace: &mut Workspace) {
+    let (n_inputs, directions) = (rows.n_inputs(), tangents.directions);
+    let places = workspace.inputs_mut().chunks_exact_mut(stride(n_inputs)).skip(numbers.len());
+    let sources = (0..directions).flat_map(|direction| {
+        numbers.iter().map(move |&number| &tangents.inputs[(number as usize * directions + direction) * n_inputs..])
+    });
+    for (to, row) in places.zip(sources) {
+        to[..n_inputs].copy_from_slice(&row[..n_inputs]);
+    }
+}
+
+/// As [`sum_of_losses`], of the derivatives.
+fn sum_of_tangents(
+    function: &LossFunction,
+    workspace: &mut Workspace,
+    (rows, tangents): (&Rows, &Tangents),
+    numbers: &[u32],
+    scale: f64,
+) -> f64 {
+    let (n_outputs, directions) = (rows.n_outputs(), tangents.directions);
+    let distance = stride(n_outputs);
+    let (outputs, deltas) = workspace.outputs_and_deltas();
+    let places = outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance)).skip(numbers.len());
+    let targets = (0..directions).flat_map(|direction| {
+        numbers.iter().map(move |&number| &tangents.outputs[(number as usize * directions + direction) * n_outputs..])
+    });
+    let row = |((outputs, deltas), targets): ((&[f32], &mut [f32]), &[f32])| {
+        function.row(outputs, &targets[..n_outputs], scale as f32, deltas)
+    };
+    places.zip(targets).map(row).sum()
 }
 
 impl Sum<'_> {

@@ -23,6 +23,12 @@ impl LossFunction {
         Self { loss: options.loss, delta: options.huber_delta as f32, weights }
     }
 
+    /// The same of some of the outputs.
+    pub(super) fn of(&self, known: &[bool]) -> Self {
+        let weights = self.weights.iter().zip(known).map(|(weight, known)| if *known { *weight } else { 0.0 });
+        Self { weights: weights.collect(), ..self.clone() }
+    }
+
     /// Weighted sum over one row; puts `scale` times its derivatives into `deltas`.
     pub(super) fn row(&self, outputs: &[f32], targets: &[f32], scale: f32, deltas: &mut [f32]) -> f64 {
         let mut sum = 0.0;

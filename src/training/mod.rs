@@ -24,7 +24,7 @@ mod trainer;
 
 pub use history::{joined, read_history, write_history};
 pub use recurrence::Recurrence;
-pub use rows::Rows;
+pub use rows::{Rows, Tangents};
 pub use run::{resume, train};
 pub use trainer::Trainer;
 

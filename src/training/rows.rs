@@ -10,6 +10,20 @@ pub struct Rows {
     inputs: Vec<f32>,
     outputs: Vec<f32>,
     recurrence: Option<Recurrence>,
+    tangents: Option<Tangents>,
+}
+
+/// Derivatives of the rows along some directions: what a network is to have beside its outputs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tangents {
+    /// Number of directions.
+    pub directions: usize,
+    /// Of the standardised inputs: shape `[rows, directions, n_inputs]`.
+    pub inputs: Vec<f32>,
+    /// Of the standardised outputs: shape `[rows, directions, n_outputs]`.
+    pub outputs: Vec<f32>,
+    /// Whether those of each output are known; the others are ignored.
+    pub known: Vec<bool>,
 }
 
 impl Rows {
@@ -31,7 +45,26 @@ impl Rows {
                 return Err(TrainingError::NotFinite { what, row, column, value: values[index] });
             }
         }
-        Ok(Self { n_inputs, n_outputs, inputs, outputs, recurrence: None })
+        Ok(Self { n_inputs, n_outputs, inputs, outputs, recurrence: None, tangents: None })
+    }
+
+    /// The same with derivatives. They are learned by networks with tanh or sigmoid, without normalisation and dropout.
+    ///
+    /// # Errors
+    /// As [`Rows::new`].
+    pub fn with_tangents(self, tangents: Tangents) -> Result<Self, TrainingError> {
+        let Tangents { directions, inputs, outputs, known } = &tangents;
+        let rows = Self::new(self.n_inputs, self.n_outputs, inputs.clone(), outputs.clone())?.len();
+        if rows != directions * self.len() || known.len() != self.n_outputs {
+            let (inputs, outputs) = (inputs.len(), outputs.len());
+            return Err(TrainingError::Shape { n_inputs: self.n_inputs, n_outputs: self.n_outputs, inputs, outputs });
+        }
+        Ok(Self { tangents: Some(tangents), ..self })
+    }
+
+    /// Derivatives, if there are any.
+    pub fn tangents(&self) -> Option<&Tangents> {
+        self.tangents.as_ref()
     }
 
     /// The same rows, to be trained on by stretches.
@@ -91,7 +124,8 @@ impl Rows {
     /// A number that differs, in all likelihood, if any value does: tells apart data, keeps no secrets.
     pub fn digest(&self) -> u64 {
         let sizes = [self.n_inputs as u64, self.n_outputs as u64];
-        let values = self.inputs.iter().chain(&self.outputs).map(|value| u64::from(value.to_bits()));
+        let tangents = self.tangents.iter().flat_map(|tangents| tangents.inputs.iter().chain(&tangents.outputs));
+        let values = self.inputs.iter().chain(&self.outputs).chain(tangents).map(|value| u64::from(value.to_bits()));
         // the multiplier is odd, thus every step is a permutation of the state
         sizes.into_iter().chain(values).fold(0, |state: u64, value| {
             let mixed = (state ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);

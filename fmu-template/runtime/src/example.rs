@@ -5,6 +5,7 @@ use crate::{
     Output, OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, StateSpace, Surrogate,
     Variability,
     dictionary::{Dictionary, Factor, Term},
+    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
@@ -247,7 +248,7 @@ pub fn crane() -> Surrogate {
     let motion = Motion {
         dynamics: Dynamics::new(2, 1, law).expect("the example is valid"),
         // x, theta and the load's x: what is not a winding is l sin theta
-        positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]),
+        positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
         windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
         outputs: vec![
             Shown::Position(0),
@@ -261,6 +262,48 @@ pub fn crane() -> Surrogate {
         step: 0.005,
     };
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
+/// [`crane`] with networks of made-up numbers that add to the mass matrix, the potential, the damping and the force's effect, to a
+/// position, and to the forces, which depend on everything.
+pub fn crane_with_networks() -> Surrogate {
+    let crane = crane();
+    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let mut uniform = uniform_sequence();
+    let mut term = |columns: &[(usize, ColumnKind)], outputs: &[usize], activation| {
+        let mut layer = |inputs: usize, outputs: usize, activation| {
+            let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
+            let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
+            Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
+        };
+        let layers = vec![
+            layer(columns.len(), 9, activation),
+            layer(9, 6, activation),
+            layer(6, outputs.len(), Activation::Identity),
+        ];
+        let scaling = Scaling {
+            input_mean: vec![0.1; columns.len()],
+            input_scale: vec![2.0; columns.len()],
+            output_mean: vec![0.05; outputs.len()],
+            output_scale: vec![0.125; outputs.len()],
+        };
+        let columns = columns.iter().map(|&(of, kind)| NetworkColumn { of, kind }).collect();
+        NetworkTerm::new(columns, outputs.into(), ScaledNetwork { scaling, layers }).expect("the example is valid")
+    };
+    let (plain, sine, cosine) = (ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine);
+    let of_law = term(&[(1, sine), (1, cosine), (0, plain), (2, plain)], &[0, 1, 2, 3, 6, 10], Activation::Tanh);
+    let of_positions = term(&[(1, sine), (2, plain)], &[2], Activation::Silu);
+    let columns = [(0, plain), (1, cosine), (2, plain), (3, plain), (4, plain), (5, plain)];
+    let forces = term(&columns, &[1, 0], Activation::Tanh);
+    let law = Law::new(motion.dynamics.law().dictionary().clone(), Some(of_law)).expect("the example is valid");
+    let positions = motion.positions.dictionary().clone();
+    let dynamics = Dynamics::new(2, 1, law).and_then(|dynamics| dynamics.with_forces(Some(forces)));
+    let motion = Motion {
+        dynamics: dynamics.expect("the example is valid"),
+        positions: Law::new(positions, Some(of_positions)).expect("the example is valid"),
+        ..(**motion).clone()
+    };
+    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
 }
 
 /// Van der Pol's oscillator with a force, `xdd = mu (1 - x^2) xd - x + force`, exact unless a network from `(mu, force, x, v)`

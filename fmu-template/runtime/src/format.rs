@@ -44,6 +44,16 @@
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
 //!
+//! A network may add to the law, to the positions and to the forces: X is `law`, `positions` or `forces`. The columns of the last one
+//! are coordinates, parameters, velocities and inputs, and it gives the forces on the coordinates.
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `X.network.columns` | U32 | `[network columns, 2]` | a column, and 0: it itself, 1: its sine, 2: its cosine |
+//! | `X.network.outputs` | U32 | `[network outputs]` | functions that they are added to |
+//! | `X.network.activations` | U32 | `[layers]` | 0: tanh, 1: sigmoid, 2: relu, 3: gelu, 4: silu, 5: sine, 6: identity |
+//! | `X.network.input_mean`, ..., `X.network.layers.K.weight`, ... | | | as those of `outputs.` above |
+//!
 //! A [`Model::StateSpace`] has a dictionary over parameters, inputs and states, and the tensors `outputs.` of a network if there is one
 //! (MAP then is that of the network).
 //!
@@ -238,7 +248,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
     let MapHeader { map, activations } = &header.outputs;
     match (&header.structure, map) {
         (Structure::Response, MapKind::Network) => {
-            Ok(Model::Response(Map::Network(unstacked(tensors, activations, None)?.remove(0))))
+            Ok(Model::Response(Map::Network(unstacked(tensors, OUTPUTS, activations, None)?.remove(0))))
         }
         (Structure::Response, kind) => {
             let function = match kind {
@@ -253,7 +263,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::PerInstant, MapKind::Network) => {
             let instants = take(tensors, "instants", Dtype::F64, 1)?;
             let instants = elements(instants.data(), f64::from_le_bytes);
-            let networks = unstacked(tensors, activations, Some(instants.len()))?;
+            let networks = unstacked(tensors, OUTPUTS, activations, Some(instants.len()))?;
             Ok(Model::PerInstant { instants, networks })
         }
         (Structure::PerInstant, _) => Err(FormatError::PerInstantMap),
@@ -261,7 +271,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::Motion, _) => Err(FormatError::MotionMap),
         (Structure::StateSpace, MapKind::Dictionary | MapKind::Network) => {
             let network = match map {
-                MapKind::Network => Some(unstacked(tensors, activations, None)?.remove(0)),
+                MapKind::Network => Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0)),
                 _ => None,
             };
             Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, network)?)))
@@ -269,7 +279,7 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::StateSpace, _) => Err(FormatError::StateSpaceMap),
         (Structure::Discrete, MapKind::Linear | MapKind::Network) => {
             let network = match map {
-                MapKind::Network => Some(unstacked(tensors, activations, None)?.remove(0)),
+                MapKind::Network => Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0)),
                 _ => None,
             };
             Ok(Model::Discrete(Box::new(Discrete::read(tensors, network)?)))
@@ -316,14 +326,15 @@ fn stacked(networks: &[ScaledNetwork], leading: Option<usize>) -> Vec<Tensor> {
     tensors
 }
 
-/// The networks of such tensors: `leading` of them, or one if there is no such dimension.
+/// The networks of such tensors, whose names have a prefix: `leading` of them, or one if there is no such dimension.
 fn unstacked(
     tensors: &mut Views,
+    prefix: &str,
     activations: &[Activation],
     leading: Option<usize>,
 ) -> Result<Vec<ScaledNetwork>, FormatError> {
     let mut of_all = |name: &str, types: &[Dtype], dimensions| {
-        let name = format!("{OUTPUTS}{name}");
+        let name = format!("{prefix}{name}");
         let view = take_one_of(tensors, &name, types, dimensions + usize::from(leading.is_some()))?;
         match leading {
             Some(count) if view.shape()[0] != count => {

@@ -470,7 +470,7 @@ impl Law {
     /// The number of products of sines, cosines and powers.
     pub fn products(&self) -> usize {
         match self {
-            Self::Motion(dynamics) => dynamics.law().products(),
+            Self::Motion(dynamics) => dynamics.law().dictionary().products(),
             Self::Functions(functions) => functions.products(),
         }
     }

@@ -59,7 +59,7 @@ fn equations(law: &Law) -> &Dynamics {
 }
 
 fn coefficient(law: &Law, exponents: &[i16], function: usize) -> f64 {
-    let term = equations(law).law().terms().find(|term: &Term| term.exponents == exponents);
+    let term = equations(law).law().dictionary().terms().find(|term: &Term| term.exponents == exponents);
     term.map_or(0.0, |term| term.coefficients[function])
 }
 

@@ -64,6 +64,11 @@ static inline void real_sine_and_cosine(double a, double *sine, double *cosine)
     *cosine = cos(a);
 }
 
+static inline double real_hyperbolic_tangent(double a)
+{
+    return tanh(a);
+}
+
 /* ---- Jets ---- */
 
 static inline Jet jet_constant(double value)
@@ -112,11 +117,23 @@ static inline void jet_sine_and_cosine(Jet a, Jet *sine, Jet *cosine)
     *cosine = (Jet){c, -s * a.first, -s * a.second - c * a.first * a.first};
 }
 
+static inline Jet jet_hyperbolic_tangent(Jet a)
+{
+    const double value = tanh(a.value);
+    const double slope = 1.0 - value * value;
+    return (Jet){value, slope * a.first, slope * (a.second - 2.0 * (value * a.first * a.first))};
+}
+
 /* ---- Jets of jets ---- */
 
 static inline Nested nested_constant(double value)
 {
     return (Nested){jet_constant(value), jet_constant(0.0), jet_constant(0.0)};
+}
+
+static inline double nested_value(Nested a)
+{
+    return a.value.value;
 }
 
 static inline Nested nested_sum(Nested a, Nested b)
@@ -153,6 +170,15 @@ static inline void nested_sine_and_cosine(Nested a, Nested *sine, Nested *cosine
     const Jet down = jet_scaled(s, -1.0);
     *sine = (Nested){s, jet_product(c, a.first), jet_difference(jet_product(c, a.second), bent_sine)};
     *cosine = (Nested){c, jet_product(down, a.first), jet_difference(jet_product(down, a.second), bent_cosine)};
+}
+
+static inline Nested nested_hyperbolic_tangent(Nested a)
+{
+    const Jet value = jet_hyperbolic_tangent(a.value);
+    const Jet slope = jet_difference(jet_constant(1.0), jet_product(value, value));
+    const Jet bent = jet_product(jet_product(value, a.first), a.first);
+    return (Nested){value, jet_product(slope, a.first),
+                    jet_product(slope, jet_difference(a.second, jet_scaled(bent, 2.0)))};
 }
 
 #endif

@@ -43,12 +43,13 @@ const NETWORK: [(&str, &str); 4] = [
     ("network.h", include_str!("network.h")),
 ];
 
-const MOTION: [(&str, &str); 5] = [
+const MOTION: [(&str, &str); 6] = [
     ("dictionary.h", include_str!("dictionary.h")),
     ("equations.h", include_str!("equations.h")),
     ("jets.h", include_str!("jets.h")),
     ("motion.c", include_str!("motion.c")),
     ("motion.h", include_str!("motion.h")),
+    ("network_term.h", include_str!("network_term.h")),
 ];
 
 const FMI2: [(&str, &str); 2] = [("fmi2.c", include_str!("fmi2.c")), ("fmi2.h", include_str!("fmi2.h"))];

@@ -1,7 +1,7 @@
 /*
  * How long a step takes at worst, without a tolerance, in multiplications, additions and divisions:
  *
- *     S (4 (L + n (1 + 2 n + 5 n^2 + 2 m) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)) + 60 n + 20 m + 9) + 3
+ *     S (4 (L + N + n (1 + 2 n + 5 n^2 + 2 m) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)) + 60 n + 20 m + 9) + 3
  *
  * with n coordinates, m inputs and S = ceil(size of the step / model_solver_step) steps of four stages, of which each
  * evaluates the law with its gradient, forms the right-hand side, factorises the mass matrix and substitutes. The law
@@ -10,6 +10,13 @@
  *     8 k        for an angle with the multiples up to k, besides one sine and one cosine,
  *     3 k + 2    for a column with the powers up to k > 0,
  *     f + 2 c + g (f - 1 + 2 c)    for a product of f factors, g of them of coordinates, in c functions.
+ *
+ * Networks take, in N, with d = n derivatives in the law and none in the forces,
+ *
+ *     2 + d                for a column, besides a sine and a cosine of an angle,
+ *     2 (1 + d) i o        for a layer of i inputs and o outputs,
+ *     12 + d at most       for a node, besides a hyperbolic tangent, or a sine and a cosine,
+ *     3 + 2 d              for an output.
  *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
  * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
@@ -28,18 +35,21 @@ static size_t entry(size_t i, size_t j)
 #define NUMBER double
 #define OF(name) real_##name
 #include "dictionary.h"
+#include "network_term.h"
 #undef NUMBER
 #undef OF
 
 #define NUMBER Jet
 #define OF(name) jet_##name
 #include "dictionary.h"
+#include "network_term.h"
 #undef NUMBER
 #undef OF
 
 #define NUMBER Nested
 #define OF(name) nested_##name
 #include "dictionary.h"
+#include "network_term.h"
 #undef NUMBER
 #undef OF
 

@@ -7,7 +7,8 @@
  *
  * The inputs of a point are p, the starts of q and v, u; its states are q and v. A position is r(q, p) + w^T q with
  * whole numbers w, so that an angle may go around; its velocity and acceleration are exact derivatives. The functions
- * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary.
+ * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary, to which a
+ * network may add. Another network may add forces that depend on q, p, v and u.
  */
 #ifndef MOTION_H
 #define MOTION_H
@@ -49,6 +50,49 @@ typedef struct {
     const Coefficient *coefficients;
 } Dictionary;
 
+/* A network that adds to functions of some columns; none if it has no columns, layers and outputs. */
+typedef enum { TERM_PLAIN, TERM_OF_SINE, TERM_OF_COSINE } TermColumnKind;
+
+typedef struct {
+    size_t of; /* which column */
+    TermColumnKind kind;
+    double mean;
+    double scale; /* what a difference from the mean is multiplied by */
+} TermColumn;
+
+typedef enum {
+    TERM_TANH,
+    TERM_SIGMOID,
+    TERM_RELU,
+    TERM_GELU,
+    TERM_SILU,
+    TERM_SINE,
+    TERM_IDENTITY
+} TermActivation;
+
+typedef struct {
+    size_t inputs;
+    size_t outputs;
+    const double *weights; /* column by column */
+    const double *bias;
+    TermActivation activation;
+} TermLayer;
+
+typedef struct {
+    size_t of; /* which function */
+    double mean;
+    double scale;
+} TermOutput;
+
+typedef struct {
+    size_t column_count;
+    const TermColumn *columns;
+    size_t layer_count;
+    const TermLayer *layers;
+    size_t output_count;
+    const TermOutput *outputs;
+} NetworkTerm;
+
 /* What an output shows of the motion. */
 typedef enum {
     SHOWN_POSITION,
@@ -74,26 +118,35 @@ enum {
 
 extern const Dictionary model_law;
 extern const Dictionary model_positions;
+extern const NetworkTerm model_law_network;
+extern const NetworkTerm model_positions_network;
+extern const NetworkTerm model_forces_network; /* of (q, p, v, u) */
 extern const double model_windings[POSITION_SIZE * COORDINATE_COUNT]; /* w of each position */
 extern const Shown model_shown[OUTPUT_COUNT];
 extern const double model_solver_step; /* s; of the classical Runge-Kutta method at most */
 
+/* Columns of the forces' network. */
+enum { FORCE_COLUMNS = DICTIONARY_COLUMNS + COORDINATE_COUNT + INPUT_COUNT - FIRST_DRIVEN };
+
 /* Working memory of an evaluation in one kind of numbers, with jets of them along the motion. */
-#define MOTION_WORK(Name, Number, Along)                        \
-    typedef struct {                                            \
-        Number point[COLUMN_COUNT];                             \
-        Number results[RESULT_COUNT];                           \
-        Number columns[DICTIONARY_COLUMNS];                     \
-        Number atoms[ATOM_COUNT];                               \
-        Number slopes[ATOM_COUNT];                              \
-        Number law[LAW_COUNT];                                  \
-        Number gradient[LAW_COUNT * COORDINATE_COUNT];          \
-        Number factors[COORDINATE_COUNT * COORDINATE_COUNT];    \
-        Number accelerations[COORDINATE_COUNT];                 \
-        Along along[DICTIONARY_COLUMNS];                        \
-        Along along_atoms[ATOM_COUNT];                          \
-        Along along_slopes[ATOM_COUNT];                         \
-        Along positions[POSITION_SIZE];                         \
+#define MOTION_WORK(Name, Number, Along)                              \
+    typedef struct {                                                  \
+        Number point[COLUMN_COUNT];                                   \
+        Number results[RESULT_COUNT];                                 \
+        Number columns[DICTIONARY_COLUMNS];                           \
+        Number force_columns[FORCE_COLUMNS];                          \
+        Number atoms[ATOM_COUNT];                                     \
+        Number slopes[ATOM_COUNT];                                    \
+        Number network[2 * (1 + COORDINATE_COUNT) * NETWORK_WIDTH];   \
+        Number law[LAW_COUNT];                                        \
+        Number gradient[LAW_COUNT * COORDINATE_COUNT];                \
+        Number factors[COORDINATE_COUNT * COORDINATE_COUNT];          \
+        Number accelerations[COORDINATE_COUNT];                       \
+        Along along[DICTIONARY_COLUMNS];                              \
+        Along along_atoms[ATOM_COUNT];                                \
+        Along along_slopes[ATOM_COUNT];                               \
+        Along along_network[2 * NETWORK_WIDTH];                       \
+        Along positions[POSITION_SIZE];                               \
     } Name
 
 MOTION_WORK(RealWork, double, Jet);

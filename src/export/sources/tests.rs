@@ -222,6 +222,7 @@ fn fused_multiply_add_changes_no_more_than_rounding() {
 fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
     compare(&example::crane(), [1.0, 1.0], &SANITIZERS);
     compare(&example::crane(), [1.0, 1.0], &["-O3", "-march=native"]);
+    compare(&example::crane_with_networks(), [10.0, 1.0], &SANITIZERS);
     // no position, no input
     compare(&pushed_by_nothing(), [1.0, 1.0], &SANITIZERS);
 }
@@ -230,14 +231,14 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
 fn pushed_by_nothing() -> Surrogate {
     let crane = example::crane();
     let Model::Motion(motion) = crane.model() else { panic!("the crane moves") };
-    let law = motion.dynamics.law();
+    let law = motion.dynamics.law().dictionary();
     let factors: Vec<_> = law.factors().collect();
     let mut terms: Vec<_> = law.terms().collect();
     terms.iter_mut().for_each(|term| term.coefficients.truncate(Dynamics::functions(2, 0)));
     let law = Dictionary::new(&factors, Dynamics::functions(2, 0), &terms).unwrap();
     let motion = Motion {
         dynamics: Dynamics::new(2, 0, law).unwrap(),
-        positions: Dictionary::new(&factors, 0, &[]).unwrap(),
+        positions: Dictionary::new(&factors, 0, &[]).unwrap().into(),
         windings: Vec::new(),
         outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
         step: motion.step,

@@ -130,7 +130,10 @@ fn network(material: &Material) -> String {
     match material.evaluated.surrogate.model() {
         Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
         Model::Response(Map::Regression(_)) => "A baseline model gives".into(),
-        Model::Motion(_) => "Equations of motion with learned functions of the configuration give".into(),
+        Model::Motion(motion) => {
+            let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };
+            format!("Equations of motion with learned functions of the configuration{networks} give")
+        }
         Model::StateSpace(space) => match &space.network {
             Some(network) if space.functions.products() == 0 => {
                 format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(network))

@@ -29,9 +29,8 @@ pub fn section(material: &Material) -> Option<Section> {
         series: vec![Series::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
     };
     let text = match material.evaluated.surrogate.model() {
-        // they have no epochs, so that there is no history
-        Model::Motion(_) => return None,
-        Model::Response(_) | Model::StateSpace(_) | Model::Discrete(_) => format!(
+        // without networks there are no epochs, and no history
+        Model::Response(_) | Model::StateSpace(_) | Model::Motion(_) | Model::Discrete(_) => format!(
             "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
              of {}.",
             best.epoch,

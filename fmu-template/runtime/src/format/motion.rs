@@ -1,9 +1,10 @@
 //! The tensors of equations of motion.
 
-use super::{Tensor, Views, bytes, elements, take};
+use super::{Tensor, Views, bytes, elements, stacked, take, unstacked};
 use crate::{
-    FormatError,
+    Activation, FormatError,
     dictionary::{Dictionary, Factor, Term},
+    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
     model::{Motion, Shown, dynamics::Dynamics},
 };
@@ -24,14 +25,16 @@ impl Motion {
             })
             .collect();
         let mut tensors = vec![
-            columns(dynamics.law()),
-            double("positions.windings", &[positions.outputs(), dynamics.coordinates()], windings),
+            columns(dynamics.law().dictionary()),
+            double("positions.windings", &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
             ("outputs.shown".into(), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
             double("solver.step", &[1], &[*step]),
         ];
-        for (name, dictionary) in [("law", dynamics.law()), ("positions", positions)] {
-            tensors.extend(of_dictionary(name, dictionary));
+        for (name, law) in [("law", dynamics.law()), ("positions", positions)] {
+            tensors.extend(of_dictionary(name, law.dictionary()));
+            tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
         }
+        tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network("forces", network)));
         tensors
     }
 
@@ -39,13 +42,14 @@ impl Motion {
         let factors = factors(tensors)?;
         let (windings, winding_shape) = doubles(tensors, "positions.windings", 2)?;
         let step = step(tensors)?;
-        let law = dictionary(tensors, "law", &factors)?;
-        let positions = dictionary(tensors, "positions", &factors)?;
+        let law = law(tensors, "law", &factors)?;
+        let positions = self::law(tensors, "positions", &factors)?;
+        let forces = network(tensors, "forces")?;
         let coordinates = winding_shape[1];
         // from the number of functions, which has a part for each input
         let own = Dynamics::functions(coordinates, 0);
-        let inputs = law.outputs().saturating_sub(own).checked_div(coordinates).unwrap_or(0);
-        expect_shape("positions.windings", &winding_shape, &[positions.outputs(), coordinates])?;
+        let inputs = law.dictionary().outputs().saturating_sub(own).checked_div(coordinates).unwrap_or(0);
+        expect_shape("positions.windings", &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
         let shown = take(tensors, "outputs.shown", Dtype::U32, 2)?;
         expect_shape("outputs.shown", &shown.shape()[1..], &[2])?;
         let shown = elements(shown.data(), u32::from_le_bytes);
@@ -61,8 +65,68 @@ impl Motion {
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
-        Ok(Self { dynamics: Dynamics::new(coordinates, inputs, law)?, positions, windings, outputs, step })
+        let dynamics = Dynamics::new(coordinates, inputs, law)?.with_forces(forces)?;
+        Ok(Self { dynamics, positions, windings, outputs, step })
     }
+}
+
+/// A network that adds to functions: the tensors of a network, and what its columns, outputs and activations are.
+fn of_network(name: &str, term: &NetworkTerm) -> Vec<Tensor> {
+    let whole = |what: &str, shape: &[usize], values: &[u32]| -> Tensor {
+        (format!("{name}.network.{what}"), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
+    };
+    let kind = |kind: ColumnKind| KINDS.iter().position(|known| *known == kind).unwrap_or(0) as u32;
+    let columns: Vec<u32> = term.columns().iter().flat_map(|column| [column.of as u32, kind(column.kind)]).collect();
+    let outputs: Vec<u32> = term.outputs().iter().map(|output| *output as u32).collect();
+    let number = |activation| Activation::ALL.iter().position(|known| *known == activation).unwrap_or(0) as u32;
+    let layers = &term.network().layers;
+    let activations: Vec<u32> = layers.iter().map(|layer| number(layer.activation)).collect();
+    let stacked = stacked(std::slice::from_ref(term.network()), None).into_iter();
+    let mut tensors: Vec<Tensor> = stacked
+        .map(|(of_network, kind, shape, bytes)| (format!("{name}.network.{of_network}"), kind, shape, bytes))
+        .collect();
+    tensors.push(whole("columns", &[columns.len() / 2, 2], &columns));
+    tensors.push(whole("outputs", &[outputs.len()], &outputs));
+    tensors.push(whole("activations", &[layers.len()], &activations));
+    tensors
+}
+
+/// In the order of their numbers in the file.
+const KINDS: [ColumnKind; 3] = [ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine];
+
+/// The inverse of [`of_network`]; none if there are no such tensors.
+fn network(tensors: &mut Views, name: &str) -> Result<Option<NetworkTerm>, FormatError> {
+    let prefix = format!("{name}.network.");
+    if !tensors.keys().any(|name| name.starts_with(&prefix)) {
+        return Ok(None);
+    }
+    let mut whole = |what: &str, dimensions: usize| -> Result<(String, Vec<u32>, Vec<usize>), FormatError> {
+        let name = format!("{prefix}{what}");
+        let view = take(tensors, &name, Dtype::U32, dimensions)?;
+        Ok((name, elements(view.data(), u32::from_le_bytes), view.shape().to_vec()))
+    };
+    let (columns_name, columns, shape) = whole("columns", 2)?;
+    expect_shape(&columns_name, &shape[1..], &[2])?;
+    let (_, outputs, _) = whole("outputs", 1)?;
+    let (activations_name, activations, _) = whole("activations", 1)?;
+    let unknown = |name: &str, index: usize, found: u32| FormatError::Unknown { name: name.into(), index, found };
+    let columns = columns.as_chunks::<2>().0.iter().enumerate().map(|(index, &[of, kind])| {
+        let known = KINDS.get(kind as usize).ok_or_else(|| unknown(&columns_name, 2 * index + 1, kind))?;
+        Ok(NetworkColumn { of: of as usize, kind: *known })
+    });
+    let columns = columns.collect::<Result<Vec<_>, _>>()?;
+    let activations = activations.iter().enumerate().map(|(index, &number)| {
+        let known = Activation::ALL.get(number as usize);
+        known.copied().ok_or_else(|| unknown(&activations_name, index, number))
+    });
+    let activations = activations.collect::<Result<Vec<_>, _>>()?;
+    let network = unstacked(tensors, &prefix, &activations, None)?.remove(0);
+    let outputs = outputs.into_iter().map(|output| output as usize).collect();
+    NetworkTerm::new(columns, outputs, network).map(Some)
+}
+
+fn law(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Law, FormatError> {
+    Law::new(dictionary(tensors, name, factors)?, network(tensors, name)?)
 }
 
 pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {
@@ -112,7 +176,8 @@ pub(super) fn factors(tensors: &mut Views) -> Result<Vec<Factor>, FormatError> {
     let (columns, shape) = doubles(tensors, "columns", 2)?;
     expect_shape("columns", &shape[1..], &[2])?;
     let factor = |pair: &[f64; 2]| match *pair {
-        [middle, half] if half != 0.0 => Factor::Power { middle, half },
+        // a half of zero is refused by the dictionary
+        [middle, half] if pair.map(f64::to_bits) != [0; 2] => Factor::Power { middle, half },
         _ => Factor::Angle,
     };
     Ok(columns.as_chunks::<2>().0.iter().map(factor).collect())

@@ -508,19 +508,52 @@ fn crane_with(change: impl Fn(&mut Motion)) -> String {
 }
 
 #[test]
-fn a_motion_survives_the_round_trip() {
-    let surrogate = example::crane().sealed().unwrap();
-    let bytes = surrogate.to_bytes().unwrap();
-    assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
-    for length in (0..bytes.len()).step_by(97) {
-        assert!(Surrogate::from_bytes(&bytes[..length]).is_err(), "{length}");
+fn a_motion_survives_the_round_trip_with_and_without_networks() {
+    for surrogate in [example::crane(), example::crane_with_networks()] {
+        let surrogate = surrogate.sealed().unwrap();
+        let bytes = surrogate.to_bytes().unwrap();
+        assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
+        for length in (0..bytes.len()).step_by(97) {
+            assert!(Surrogate::from_bytes(&bytes[..length]).is_err(), "{length}");
+        }
+        // any byte that is another is noticed: by the reader or by the digest
+        for position in (8..bytes.len()).step_by(31) {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= 4;
+            let found = Surrogate::from_bytes(&damaged).and_then(|surrogate| surrogate.check_content());
+            assert!(found.is_err(), "byte {position}");
+        }
     }
-    // any byte that is another is noticed: by the reader or by the digest
-    for position in (8..bytes.len()).step_by(31) {
+}
+
+#[test]
+fn networks_of_a_motion_that_make_no_sense_are_refused() {
+    let bytes = example::crane_with_networks().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    let tensors: serde_json::Value = serde_json::from_str(header).unwrap();
+    // another whole number at a place of a tensor
+    for (name, index, number, expected) in [
+        ("law.network.columns", 0, 3, "tensor `network.columns`, element 0: 3, expected less than 3"),
+        ("law.network.columns", 1, 3, "tensor `law.network.columns`, element 1: 3 is not known"),
+        ("law.network.outputs", 5, 12, "tensor `network.outputs`, element 5: 12, expected less than 12"),
+        ("positions.network.activations", 0, 7, "tensor `positions.network.activations`, element 0: 7 is not known"),
+        ("forces.network.columns", 10, 6, "tensor `network.columns`, element 5: 6, expected less than 6"),
+        ("forces.network.outputs", 0, 2, "tensor `network.outputs`, element 0: 2, expected less than 2"),
+    ] {
+        let begin = 8 + length + tensors[name]["data_offsets"][0].as_u64().unwrap() as usize + 4 * index;
         let mut damaged = bytes.clone();
-        damaged[position] ^= 4;
-        let found = Surrogate::from_bytes(&damaged).and_then(|surrogate| surrogate.check_content());
-        assert!(found.is_err(), "byte {position}");
+        damaged[begin..begin + 4].copy_from_slice(&u32::to_le_bytes(number));
+        let found = Surrogate::from_bytes(&damaged).unwrap_err().to_string();
+        assert_eq!(found, expected);
+    }
+    for (from, to, expected) in [
+        ("forces.network.outputs", "forces.network.output", "tensor `forces.network.outputs` is missing"),
+        ("law.network.input_mean", "law.network.input_means", "tensor `law.network.input_mean` is missing"),
+        ("positions.network.layers.1.bias", "positions.network.layers.1.bia", "`positions.network.layers.1.bias`"),
+    ] {
+        let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
+        assert!(found.contains(expected), "{found}");
     }
 }
 

@@ -204,7 +204,7 @@ impl User<f64> for Scalar<'_> {
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero. What is negligible becomes zero.
 /// In single precision speed counts for more than digits near zero.
 #[inline(always)]
-fn tanh<T: Real, const FMA: bool>(x: T) -> T {
+pub(super) fn tanh<T: Real, const FMA: bool>(x: T) -> T {
     if T::IS_SINGLE && FMA {
         return short_tanh(x);
     }

@@ -215,6 +215,16 @@ impl Dictionary {
         self.compute(x, y, &mut [], 0, &mut self.work());
     }
 
+    /// `y` at `x` and its derivatives with respect to the first columns, shape `[outputs, first]`.
+    ///
+    /// # Panics
+    /// If `x` has the wrong length.
+    pub fn with_gradient(&self, x: &[f64], first: usize) -> (Vec<f64>, Vec<f64>) {
+        let (mut y, mut gradient) = (vec![0.0; self.outputs], vec![0.0; self.outputs * first]);
+        self.compute(x, &mut y, &mut gradient, first, &mut self.work());
+        (y, gradient)
+    }
+
     /// Working memory of an evaluation.
     pub(crate) fn work<T: Number>(&self) -> Vec<Atom<T>> {
         vec![Atom { value: T::from(0.0), slope: T::from(0.0) }; self.atoms]

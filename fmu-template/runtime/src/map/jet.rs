@@ -1,5 +1,7 @@
 //! Numbers that carry their derivatives: a formula written once gives values and exact derivatives along a curve.
 
+use super::activation;
+use crate::simd;
 use std::ops::{Add, Mul, Sub};
 
 /// What a formula is computed in: plain numbers, or [`Jet`]s, also of jets.
@@ -13,6 +15,9 @@ pub(crate) trait Number:
     fn exp(self) -> Self;
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
+    fn tanh<const FMA: bool>(self) -> Self;
+    /// Plus `x` times a constant.
+    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self;
 }
 
 /// A value with its first and second derivative along a curve.
@@ -42,6 +47,16 @@ impl Number for f64 {
 
     fn recip(self) -> Self {
         self.recip()
+    }
+
+    #[inline(always)]
+    fn tanh<const FMA: bool>(self) -> Self {
+        activation::tanh::<f64, FMA>(self)
+    }
+
+    #[inline(always)]
+    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self {
+        simd::fma::<f64, FMA>(by, x, self)
     }
 }
 
@@ -74,6 +89,23 @@ impl<T: Number> Number for Jet<T> {
         let slope = (value * value).scaled(-1.0);
         let Self { first, second, .. } = self;
         Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
+    }
+
+    #[inline(always)]
+    fn tanh<const FMA: bool>(self) -> Self {
+        let value = self.value.tanh::<FMA>();
+        let slope = T::from(1.0) - value * value;
+        let Self { first, second, .. } = self;
+        Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
+    }
+
+    #[inline(always)]
+    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self {
+        Self {
+            value: self.value.add_scaled::<FMA>(x.value, by),
+            first: self.first.add_scaled::<FMA>(x.first, by),
+            second: self.second.add_scaled::<FMA>(x.second, by),
+        }
     }
 }
 

@@ -4,6 +4,7 @@ pub(crate) mod activation;
 pub mod dictionary;
 mod evaluate;
 pub(crate) mod jet;
+pub mod law;
 mod layers;
 mod network;
 pub mod regression;

@@ -8,14 +8,15 @@
 //! ```
 //!
 //! `h` has the exact derivatives of `M`, so that without `F`, `D` and `u` the energy `v^T M v / 2 + V` is conserved whatever the
-//! functions are. No velocity enters what was learned, so that none is ever extrapolated.
+//! functions are. No velocity enters what was learned, so that none is ever extrapolated, unless forces are of another form, as
+//! friction is: a network of `(q, p, v, u)` then adds to the right side.
 
 use crate::{
     FormatError,
     map::{
-        dictionary::{Atom, Dictionary},
         expect_shape,
         jet::{Jet, Number},
+        law::{Law, LawWork, NetworkTerm, TermWork},
     },
 };
 
@@ -25,7 +26,9 @@ pub struct Dynamics {
     coordinates: usize,
     inputs: usize,
     /// From `(q, p)` to the lower triangle of `M` row by row, `V`, `F`, `D` row by row and `B` row by row.
-    law: Dictionary,
+    law: Law,
+    /// From `(q, p, v, u)` to forces that are of another form.
+    forces: Option<NetworkTerm>,
 }
 
 /// Working memory of one evaluation at a time.
@@ -42,7 +45,10 @@ pub(super) struct Work<T> {
     pub(super) columns: Vec<T>,
     law: Vec<T>,
     gradient: Vec<T>,
-    atoms: Vec<Atom<T>>,
+    of_law: LawWork<T>,
+    /// `(q, p, v, u)`, if a network gives forces.
+    force_columns: Vec<T>,
+    of_forces: Option<TermWork<T>>,
     factors: Vec<T>,
     /// The result.
     pub(super) accelerations: Vec<T>,
@@ -72,16 +78,29 @@ impl Dynamics {
     ///
     /// # Errors
     /// [`FormatError`] if the law has another number of outputs, or fewer columns than coordinates.
-    pub fn new(coordinates: usize, inputs: usize, law: Dictionary) -> Result<Self, FormatError> {
-        expect_shape("law", &[law.outputs()], &[Self::functions(coordinates, inputs)])?;
-        if law.columns() < coordinates || coordinates == 0 {
+    pub fn new(coordinates: usize, inputs: usize, law: impl Into<Law>) -> Result<Self, FormatError> {
+        let law: Law = law.into();
+        let dictionary = law.dictionary();
+        expect_shape("law", &[dictionary.outputs()], &[Self::functions(coordinates, inputs)])?;
+        if dictionary.columns() < coordinates || coordinates == 0 {
             return Err(FormatError::Shape {
                 name: "law".into(),
-                found: vec![law.columns()],
+                found: vec![dictionary.columns()],
                 expected: vec![coordinates.max(1)],
             });
         }
-        Ok(Self { coordinates, inputs, law })
+        Ok(Self { coordinates, inputs, law, forces: None })
+    }
+
+    /// The same with a network of `(q, p, v, u)` that adds forces.
+    ///
+    /// # Errors
+    /// [`FormatError`] if it has other columns, or more forces than there are coordinates.
+    pub fn with_forces(self, forces: Option<NetworkTerm>) -> Result<Self, FormatError> {
+        if let Some(forces) = &forces {
+            forces.check_limits(self.force_columns(), self.coordinates)?;
+        }
+        Ok(Self { forces, ..self })
     }
 
     /// The same with some values of the parameters, on which nothing depends any more: faster where they do not change.
@@ -92,7 +111,9 @@ impl Dynamics {
     /// # Panics
     /// Likewise.
     pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
-        Ok(Self { law: self.law.held(self.coordinates, parameters)?, ..*self })
+        let range = self.coordinates..self.coordinates + parameters.len();
+        let forces = self.forces.as_ref().map(|forces| forces.held(range, parameters)).transpose()?;
+        Ok(Self { law: self.law.held(self.coordinates, parameters)?, forces, ..*self })
     }
 
     /// Number of generalized coordinates: half the number of states.
@@ -107,12 +128,49 @@ impl Dynamics {
 
     /// Number of parameters.
     pub fn parameters(&self) -> usize {
-        self.law.columns() - self.coordinates
+        self.law.dictionary().columns() - self.coordinates
     }
 
     /// The functions of the configuration.
-    pub fn law(&self) -> &Dictionary {
+    pub fn law(&self) -> &Law {
         &self.law
+    }
+
+    /// What gives forces of another form.
+    pub fn forces(&self) -> Option<&NetworkTerm> {
+        self.forces.as_ref()
+    }
+
+    /// Whether a function depends on a coordinate or parameter, by its position among both.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.law.depends_on(column) || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
+    }
+
+    /// Whether a velocity enters otherwise than exactly: the forces' network has it.
+    pub fn extrapolates(&self, coordinate: usize) -> bool {
+        let velocity = self.coordinates + self.parameters() + coordinate;
+        self.forces.as_ref().is_some_and(|forces| forces.depends_on(velocity))
+    }
+
+    /// Whether an input has an effect.
+    pub fn is_driven_by(&self, input: usize) -> bool {
+        let (n, m) = (self.coordinates, self.inputs);
+        let first = Self::functions(n, m) - n * m;
+        let column = 2 * n + self.parameters() + input;
+        (0..n).any(|row| !self.law.is_zero(first + row * m + input))
+            || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
+    }
+
+    /// Whether nothing but the inputs changes the energy.
+    pub fn is_conservative(&self) -> bool {
+        let (n, m) = (self.coordinates, self.inputs);
+        let forces = n * (n + 1) / 2 + 1..Self::functions(n, m) - n * m;
+        self.forces.is_none() && forces.into_iter().all(|function| self.law.is_zero(function))
+    }
+
+    /// Number of columns `(q, p, v, u)`.
+    fn force_columns(&self) -> usize {
+        2 * self.coordinates + self.parameters() + self.inputs
     }
 
     /// Working memory that fits.
@@ -122,12 +180,14 @@ impl Dynamics {
 
     pub(super) fn work<T: Number>(&self) -> Work<T> {
         let zeros = |count: usize| vec![T::from(0.0); count];
-        let (n, outputs) = (self.coordinates, self.law.outputs());
+        let (n, outputs) = (self.coordinates, self.law.dictionary().outputs());
         Work {
-            columns: zeros(self.law.columns()),
+            columns: zeros(n + self.parameters()),
             law: zeros(outputs),
             gradient: zeros(outputs * n),
-            atoms: self.law.work(),
+            of_law: self.law.work(n),
+            force_columns: zeros(if self.forces.is_some() { self.force_columns() } else { 0 }),
+            of_forces: self.forces.as_ref().map(|forces| forces.work(0)),
             factors: zeros(n * n),
             accelerations: zeros(n),
         }
@@ -170,7 +230,7 @@ impl Dynamics {
         let work = &mut scratch.plain;
         let Point { q, v, p, .. } = point;
         work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
-        self.law.compute(&work.columns, &mut work.law, &mut [], 0, &mut work.atoms);
+        self.law.compute(&work.columns, &mut work.law, &mut work.gradient, self.coordinates, &mut work.of_law);
         let [kinetic, potential] = self.energies(|k| v[k], work);
         kinetic + potential
     }
@@ -233,9 +293,9 @@ impl Dynamics {
 
     /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`, from the columns of the working memory.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, law, gradient, atoms, factors, accelerations } = work;
+        let Work { columns, law, gradient, of_law, force_columns, of_forces, factors, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs);
-        self.law.compute(columns, law, gradient, n, atoms);
+        self.law.compute(columns, law, gradient, n, of_law);
         let of = |function: usize, k: usize| gradient[function * n + k];
         let potential = n * (n + 1) / 2;
         let (force, damping) = (potential + 1, potential + 1 + n);
@@ -253,6 +313,14 @@ impl Dynamics {
                 side = side + law[input_map + i * m + j] * u(j);
             }
             accelerations[i] = side;
+        }
+        if let (Some(forces), Some(work)) = (&self.forces, of_forces) {
+            let (of_configuration, rest) = force_columns.split_at_mut(columns.len());
+            of_configuration.copy_from_slice(columns);
+            let (of_v, of_u) = rest.split_at_mut(n);
+            of_v.iter_mut().enumerate().for_each(|(k, column)| *column = v(k));
+            of_u.iter_mut().enumerate().for_each(|(k, column)| *column = u(k));
+            forces.add(force_columns, accelerations, &mut [], 0, work);
         }
         factorise(n, law, factors);
         substitute(n, factors, accelerations);
@@ -303,7 +371,7 @@ fn substitute<T: Number>(n: usize, factors: &[T], x: &mut [T]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::dictionary::{Factor, Term};
+    use crate::map::dictionary::{Dictionary, Factor, Term};
 
     /// A cart of 2 kg with damping 0.3, pushed by the input, and a load of 1 kg on a rope whose length is the parameter `l`: columns
     /// x, theta, l; the law is `M = [3; l cos, l²]`, `V = -g l cos`.

@@ -29,7 +29,7 @@ pub struct Evaluator {
 #[derive(Clone, Debug)]
 enum Engine {
     Maps(Maps),
-    Motion(Motion),
+    Motion(Box<Motion>),
     StateSpace(Box<PreparedStateSpace>),
     Discrete(Box<PreparedDiscrete>),
 }
@@ -41,7 +41,7 @@ pub struct Scratch(Working);
 #[derive(Clone, Debug)]
 enum Working {
     Maps(MapsScratch),
-    Motion(MotionScratch),
+    Motion(Box<MotionScratch>),
     StateSpace(StateSpaceScratch),
     Discrete(DiscreteScratch),
 }
@@ -52,7 +52,7 @@ impl Evaluator {
         let metadata = surrogate.metadata();
         let states = metadata.states.len();
         let engine = match surrogate.model() {
-            Model::Motion(motion) => Engine::Motion((**motion).clone()),
+            Model::Motion(motion) => Engine::Motion(motion.clone()),
             Model::StateSpace(space) => {
                 Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
             }
@@ -77,7 +77,7 @@ impl Evaluator {
         if let Engine::Motion(motion) = &mut held.engine
             && let Ok(of_these) = motion.held(&parameters[..motion.dynamics.parameters()])
         {
-            *motion = of_these;
+            **motion = of_these;
         }
         held
     }
@@ -86,7 +86,7 @@ impl Evaluator {
     pub fn scratch(&self) -> Scratch {
         Scratch(match &self.engine {
             Engine::Maps(maps) => Working::Maps(maps.scratch()),
-            Engine::Motion(motion) => Working::Motion(motion.scratch()),
+            Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch())),
             Engine::StateSpace(space) => Working::StateSpace(space.scratch()),
             Engine::Discrete(discrete) => Working::Discrete(discrete.scratch()),
         })

@@ -21,10 +21,9 @@ use super::{
 use crate::{
     FormatError, Input, State,
     map::{
-        Task,
-        dictionary::{Atom, Dictionary},
-        expect_finite, expect_shape,
+        Task, expect_finite, expect_shape,
         jet::{Jet, Number},
+        law::{Law, LawWork},
     },
 };
 
@@ -34,7 +33,7 @@ pub struct Motion {
     /// The equations.
     pub dynamics: Dynamics,
     /// `r`, from `(q, p)`.
-    pub positions: Dictionary,
+    pub positions: Law,
     /// `w` of each position, shape `[positions, n]`.
     pub windings: Vec<f64>,
     /// What the outputs are.
@@ -75,7 +74,7 @@ struct Parts<T> {
     /// Columns of the positions along the motion, what they are and their working memory.
     along: Vec<Jet<T>>,
     positions: Vec<Jet<T>>,
-    atoms: Vec<Atom<Jet<T>>>,
+    of_positions: LawWork<Jet<T>>,
 }
 
 /// Where the parts of a point begin.
@@ -120,6 +119,18 @@ impl Motion {
         Ok(Self { dynamics: self.dynamics.held(parameters)?, positions, windings, outputs, step: self.step })
     }
 
+    /// Whether equations or positions depend on a coordinate or parameter, by its position among both. One that neither does may be any
+    /// number.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.dynamics.depends_on(column) || self.positions.depends_on(column)
+    }
+
+    /// Whether any function is that of a network.
+    pub fn has_networks(&self) -> bool {
+        let networks = [self.dynamics.law().network(), self.dynamics.forces(), self.positions.network()];
+        networks.into_iter().any(|network| network.is_some())
+    }
+
     /// Number of states, twice that of the coordinates.
     pub fn states(&self) -> usize {
         2 * self.dynamics.coordinates()
@@ -140,14 +151,15 @@ impl Motion {
         expect_roles(inputs, states, [layout.parameters, layout.inputs, self.states()])?;
         expect_shape("shown", &[self.outputs.len()], &[outputs])?;
         let columns = layout.coordinates + layout.parameters;
-        expect_shape("positions", &[self.positions.columns()], &[columns])?;
-        expect_shape("windings", &[self.windings.len()], &[self.positions.outputs() * layout.coordinates])?;
+        let positions = self.positions.dictionary();
+        expect_shape("positions", &[positions.columns()], &[columns])?;
+        expect_shape("windings", &[self.windings.len()], &[positions.outputs() * layout.coordinates])?;
         expect_finite("windings", self.windings.iter().copied())?;
         for (index, shown) in self.outputs.iter().enumerate() {
             if let Shown::Position(position) | Shown::Velocity(position) | Shown::Acceleration(position) = shown
-                && *position >= self.positions.outputs()
+                && *position >= positions.outputs()
             {
-                let (found, limit) = (*position as u64, self.positions.outputs() as u64);
+                let (found, limit) = (*position as u64, positions.outputs() as u64);
                 return Err(FormatError::Index { name: "shown".into(), index, found, limit });
             }
         }
@@ -170,9 +182,9 @@ impl Motion {
             columns: vec![zero; self.layout().columns()],
             results: vec![zero; self.outputs.len() + self.states()],
             equations: self.dynamics.work(),
-            along: vec![none; self.positions.columns()],
-            positions: vec![none; self.positions.outputs()],
-            atoms: self.positions.work(),
+            along: vec![none; self.positions.dictionary().columns()],
+            positions: vec![none; self.positions.dictionary().outputs()],
+            of_positions: self.positions.work(0),
         }
     }
 
@@ -208,7 +220,7 @@ impl Motion {
     fn respond<T: Number>(&self, parts: &mut Parts<T>) {
         let layout = self.layout();
         self.accelerate(&parts.columns, &mut parts.equations);
-        let Parts { columns, results, equations, along, positions, atoms } = parts;
+        let Parts { columns, results, equations, along, positions, of_positions } = parts;
         let n = layout.coordinates;
         let (q, v) = columns[layout.states()..].split_at(n);
         let a = &equations.accelerations;
@@ -219,7 +231,7 @@ impl Motion {
             };
         }
         if !positions.is_empty() {
-            self.positions.compute(along, positions, &mut [], 0, atoms);
+            self.positions.compute(along, positions, &mut [], 0, of_positions);
         }
         for (index, position) in positions.iter_mut().enumerate() {
             for (k, winding) in self.windings[index * n..][..n].iter().enumerate().filter(|(_, w)| **w != 0.0) {
@@ -274,7 +286,7 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Domain, Evaluator, Model, Scratch, Surrogate, example};
+    use crate::{Domain, Evaluator, Model, Scratch, Surrogate, example, model::dynamics::Point};
 
     /// Rope, state at the start, force, state.
     const POINT: [f64; 10] = [1.4, 0.0, 0.3, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
@@ -285,10 +297,9 @@ mod tests {
         (evaluator, scratch)
     }
 
-    fn results(point: &[f64]) -> [f64; 11] {
-        let (evaluator, mut scratch) = evaluator();
+    fn results(evaluator: &Evaluator, point: &[f64]) -> [f64; 11] {
         let mut results = [0.0; 11];
-        evaluator.evaluate(point, &mut results, &mut scratch);
+        evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
         results
     }
 
@@ -302,24 +313,34 @@ mod tests {
         let load = [x + l * sine, v + l * cosine * omega, a + l * cosine * alpha - l * sine * omega * omega];
         let [load_x, load_v, load_a] = load;
         let expected = [x, theta, load_x, load_v, load_a, kinetic, -9.81 * l * cosine, v, omega, a, alpha];
-        for (found, expected) in results(&POINT).iter().zip(expected) {
+        for (found, expected) in results(&evaluator().0, &POINT).iter().zip(expected) {
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
         }
     }
 
     #[test]
-    fn derivatives_are_those_of_finite_differences() {
-        let (evaluator, mut scratch) = evaluator();
+    fn derivatives_are_those_of_finite_differences_with_and_without_networks() {
+        for surrogate in [example::crane(), example::crane_with_networks()] {
+            check_derivatives(&Evaluator::new(&surrogate));
+        }
+    }
+
+    fn check_derivatives(evaluator: &Evaluator) {
+        let mut scratch = evaluator.scratch();
         let direction = [0.3, 1.0, 1.0, 1.0, 1.0, -0.7, 0.2, 0.5, -0.4, 1.1];
         let change = [0.1, 0.0, 0.0, 0.0, 0.0, 0.4, -0.3, 0.2, 0.6, -0.8];
         let (mut first, mut second, mut along) = ([0.0; 11], [0.0; 11], [0.0; 11]);
         evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
         evaluator.along_curve(&POINT, [&direction, &change], [&mut first, &mut second], &mut scratch);
-        let at =
-            |h: f64| results(&std::array::from_fn::<_, 10, _>(|k| POINT[k] + h * (direction[k] + 0.5 * h * change[k])));
+        let at = |h: f64| {
+            results(
+                evaluator,
+                &std::array::from_fn::<_, 10, _>(|k| POINT[k] + h * (direction[k] + 0.5 * h * change[k])),
+            )
+        };
         let h = 1e-3;
         let [before, after, far_before, far_after] = [-h, h, -2.0 * h, 2.0 * h].map(at);
-        let now = results(&POINT);
+        let now = results(evaluator, &POINT);
         for k in 0..11 {
             let slope = (8.0 * (after[k] - before[k]) - far_after[k] + far_before[k]) / (12.0 * h);
             let curvature =
@@ -333,6 +354,57 @@ mod tests {
         let forwards: f64 = first.iter().zip(weights).map(|(first, weight)| first * weight).sum();
         let backwards: f64 = gradient.iter().zip(direction).map(|(gradient, along)| gradient * along).sum();
         assert!((forwards - backwards).abs() < 1e-11 * forwards.abs(), "{forwards} {backwards}");
+    }
+
+    #[test]
+    fn networks_add_to_the_equations_as_their_functions_say() {
+        let (with, without) = (example::crane_with_networks(), example::crane());
+        let motion = |surrogate: &Surrogate| match surrogate.model() {
+            Model::Motion(motion) => (**motion).clone(),
+            _ => panic!("the crane moves"),
+        };
+        let (with, without) = (motion(&with).dynamics, motion(&without).dynamics);
+        let [l, _, _, _, _, force, x, theta, v, omega] = POINT;
+        let term = with.law().network().unwrap().network();
+        // M and dV/dq, D, B by differences of what the network gives
+        let of_law = |x: f64, theta: f64| term.evaluate(&[vec![theta.sin(), theta.cos(), x, l]]).remove(0);
+        let exact = |theta: f64| [3.0, l * theta.cos(), l * l, -9.81 * l * theta.cos()];
+        let functions = |x: f64, theta: f64| -> [f64; 4] {
+            let more = of_law(x, theta);
+            std::array::from_fn(|k| exact(theta)[k] + more[k])
+        };
+        let h = 1e-5;
+        let by = |f: [[f64; 4]; 2]| -> [f64; 4] { std::array::from_fn(|k| (f[1][k] - f[0][k]) / (2.0 * h)) };
+        let by_x = by([-h, h].map(|h| functions(x + h, theta)));
+        let by_theta = by([-h, h].map(|h| functions(x, theta + h)));
+        let [mxx, mxt, mtt, _] = functions(x, theta);
+        let more = of_law(x, theta);
+        let forces = with.forces().unwrap().network().evaluate(&[vec![x, theta.cos(), l, v, omega, force]]).remove(0);
+        // h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
+        let rate = |k: usize| by_x[k] * v + by_theta[k] * omega;
+        let half = |by: [f64; 4]| 0.5 * (by[0] * v * v + 2.0 * by[1] * v * omega + by[2] * omega * omega);
+        let side = [
+            -(rate(0) * v + rate(1) * omega - half(by_x)) - by_x[3] - (0.3 + more[4]) * v
+                + (1.0 + more[5]) * force
+                + forces[1],
+            -(rate(1) * v + rate(2) * omega - half(by_theta)) - by_theta[3] + forces[0],
+        ];
+        let determinant = mxx * mtt - mxt * mxt;
+        let expected = [(mtt * side[0] - mxt * side[1]) / determinant, (mxx * side[1] - mxt * side[0]) / determinant];
+        let point = Point { q: &[x, theta], v: &[v, omega], u: &[force], p: &[l] };
+        let (mut found, mut before) = ([0.0; 2], [0.0; 2]);
+        with.accelerations(point, &mut found, &mut with.scratch());
+        without.accelerations(point, &mut before, &mut without.scratch());
+        for k in 0..2 {
+            assert!((found[k] - expected[k]).abs() < 1e-8, "{k}: {} {}", found[k], expected[k]);
+            assert!((found[k] - before[k]).abs() > 1e-3, "{k}: the networks have no effect");
+        }
+        // held parameters change nothing
+        let held = with.held(&[l]).unwrap();
+        let mut of_held = [0.0; 2];
+        held.accelerations(Point { p: &[9.0], ..point }, &mut of_held, &mut held.scratch());
+        assert!((0..2).all(|k| (of_held[k] - found[k]).abs() < 1e-12), "{of_held:?} {found:?}");
+        assert!(with.is_driven_by(0) && with.depends_on(0) && !without.depends_on(0));
     }
 
     /// States after `count` steps of one tenth of a second, with a force that changes linearly.

@@ -1,0 +1,230 @@
+//! The equations of motion at sampled states: what networks learn from, and what candidates are compared by.
+
+use super::{FIRST_ORDER, OfEquations, Region, Samples, UNCHANGED, labels::Labels, least_squares, terms};
+use crate::multibody::Mechanism;
+use metafmu_runtime::{
+    Dynamics, StatePoint,
+    dictionary::{Dictionary, Factor},
+};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The equations of motion of a mechanism in a region.
+pub struct Equations<'a> {
+    labels: Labels<'a>,
+    region: &'a Region,
+}
+
+/// Configurations at which it is looked for what a column changes.
+const COMPARED: usize = 12;
+
+/// Asked at a state with inputs: shape `[columns]` to `[functions]`.
+type Function<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
+
+impl<'a> Equations<'a> {
+    /// Of a region with ranges of velocities and inputs.
+    ///
+    /// # Errors
+    /// A sentence, as [`fit`](super::fit).
+    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+        let labels = Labels::new(mechanism, region)?;
+        let (found, expected) =
+            ([region.velocities.len(), region.inputs.len()], [labels.coordinates(), labels.inputs()]);
+        if found != expected {
+            return Err(format!("ranges of {found:?} velocities and inputs, expected {expected:?}"));
+        }
+        Ok(Self { labels, region })
+    }
+
+    /// What each coordinate and parameter contributes to a dictionary.
+    pub fn factors(&self) -> Vec<Factor> {
+        self.labels.factors()
+    }
+
+    /// Functions of the equations, and of the positions.
+    pub fn counts(&self) -> [usize; 2] {
+        let of_equations = self.labels.functions_of_equations();
+        [of_equations, self.labels.functions() - of_equations]
+    }
+
+    /// The functions in random configurations.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn functions(&self, count: usize, seed: u64) -> Result<OfEquations, String> {
+        let mut samples = OfEquations::default();
+        samples.extend(&self.labels, count, seed)?;
+        Ok(samples)
+    }
+
+    /// Whether the derivatives of each function with respect to the coordinates are known.
+    pub fn known(&self) -> Vec<bool> {
+        self.labels.known()
+    }
+
+    /// What a unit of each coordinate is in which derivatives are of the size of the functions: a radian, or half of the range.
+    pub fn units(&self) -> Vec<f64> {
+        let units = self.labels.factors().into_iter().take(self.labels.coordinates()).map(|factor| match factor {
+            Factor::Angle => 1.0,
+            Factor::Power { half, .. } => half,
+        });
+        units.collect()
+    }
+
+    /// Of the functions in such samples: largest magnitudes, shared by those of a kind.
+    pub fn scales(&self, samples: &Samples) -> Vec<f64> {
+        self.labels.scales(samples.labels.iter())
+    }
+
+    /// Dictionaries of the lowest order, of the equations and of the positions, for networks that learn the rest: what higher orders
+    /// leave over oscillates. They have the columns only that change something.
+    ///
+    /// # Errors
+    /// A sentence if the samples do not determine the coefficients.
+    pub fn lowest(
+        &self,
+        [samples, unseen]: [&Samples; 2],
+        dependencies: &[Vec<bool>; 2],
+    ) -> Result<[Dictionary; 2], String> {
+        let (factors, scales, [of_equations, _]) = (self.factors(), self.scales(samples), self.counts());
+        let ranges = [0..of_equations, of_equations..scales.len()];
+        let of = |range: &Range<usize>, depends: &[bool]| {
+            let part = |samples: &Samples| Samples {
+                points: samples.points.clone(),
+                labels: samples.labels.iter().map(|label| label[range.clone()].to_vec()).collect(),
+            };
+            let is_used = |exponents: &Vec<i16>| exponents.iter().zip(depends).all(|(e, depends)| *e == 0 || *depends);
+            let exponents: Vec<Vec<i16>> =
+                terms::exponents(&factors, FIRST_ORDER).into_iter().filter(is_used).collect();
+            let scales = &scales[range.clone()];
+            let (coefficients, _) = least_squares::solve(&factors, &exponents, &part(samples), &part(unseen), scales)?;
+            least_squares::dictionary(&factors, &exponents, &coefficients, 0..scales.len())
+        };
+        Ok([of(&ranges[0], &dependencies[0])?, of(&ranges[1], &dependencies[1])?])
+    }
+
+    /// The forces that the equations leave out, in random states `(q, p, v, u)`.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn other_forces(&self, count: usize, seed: u64) -> Result<Samples, String> {
+        self.ask(count, seed, &|point| self.other_forces_at(point))
+    }
+
+    /// The accelerations in random states `(q, p, v, u)`.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn accelerations(&self, count: usize, seed: u64) -> Result<Samples, String> {
+        let n = self.labels.coordinates();
+        self.ask(count, seed, &|point| {
+            let (configuration, v, u) = self.parts(point);
+            let (configured, _) = self.labels.configured(configuration)?;
+            configured.accelerations(&configuration[..n], v, u)
+        })
+    }
+
+    /// Root mean square error of some equations' accelerations, relative to the standard deviation of the exact ones, of the worst
+    /// coordinate.
+    pub fn error(&self, dynamics: &Dynamics, exact: &Samples) -> f64 {
+        let (n, mut scratch) = (dynamics.coordinates(), dynamics.scratch());
+        let count = exact.points.len().max(1) as f64;
+        let (mut squares, mut found) = (vec![0.0; n], vec![0.0; n]);
+        for (point, label) in exact.points.iter().zip(&exact.labels) {
+            let (configuration, v, u) = self.parts(point);
+            let (q, p) = configuration.split_at(n);
+            dynamics.accelerations(StatePoint { q, v, u, p }, &mut found, &mut scratch);
+            squares.iter_mut().zip(found.iter().zip(label)).for_each(|(sum, (a, b))| *sum += (a - b) * (a - b));
+        }
+        let deviation = |k: usize| {
+            let mean = exact.labels.iter().map(|label| label[k]).sum::<f64>() / count;
+            let variance = exact.labels.iter().map(|label| (label[k] - mean).powi(2)).sum::<f64>() / count;
+            variance.sqrt().max(f64::MIN_POSITIVE)
+        };
+        let errors = squares.iter().enumerate().map(|(k, sum)| (sum / count).sqrt() / deviation(k));
+        // a maximum would leave out what is not a number
+        errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+    }
+
+    /// Whether each coordinate and parameter changes the equations, and the positions.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn dependencies(&self, samples: &Samples) -> Result<[Vec<bool>; 2], String> {
+        let scales = self.scales(samples);
+        let [of_equations, _] = self.counts();
+        let functions = |point: &[f64]| self.labels.at(point).map(|label| label.functions);
+        let changes = dependencies(samples, &functions, &scales)?;
+        let of = |range: Range<usize>| -> Vec<bool> {
+            changes.iter().map(|changed| changed[range.clone()].contains(&true)).collect()
+        };
+        Ok([of(0..of_equations), of(of_equations..scales.len())])
+    }
+
+    /// Whether each of `(q, p, v, u)` changes the other forces.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn dependencies_of_forces(&self, samples: &Samples) -> Result<Vec<bool>, String> {
+        let magnitudes = |label: &Vec<f64>| label.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+        let largest = samples.labels.iter().map(magnitudes).fold(f64::MIN_POSITIVE, f64::max);
+        let scales = vec![largest; self.labels.coordinates()];
+        let changes = dependencies(samples, &|point| self.other_forces_at(point), &scales)?;
+        Ok(changes.iter().map(|changed| changed.contains(&true)).collect())
+    }
+
+    fn other_forces_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
+        let (configuration, v, u) = self.parts(point);
+        let (configured, _) = self.labels.configured(configuration)?;
+        Ok(configured.other_forces(v, u))
+    }
+
+    /// `(q, p)`, `v` and `u`.
+    fn parts<'p>(&self, point: &'p [f64]) -> (&'p [f64], &'p [f64], &'p [f64]) {
+        let (configuration, rest) = point.split_at(self.labels.ranges().count());
+        let (v, u) = rest.split_at(self.labels.coordinates());
+        (configuration, v, u)
+    }
+
+    fn ask(&self, count: usize, seed: u64, function: &Function) -> Result<Samples, String> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let points: Vec<Vec<f64>> = (0..count).map(|number| self.state(number % 2 == 0, &mut random)).collect();
+        let labels = points.par_iter().map(|point| function(point)).collect::<Result<_, _>>()?;
+        Ok(Samples { points, labels })
+    }
+
+    /// A random state `(q, p, v, u)`; one `near_rest` has small velocities more often: there friction changes fastest.
+    fn state(&self, near_rest: bool, random: &mut ChaCha8Rng) -> Vec<f64> {
+        let mut within = |[min, max]: [f64; 2]| min + random.random::<f64>() * (max - min);
+        let mut state: Vec<f64> = self.labels.ranges().map(|range| within([range.min, range.max])).collect();
+        for &[min, max] in &self.region.velocities {
+            let share = within([-1.0, 1.0]);
+            let share = if near_rest { share.powi(3) } else { share };
+            state.push(0.5 * (min + max) + 0.5 * share * (max - min));
+        }
+        state.extend(self.region.inputs.iter().map(|range| within(*range)));
+        state
+    }
+}
+
+/// Which functions change with each column: shape `[columns, functions]`.
+fn dependencies(samples: &Samples, function: &Function, scales: &[f64]) -> Result<Vec<Vec<bool>>, String> {
+    let columns = samples.points.first().map_or(0, Vec::len);
+    let points = samples.points.iter().zip(&samples.labels).zip(samples.points.iter().skip(1)).take(COMPARED);
+    let points: Vec<_> = points.collect();
+    let changes = |column: usize| {
+        let mut changed = vec![false; scales.len()];
+        for ((point, label), other) in &points {
+            let mut moved = (*point).clone();
+            moved[column] = other[column];
+            let functions = function(&moved)?;
+            for (changed, ((before, after), scale)) in changed.iter_mut().zip(label.iter().zip(&functions).zip(scales))
+            {
+                *changed |= (after - before).abs() > UNCHANGED * scale;
+            }
+        }
+        Ok(changed)
+    };
+    (0..columns).into_par_iter().map(changes).collect()
+}

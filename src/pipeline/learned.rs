@@ -1,0 +1,111 @@
+//! Ways to learn the functions of equations, compared: dictionaries, networks, and networks for what dictionaries leave over.
+
+use super::{project::Project, train::Follower};
+use crate::{
+    Result,
+    network::Network,
+    scaling,
+    study::{DynamicsOptions, Study},
+    training::{self, Outcome, Rows, Tangents},
+};
+use metafmu_runtime::{ScaledNetwork, Scaling};
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::Ordering;
+
+/// A way to learn the functions.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Candidate {
+    /// `dictionary`, `network`, or `dictionary and network`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
+    pub name: String,
+    /// Root mean square error at states that were held out, relative to the standard deviation, of the worst of what it is measured of:
+    /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs.
+    pub error: f64,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+pub(super) const DICTIONARY: &str = "dictionary";
+pub(super) const NETWORK: &str = "network";
+pub(super) const DICTIONARY_AND_NETWORK: &str = "dictionary and network";
+
+/// `sampling.states` of an FMU, and of a mechanism, unless given.
+const STATES: [usize; 2] = [5000, 20_000];
+/// Of how many states one is held out, and how many are at the least, unless that is more than half of them.
+const HELD_OUT: (usize, usize) = (10, 200);
+/// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
+pub(super) const EXACT: f64 = 1e-9;
+
+/// Number of states at which equations are asked for.
+pub(super) fn states(study: &Study) -> usize {
+    study.sampling.states.unwrap_or(STATES[usize::from(study.mechanism().is_some())])
+}
+
+/// Number of states that are held out.
+pub(super) fn held_out(states: usize) -> usize {
+    (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
+}
+
+/// Position of the one that is exported: the one that the study names, or the best.
+pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usize {
+    let named = candidates.iter().position(|candidate| Some(candidate.name.as_str()) == options.model.name());
+    let best = candidates.iter().enumerate().min_by(|a, b| a.1.error.total_cmp(&b.1.error));
+    named.or(best.map(|(index, _)| index)).unwrap_or(0)
+}
+
+/// Candidates in words, with their errors.
+pub(super) fn list(candidates: &[Candidate]) -> String {
+    let words: Vec<String> =
+        candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+    words.join(", ")
+}
+
+/// What a network is trained on.
+#[derive(Default)]
+pub(super) struct Examples {
+    /// Its columns, row by row.
+    pub inputs: Vec<Vec<f64>>,
+    /// What it has to give.
+    pub outputs: Vec<Vec<f64>>,
+    /// Derivatives of both along some directions; none of examples that are not trained on.
+    pub tangents: Option<Directions>,
+}
+
+/// Derivatives along some directions, row by row and, in a row, direction by direction.
+pub(super) struct Directions {
+    /// Of the columns.
+    pub inputs: Vec<Vec<f64>>,
+    /// Of what the network has to give.
+    pub outputs: Vec<Vec<f64>>,
+    /// Whether those of each output are known.
+    pub known: Vec<bool>,
+}
+
+/// Trains a network as the study says, on examples that are seen; the best epoch is that of those that are not.
+pub(super) fn train(project: &Project, seen: &Examples, unseen: &Examples) -> Result<(ScaledNetwork, Outcome)> {
+    let study = &project.study;
+    let ((input_mean, input_scale), (output_mean, output_scale)) =
+        (scaling::of_columns(&seen.inputs), scaling::of_columns(&seen.outputs));
+    let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+    let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
+    let rows = |examples: &Examples| {
+        let x = scaling::standardise_rows(&examples.inputs, &scaling.input_mean, &scaling.input_scale);
+        let y = scaling::standardise_rows(&examples.outputs, &scaling.output_mean, &scaling.output_scale);
+        let rows = Rows::new(inputs, outputs, x, y)?;
+        let Some(directions) = &examples.tangents else { return Ok(rows) };
+        rows.with_tangents(Tangents {
+            directions: directions.inputs.len() / examples.inputs.len().max(1),
+            inputs: scaling::standardise_rows(&directions.inputs, &vec![0.0; inputs], &scaling.input_scale),
+            outputs: scaling::standardise_rows(&directions.outputs, &vec![0.0; outputs], &scaling.output_scale),
+            known: directions.known.clone(),
+        })
+    };
+    let (training_rows, validation_rows) = (rows(seen)?, rows(unseen)?);
+    let network = Network::new(inputs, outputs, &study.network, study.seed)?;
+    let mut follower = Follower::new(project, training_rows.len()).without_checkpoints();
+    let options = &study.training;
+    let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?;
+    // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
+    project.control().stop.store(false, Ordering::Relaxed);
+    let layers = outcome.network.to_layers();
+    Ok((ScaledNetwork { scaling, layers }, outcome))
+}

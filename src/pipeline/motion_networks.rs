@@ -1,0 +1,394 @@
+//! Networks in equations of motion: instead of the dictionary, for what it leaves over, and for forces that are of another form.
+
+use super::{
+    learned::{self, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, Directions, EXACT, Examples, NETWORK, held_out},
+    observer::{Event, Work},
+    project::Project,
+};
+use crate::{
+    Error, Result,
+    dataset::Dataset,
+    dynamics::{Equations, Fitted, OfEquations, Region, Samples, fit},
+    multibody::Mechanism,
+    source::driven::Driven,
+    training::{EpochRecord, StopReason},
+};
+use metafmu_runtime::{
+    Dynamics, FormatError,
+    dictionary::{Dictionary, Factor, Term},
+    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
+};
+use std::{ops::Range, time::Instant};
+
+/// Change of a function, relative to its largest value, that is rounding.
+const UNCHANGED: f64 = 1e-9;
+
+/// Equations that were learned in the way that is exported, and how.
+pub(super) struct Learned {
+    /// The dictionary.
+    pub fitted: Fitted,
+    /// The equations that are exported.
+    pub dynamics: Dynamics,
+    /// The positions likewise.
+    pub positions: Law,
+    /// Ranges of the velocities, if forces were learned in them.
+    pub velocities: Option<Vec<[f64; 2]>>,
+    /// All that were compared; none if the dictionary is exact.
+    pub candidates: Vec<Candidate>,
+    /// Which of them is exported.
+    pub exported: String,
+    /// Root mean square error of the other forces at unseen states, relative to their standard deviation.
+    pub force_error: Option<f64>,
+    /// Of the network that is exported.
+    pub history: Vec<EpochRecord>,
+    /// Its best epoch.
+    pub best_epoch: usize,
+    /// Why the training ended.
+    pub stopped: StopReason,
+    /// Configurations that it was learned from.
+    pub rows: usize,
+}
+
+/// Learns the equations of motion of a mechanism in each way that the study wants compared.
+pub(super) fn learn(
+    project: &Project,
+    dataset: &Dataset,
+    (mechanism, driven, region): (&Mechanism, &Driven, &Region),
+) -> Result<Learned> {
+    let study = &project.study;
+    let began = Instant::now();
+    let refuse = |message: String| study.refusal("states", message);
+    let inputs = driven.drivers().iter().map(|driver| [driver.min, driver.max]).collect();
+    let mut region = Region { inputs, ..region.clone() };
+    let mut fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
+    // forces of another form have a network of their own whatever the equations are
+    let exact = fitted.error <= EXACT;
+    let tries = |name: &str| study.dynamics.tries(name, exact);
+    let rows = 3 * fitted.terms + 50;
+    if !fitted.has_other_forces && ![NETWORK, DICTIONARY_AND_NETWORK].into_iter().any(tries) {
+        return Ok(Learned {
+            dynamics: fitted.dynamics.clone(),
+            positions: fitted.positions.clone().into(),
+            fitted,
+            velocities: None,
+            candidates: Vec::new(),
+            exported: DICTIONARY.into(),
+            force_error: None,
+            history: Vec::new(),
+            best_epoch: 0,
+            stopped: StopReason::Solved,
+            rows,
+        });
+    }
+    region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
+    if fitted.has_other_forces {
+        // the linear part of the forces is that between the ends of the velocities
+        fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
+    }
+    let equations = Equations::new(mechanism, &region).map_err(refuse)?;
+    let asked = Asked::new(project, &equations)?;
+    let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
+    let forces = fitted.has_other_forces.then(|| asked.forces(&mut last)).transpose()?;
+    let (forces, force_error) = forces.unzip();
+    let counts = (fitted.dynamics.coordinates(), fitted.dynamics.inputs());
+    let known = [fitted.dynamics.law().dictionary().clone(), fitted.positions.clone()];
+    let mut all = vec![asked.candidate((DICTIONARY, began), counts, known, &forces, [None, None])?];
+    for name in [DICTIONARY_AND_NETWORK, NETWORK] {
+        if tries(name) && last.stopped != StopReason::Interrupted {
+            let began = Instant::now();
+            let base = if name == NETWORK { asked.constants()? } else { asked.lowest()? };
+            let networks = asked.networks(&base, &mut last)?;
+            all.push(asked.candidate((name, began), counts, base, &forces, networks)?);
+        }
+    }
+    let mut candidates: Vec<Candidate> = all.iter().map(|(candidate, ..)| candidate.clone()).collect();
+    let (Candidate { name: exported, .. }, dynamics, positions) =
+        all.swap_remove(learned::chosen(&candidates, &study.dynamics));
+    candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
+    let rows = if exported == DICTIONARY { rows } else { asked.seen.samples.points.len() };
+    let velocities = forces.is_some().then(|| region.velocities.clone());
+    let Last { history, best_epoch, stopped } = last;
+    Ok(Learned {
+        fitted,
+        dynamics,
+        positions,
+        velocities,
+        candidates,
+        exported,
+        force_error,
+        history,
+        best_epoch,
+        stopped,
+        rows,
+    })
+}
+
+/// The equations at sampled states, and the trainings so far.
+struct Asked<'a> {
+    project: &'a Project<'a>,
+    equations: &'a Equations<'a>,
+    factors: Vec<Factor>,
+    seen: OfEquations,
+    unseen: OfEquations,
+    /// Accelerations at unseen states.
+    accelerations: Samples,
+    /// Largest value of each function.
+    scales: Vec<f64>,
+    /// Whether each coordinate and parameter changes the equations, and the positions.
+    dependencies: [Vec<bool>; 2],
+}
+
+/// The last training.
+struct Last {
+    history: Vec<EpochRecord>,
+    best_epoch: usize,
+    stopped: StopReason,
+}
+
+impl<'a> Asked<'a> {
+    fn new(project: &'a Project<'a>, equations: &'a Equations<'a>) -> Result<Self> {
+        let study = &project.study;
+        let refuse = |message: String| study.refusal("states", message);
+        let (count, seed) = (learned::states(study), study.seed ^ 0x4e45_5457);
+        project.begin(Work::Equations, 1);
+        let unseen = held_out(count);
+        let all = equations.functions(count, seed).map_err(refuse)?;
+        let set = |range: Range<usize>| OfEquations {
+            samples: part(&all.samples, range.clone()),
+            gradients: all.gradients[range].to_vec(),
+            has_other_forces: all.has_other_forces,
+        };
+        let accelerations = equations.accelerations(unseen, seed ^ 1).map_err(refuse)?;
+        let (unseen, seen) = (set(0..unseen), set(unseen..count));
+        project.event(Event::End);
+        Ok(Self {
+            project,
+            equations,
+            factors: equations.factors(),
+            scales: equations.scales(&all.samples),
+            dependencies: equations.dependencies(&seen.samples).map_err(refuse)?,
+            seen,
+            unseen,
+            accelerations,
+        })
+    }
+
+    /// Functions that are constant, as a dictionary; the others are zero.
+    fn constants(&self) -> Result<[Dictionary; 2]> {
+        let labels = &self.seen.samples.labels;
+        let first = &labels[0];
+        let constant = |function: usize| {
+            let limit = UNCHANGED * self.scales[function];
+            let is_constant = labels.iter().all(|label| (label[function] - first[function]).abs() <= limit);
+            // what is left of differences is no constant
+            if is_constant && first[function].abs() > limit { first[function] } else { 0.0 }
+        };
+        let constants: Vec<f64> = (0..first.len()).map(constant).collect();
+        let [of_equations, of_positions] = self.equations.counts();
+        let dictionary = |range: Range<usize>| {
+            let term = Term { exponents: vec![0; self.factors.len()], coefficients: constants[range.clone()].to_vec() };
+            Dictionary::new(&self.factors, range.len(), &[term])
+        };
+        Ok([
+            dictionary(0..of_equations).map_err(invalid)?,
+            dictionary(of_equations..of_equations + of_positions).map_err(invalid)?,
+        ])
+    }
+
+    /// Dictionaries of the lowest order.
+    fn lowest(&self) -> Result<[Dictionary; 2]> {
+        let found = self.equations.lowest([&self.seen.samples, &self.unseen.samples], &self.dependencies);
+        found.map_err(|message| self.project.study.refusal("states", message))
+    }
+
+    /// Networks for what dictionaries leave over of the equations and of the positions; none where that is nothing.
+    fn networks(&self, base: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
+        let [of_equations, of_positions] = self.equations.counts();
+        let ranges = [0..of_equations, of_equations..of_equations + of_positions];
+        let mut networks = [None, None];
+        for (index, (dictionary, range)) in base.iter().zip(ranges).enumerate() {
+            let rests = [&self.seen, &self.unseen].map(|asked| rest(dictionary, asked, range.clone()));
+            let is_left = |function: &usize| {
+                let limit = UNCHANGED * self.scales[range.start + function];
+                rests[0].values.iter().any(|rest| rest[*function].abs() > limit)
+            };
+            let outputs: Vec<usize> = (0..dictionary.outputs()).filter(is_left).collect();
+            let of: Vec<usize> = (0..self.factors.len()).filter(|column| self.dependencies[index][*column]).collect();
+            if outputs.is_empty() || of.is_empty() {
+                continue;
+            }
+            let columns = self.columns(&of);
+            let examples = |asked: &OfEquations, rest: &Rest| Examples {
+                inputs: encoded(&columns, &asked.samples.points),
+                outputs: of_outputs(&rest.values, &outputs),
+                tangents: None,
+            };
+            let known = self.equations.known();
+            let seen = Examples {
+                tangents: Some(Directions {
+                    inputs: self.tangents(&columns),
+                    outputs: rests[0].tangents(&outputs, &self.equations.units()),
+                    known: outputs.iter().map(|output| known[range.start + output]).collect(),
+                }),
+                ..examples(&self.seen, &rests[0])
+            };
+            let unseen = examples(&self.unseen, &rests[1]);
+            networks[index] = Some(self.train(columns, outputs, [&seen, &unseen], last)?);
+        }
+        Ok(networks)
+    }
+
+    /// The network of the other forces, and its error.
+    fn forces(&self, last: &mut Last) -> Result<(NetworkTerm, f64)> {
+        let study = &self.project.study;
+        let refuse = |message: String| study.refusal("states", message);
+        let count = learned::states(study);
+        let all = self.equations.other_forces(count, study.seed ^ 0x464f_5243).map_err(refuse)?;
+        let unseen = held_out(count);
+        let (unseen, seen) = (part(&all, 0..unseen), part(&all, unseen..count));
+        let depends = self.equations.dependencies_of_forces(&seen).map_err(refuse)?;
+        let of: Vec<usize> = (0..depends.len()).filter(|column| depends[*column]).collect();
+        let largest = |row: usize| seen.labels.iter().fold(0.0f64, |largest, label| largest.max(label[row].abs()));
+        let rows = 0..seen.labels[0].len();
+        let scale = rows.clone().map(largest).fold(0.0, f64::max);
+        let outputs: Vec<usize> = rows.filter(|row| largest(*row) > UNCHANGED * scale).collect();
+        let columns = self.columns(&of);
+        let examples = |samples: &Samples| Examples {
+            inputs: encoded(&columns, &samples.points),
+            outputs: of_outputs(&samples.labels, &outputs),
+            tangents: None,
+        };
+        let examples = [examples(&seen), examples(&unseen)];
+        let term = self.train(columns, outputs, examples.each_ref(), last)?;
+        let found = term.network().evaluate(&encoded(term.columns(), &unseen.points));
+        let error = |(index, row): (usize, &usize)| {
+            let exact: Vec<f64> = unseen.labels.iter().map(|label| label[*row]).collect();
+            let squares: f64 = found.iter().zip(&exact).map(|(found, exact)| (found[index] - exact).powi(2)).sum();
+            let mean = exact.iter().sum::<f64>() / exact.len() as f64;
+            let variance: f64 = exact.iter().map(|value| (value - mean).powi(2)).sum();
+            (squares / variance.max(f64::MIN_POSITIVE)).sqrt()
+        };
+        let error = term.outputs().iter().enumerate().map(error).fold(0.0, f64::max);
+        Ok((term, error))
+    }
+
+    /// Angles enter as sine and cosine.
+    fn columns(&self, of: &[usize]) -> Vec<NetworkColumn> {
+        let kinds = |column: usize| match self.factors.get(column) {
+            Some(Factor::Angle) => &[ColumnKind::Sine, ColumnKind::Cosine] as &[ColumnKind],
+            _ => &[ColumnKind::Plain],
+        };
+        of.iter().flat_map(|&of| kinds(of).iter().map(move |&kind| NetworkColumn { of, kind })).collect()
+    }
+
+    /// Derivatives of columns along each coordinate, row by row and, in a row, coordinate by coordinate.
+    fn tangents(&self, columns: &[NetworkColumn]) -> Vec<Vec<f64>> {
+        let units = self.equations.units();
+        let of_row = |point: &Vec<f64>| -> Vec<Vec<f64>> {
+            let along = |(k, unit): (usize, &f64)| {
+                let slope = |column: &NetworkColumn| if column.of == k { unit * column.slope(point) } else { 0.0 };
+                columns.iter().map(slope).collect()
+            };
+            units.iter().enumerate().map(along).collect()
+        };
+        self.seen.samples.points.iter().flat_map(of_row).collect()
+    }
+
+    fn train(
+        &self,
+        columns: Vec<NetworkColumn>,
+        outputs: Vec<usize>,
+        [seen, unseen]: [&Examples; 2],
+        last: &mut Last,
+    ) -> Result<NetworkTerm> {
+        let (network, outcome) = learned::train(self.project, seen, unseen)?;
+        *last = Last { history: outcome.history, best_epoch: outcome.best_epoch, stopped: outcome.reason };
+        NetworkTerm::new(columns, outputs, network).map_err(invalid)
+    }
+
+    /// A way to learn the equations, with its error.
+    fn candidate(
+        &self,
+        (name, began): (&str, Instant),
+        (n, m): (usize, usize),
+        [equations, positions]: [Dictionary; 2],
+        forces: &Option<NetworkTerm>,
+        [of_equations, of_positions]: [Option<NetworkTerm>; 2],
+    ) -> Result<(Candidate, Dynamics, Law)> {
+        let dynamics = Law::new(equations, of_equations).and_then(|law| Dynamics::new(n, m, law));
+        let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces.clone())).map_err(invalid)?;
+        let positions = Law::new(positions, of_positions).map_err(invalid)?;
+        let of_accelerations = self.equations.error(&dynamics, &self.accelerations);
+        let of_positions = self.error_of_positions(&positions);
+        let error = if of_accelerations >= of_positions { of_accelerations } else { of_positions };
+        Ok((Candidate { name: name.into(), error, seconds: began.elapsed().as_secs_f64() }, dynamics, positions))
+    }
+
+    /// Root mean square error, relative to the largest value, of the worst position.
+    fn error_of_positions(&self, positions: &Law) -> f64 {
+        let [first, count] = self.equations.counts();
+        let (mut found, mut squares) = (vec![0.0; count], vec![0.0; count]);
+        for (point, label) in self.unseen.samples.points.iter().zip(&self.unseen.samples.labels) {
+            positions.evaluate(point, &mut found);
+            for ((sum, found), label) in squares.iter_mut().zip(&found).zip(&label[first..]) {
+                *sum += (found - label) * (found - label);
+            }
+        }
+        let rows = self.unseen.samples.points.len().max(1) as f64;
+        let errors = squares.iter().zip(&self.scales[first..]).map(|(sum, scale)| (sum / rows).sqrt() / scale);
+        // a maximum would leave out what is not a number
+        errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+    }
+}
+
+/// What a dictionary leaves over of some functions.
+struct Rest {
+    /// Row by row.
+    values: Vec<Vec<f64>>,
+    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]` each.
+    gradients: Vec<Vec<f64>>,
+}
+
+fn rest(dictionary: &Dictionary, asked: &OfEquations, range: Range<usize>) -> Rest {
+    let OfEquations { samples: Samples { points, labels }, gradients, .. } = asked;
+    let functions = labels.first().map_or(1, Vec::len);
+    let n = gradients.first().map_or(0, Vec::len) / functions;
+    let less = |labels: &[f64], found: Vec<f64>| labels.iter().zip(found).map(|(label, found)| label - found).collect();
+    let rows = points.iter().zip(labels).zip(gradients).map(|((point, label), gradient)| {
+        let (values, slopes) = dictionary.with_gradient(point, n);
+        (less(&label[range.clone()], values), less(&gradient[range.start * n..range.end * n], slopes))
+    });
+    let (values, gradients) = rows.unzip();
+    Rest { values, gradients }
+}
+
+impl Rest {
+    /// Derivatives of some functions along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
+    fn tangents(&self, outputs: &[usize], units: &[f64]) -> Vec<Vec<f64>> {
+        let n = units.len();
+        let of_row = |gradient: &Vec<f64>| -> Vec<Vec<f64>> {
+            let along =
+                |(k, unit): (usize, &f64)| outputs.iter().map(|output| unit * gradient[output * n + k]).collect();
+            units.iter().enumerate().map(along).collect()
+        };
+        self.gradients.iter().flat_map(of_row).collect()
+    }
+}
+
+/// Some columns of labels.
+fn of_outputs(labels: &[Vec<f64>], outputs: &[usize]) -> Vec<Vec<f64>> {
+    labels.iter().map(|label| outputs.iter().map(|output| label[*output]).collect()).collect()
+}
+
+fn part(samples: &Samples, range: Range<usize>) -> Samples {
+    Samples { points: samples.points[range.clone()].to_vec(), labels: samples.labels[range].to_vec() }
+}
+
+/// The columns of a network at some points.
+fn encoded(columns: &[NetworkColumn], points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect()).collect()
+}
+
+fn invalid(source: FormatError) -> Error {
+    Error::Surrogate { source }
+}

@@ -1,0 +1,55 @@
+//! `[dynamics]`: which of the ways to learn equations is exported.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[dynamics]`: of the structure "dynamics", which of the ways to learn the equations is exported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DynamicsOptions {
+    /// What the functions in the equations are.
+    pub model: DynamicsModel,
+    /// Whether all ways are compared although the dictionary is exact, which no network can improve.
+    pub compare: bool,
+}
+
+/// What the functions in equations are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum DynamicsModel {
+    /// The one of the others that is best at states that were held out.
+    #[default]
+    #[serde(rename = "best")]
+    Best,
+    /// Sums of sines, cosines and powers.
+    #[serde(rename = "dictionary")]
+    Dictionary,
+    /// A network.
+    #[serde(rename = "network")]
+    Network,
+    /// Sums of the lowest order, and a network for what they leave over.
+    #[serde(rename = "dictionary and network")]
+    Both,
+}
+
+impl DynamicsModel {
+    /// As in the study and in the record of the training; none of the best.
+    pub fn name(self) -> Option<&'static str> {
+        match self {
+            Self::Best => None,
+            Self::Dictionary => Some("dictionary"),
+            Self::Network => Some("network"),
+            Self::Both => Some("dictionary and network"),
+        }
+    }
+}
+
+impl DynamicsOptions {
+    /// Whether a way of this name is tried; the dictionary always is, `exact` being whether it needs no network.
+    pub fn tries(&self, name: &str, exact: bool) -> bool {
+        match self.model.name() {
+            _ if self.compare => true,
+            None => !exact,
+            Some(wanted) => wanted == name,
+        }
+    }
+}
