@@ -94,9 +94,6 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.add("inputs", "no input, expected at least one: the columns that drive the runs");
     }
     for (name, input) in &study.inputs {
-        let message = "belongs to the structure \"dynamics\": recorded runs have their signals";
-        problems.expect_absent(input.bandwidth.is_some(), format!("inputs.{name}.bandwidth"), message);
-        problems.expect_absent(input.excitation.is_some(), format!("inputs.{name}.excitation"), message);
         let (min, max) = (input.min.unwrap_or(f64::NEG_INFINITY), input.max.unwrap_or(f64::INFINITY));
         if min >= max {
             problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));

@@ -326,7 +326,7 @@ def test_tables_that_are_no_samples_are_refused_with_their_line(tmp_path, change
         ('force = { min = -2, max = 2, unit = "N" }', "", "inputs: no input, expected at least one"),
         ("max = 2, unit", "max = -3, unit", "inputs.force: from -2 to -3, expected min below max"),
         ("max = 2, unit", "max = 2, start = 3, unit", "inputs.force.start: 3, expected -2 to 2"),
-        ("max = 2, unit", "max = 2, bandwidth = 1, unit", "inputs.force.bandwidth: belongs to the structure \"dynamics\""),
+        ("max = 2, unit", "max = 2, bandwidth = 1, unit", "inputs.force.bandwidth: belongs to sources that are simulated"),
         ("history = 3", "history = 0", "discrete.history: 0, expected a number from 1 to 10000"),
         ("stretch = 20", 'model = "best"', "discrete.model"),
         ("hidden = [12]", "hidden = []", "network.hidden: no hidden layer, expected at least one"),
