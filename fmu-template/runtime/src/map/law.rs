@@ -1,6 +1,6 @@
 //! Functions of some columns: a [dictionary](Dictionary), and a network that adds to some of them.
 //!
-//! They are computed in plain numbers and in [jets](super::jet), with their derivatives with respect to the first columns, so that
+//! They are computed in plain numbers and in jets, with their derivatives with respect to the first columns, so that
 //! derivatives of those derivatives are exact as well.
 
 use super::{

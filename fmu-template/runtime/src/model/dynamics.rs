@@ -106,7 +106,7 @@ impl Dynamics {
     /// The same with some values of the parameters, on which nothing depends any more: faster where they do not change.
     ///
     /// # Errors
-    /// As [`Dictionary::held`].
+    /// As [`Law::held`].
     ///
     /// # Panics
     /// Likewise.
