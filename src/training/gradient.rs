@@ -128,7 +128,7 @@ impl Gradients {
                 network.forward_in_training(workspace, DropoutMask { seed, step, rows: numbers });
                 part.loss += sum_of_losses(function, workspace, rows, numbers, 1.0 / count);
                 network.backward(numbers.len(), workspace, store, &mut part.gradient);
-                part.add_statistics(numbers.len(), &workspace);
+                part.add_statistics(numbers.len(), workspace);
                 store = Store::Add;
             }
         });
