@@ -446,9 +446,10 @@ def test_a_crane_that_stands_elsewhere_is_learned_as_exactly(tmp_path):
     assert all(horizon["median"] < 1e-5 for horizon in metrics["roll_outs"]["horizons"])
 
 
-def test_a_force_that_is_a_product_of_an_input_and_a_velocity_is_refused(tmp_path):
-    crane = write(tmp_path, mechanism=[('effort = "force"', 'effort = "force*rail.velocity"')])
-    assert metafmu("build", crane.study, "--out", crane.folder, check=False).returncode == 2
+def test_a_force_that_is_the_square_of_an_input_is_refused(tmp_path):
+    crane = write(tmp_path, mechanism=[('effort = "force"', 'effort = "force*force"')])
+    result = metafmu("build", crane.study, "--out", crane.folder, check=False)
+    assert result.returncode == 2 and "not linear in the input `force`" in result.stderr
 
 
 def test_a_start_of_the_mechanism_outside_the_range_is_refused_before_anything_is_sampled(tmp_path):
