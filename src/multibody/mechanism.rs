@@ -203,11 +203,9 @@ impl Mechanism {
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<Vec<f64>, String> {
-        let (model, measures) = self.driven(values, signals, tolerance)?;
-        let [s, rates] = state.map(DVector::from_column_slice);
-        let terms = self.reduced(values, coordinates)?.terms(&s)?;
-        let velocities = &terms.velocities * &rates;
-        self.rows(&model, &measures, &simulate_from(&model, (terms.q, velocities), times, budget)?)
+        let (model, measures, samples, _) =
+            self.run_from(values, (coordinates, state), signals, times, (tolerance, budget))?;
+        self.rows(&model, &measures, &samples)
     }
 
     /// The rates of the coordinates in the same run: shape `[times, coordinates]`.
@@ -222,17 +220,31 @@ impl Mechanism {
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<Vec<f64>, String> {
-        let (model, _) = self.driven(values, signals, tolerance)?;
-        let [s, rates] = state.map(DVector::from_column_slice);
-        let reduced = self.reduced(values, coordinates)?;
-        let terms = reduced.terms(&s)?;
-        let velocities = &terms.velocities * &rates;
-        let samples = simulate_from(&model, (terms.q, velocities), times, budget)?;
+        let (.., samples, reduced) =
+            self.run_from(values, (coordinates, state), signals, times, (tolerance, budget))?;
         let of_sample = |sample: &Sample| {
             let rates = reduced.coordinates().iter().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
             rates.collect::<Vec<_>>()
         };
         Ok(samples.iter().flat_map(of_sample).collect())
+    }
+
+    /// A run from a state: the model, what its outputs measure, its samples, and the equations in the coordinates.
+    fn run_from(
+        &self,
+        values: &[f64],
+        (coordinates, state): (&[&str], [&[f64]; 2]),
+        signals: &[Signal],
+        times: &[f64],
+        (tolerance, budget): (f64, &Budget),
+    ) -> std::result::Result<(Model, Vec<Measure>, Vec<Sample>, Reduced), String> {
+        let (model, measures) = self.driven(values, signals, tolerance)?;
+        let [s, rates] = state.map(DVector::from_column_slice);
+        let reduced = self.reduced(values, coordinates)?;
+        let terms = reduced.terms(&s)?;
+        let velocities = &terms.velocities * &rates;
+        let samples = simulate_from(&model, (terms.q, velocities), times, budget)?;
+        Ok((model, measures, samples, reduced))
     }
 
     /// The model with signals, and what its outputs measure.

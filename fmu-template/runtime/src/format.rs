@@ -270,21 +270,27 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::Motion, MapKind::Dictionary) => Ok(Model::Motion(Box::new(Motion::read(tensors)?))),
         (Structure::Motion, _) => Err(FormatError::MotionMap),
         (Structure::StateSpace, MapKind::Dictionary | MapKind::Network) => {
-            let network = match map {
-                MapKind::Network => Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0)),
-                _ => None,
-            };
+            let network = added_network(tensors, map, activations)?;
             Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, network)?)))
         }
         (Structure::StateSpace, _) => Err(FormatError::StateSpaceMap),
         (Structure::Discrete, MapKind::Linear | MapKind::Network) => {
-            let network = match map {
-                MapKind::Network => Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0)),
-                _ => None,
-            };
+            let network = added_network(tensors, map, activations)?;
             Ok(Model::Discrete(Box::new(Discrete::read(tensors, network)?)))
         }
         (Structure::Discrete, _) => Err(FormatError::DiscreteMap),
+    }
+}
+
+/// The network beside other functions, of a model that has one.
+fn added_network(
+    tensors: &mut Views,
+    map: &MapKind,
+    activations: &[Activation],
+) -> Result<Option<ScaledNetwork>, FormatError> {
+    match map {
+        MapKind::Network => Ok(Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0))),
+        _ => Ok(None),
     }
 }
 
@@ -324,6 +330,12 @@ fn stacked(networks: &[ScaledNetwork], leading: Option<usize>) -> Vec<Tensor> {
         tensors.push((format!("layers.{index}.bias"), bias.0, shape(&[*outputs]), bias.1));
     }
     tensors
+}
+
+/// The tensors of one network, whose names have a prefix.
+fn of_one(network: &ScaledNetwork, prefix: &str) -> impl Iterator<Item = Tensor> {
+    let tensors = stacked(std::slice::from_ref(network), None).into_iter();
+    tensors.map(move |(name, kind, shape, bytes)| (prefix.to_owned() + &name, kind, shape, bytes))
 }
 
 /// The networks of such tensors, whose names have a prefix: `leading` of them, or one if there is no such dimension.

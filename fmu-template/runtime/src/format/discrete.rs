@@ -3,7 +3,7 @@
 use super::{
     OUTPUTS, Tensor, Views, bytes, elements,
     motion::{double, doubles},
-    stacked, take,
+    of_one, take,
 };
 use crate::{Discrete, FormatError, ScaledNetwork, map::expect_shape};
 use safetensors::Dtype;
@@ -23,12 +23,7 @@ impl Discrete {
             double("linear.weights", &[counts[2], self.width()], weights),
             double("linear.constants", &[constants.len()], constants),
         ];
-        if let Some(network) = network {
-            let stacked = stacked(std::slice::from_ref(network), None);
-            tensors.extend(
-                stacked.into_iter().map(|(name, kind, shape, bytes)| (OUTPUTS.to_owned() + &name, kind, shape, bytes)),
-            );
-        }
+        tensors.extend(network.iter().flat_map(|network| of_one(network, OUTPUTS)));
         tensors
     }
 

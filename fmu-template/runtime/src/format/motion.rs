@@ -1,6 +1,6 @@
 //! The tensors of equations of motion.
 
-use super::{Tensor, Views, bytes, elements, stacked, take, unstacked};
+use super::{Tensor, Views, bytes, elements, of_one, take, unstacked};
 use crate::{
     Activation, FormatError,
     dictionary::{Dictionary, Factor, Term},
@@ -81,10 +81,7 @@ fn of_network(name: &str, term: &NetworkTerm) -> Vec<Tensor> {
     let number = |activation| Activation::ALL.iter().position(|known| *known == activation).unwrap_or(0) as u32;
     let layers = &term.network().layers;
     let activations: Vec<u32> = layers.iter().map(|layer| number(layer.activation)).collect();
-    let stacked = stacked(std::slice::from_ref(term.network()), None).into_iter();
-    let mut tensors: Vec<Tensor> = stacked
-        .map(|(of_network, kind, shape, bytes)| (format!("{name}.network.{of_network}"), kind, shape, bytes))
-        .collect();
+    let mut tensors: Vec<Tensor> = of_one(term.network(), &format!("{name}.network.")).collect();
     tensors.push(whole("columns", &[columns.len() / 2, 2], &columns));
     tensors.push(whole("outputs", &[outputs.len()], &outputs));
     tensors.push(whole("activations", &[layers.len()], &activations));

@@ -3,7 +3,7 @@
 use super::{
     OUTPUTS, Tensor, Views, bytes, elements,
     motion::{columns, dictionary, double, factors, of_dictionary, step},
-    stacked, take,
+    of_one, take,
 };
 use crate::{FormatError, Given, ScaledNetwork, StateSpace, map::expect_shape};
 use safetensors::Dtype;
@@ -27,12 +27,7 @@ impl StateSpace {
             double("solver.step", &[1], &[*step]),
         ];
         tensors.extend(of_dictionary("functions", functions));
-        if let Some(network) = network {
-            let stacked = stacked(std::slice::from_ref(network), None);
-            tensors.extend(
-                stacked.into_iter().map(|(name, kind, shape, bytes)| (OUTPUTS.to_owned() + &name, kind, shape, bytes)),
-            );
-        }
+        tensors.extend(network.iter().flat_map(|network| of_one(network, OUTPUTS)));
         tensors
     }
 
