@@ -57,32 +57,19 @@
 pub mod acceptance;
 pub mod baseline;
 pub mod calibration;
-pub mod dataset;
-pub mod diagnostics;
-pub mod dynamics;
-pub mod evaluation;
 pub mod export;
-mod fail_points;
-pub mod files;
 pub mod fmi;
 mod html;
-pub mod integrate;
-pub mod layout;
-pub mod multibody;
-pub mod network;
 pub mod pipeline;
 pub mod refinement;
 pub mod report;
-pub mod sampling;
-pub mod scaling;
 pub mod search;
-pub mod signal;
 pub mod source;
-pub mod study;
 pub mod surrogate;
 pub mod swap;
-pub mod table;
-pub mod training;
-pub mod variable;
 
-pub use diagnostics::error::{Error, Result};
+use metafmu_core::fail_points;
+pub use metafmu_core::{
+    Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, layout, multibody, network, sampling,
+    scaling, signal, study, table, training, variable,
+};

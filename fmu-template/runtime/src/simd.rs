@@ -1,10 +1,25 @@
-//! One source for every instruction set and both precisions: functions generic over the use of fused multiply-add are
-//! compiled once for each set the processor may have, and the best one is chosen when the program runs.
+//! One source for every instruction set and both precisions: functions generic over the instruction set, `SIMD`, are compiled
+//! once for each set the processor may have, and the best one is chosen when the program runs.
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::*;
 use std::{
     fmt::Debug,
     ops::{Add, Div, Mul, Neg, Sub},
 };
+
+/// Instruction sets as functions are generic over them: multiplications and additions of their own.
+pub(crate) const PLAIN: u8 = 0;
+/// Fused multiply-add, and otherwise what the compiler makes of arrays.
+pub(crate) const FUSED: u8 = 1;
+/// AVX2 and FMA.
+#[cfg(target_arch = "x86_64")]
+pub(crate) const AVX2: u8 = 2;
+/// AVX-512 F and DQ, and the sets before.
+#[cfg(target_arch = "x86_64")]
+pub(crate) const AVX512: u8 = 3;
+/// What every processor of the platform has: fused multiply-add is part of the base instruction set of 64-bit ARM.
+pub(crate) const PORTABLE: u8 = if cfg!(target_arch = "aarch64") { FUSED } else { PLAIN };
 
 /// What a network computes in: `f64` or `f32`, and nothing else, as the trait does not leave this crate.
 pub(crate) trait Real:
@@ -58,6 +73,22 @@ pub(crate) trait Real:
     /// `0.044715 √(2/π)`
     const GELU_CUBIC: Self;
 
+    /// `sum + a * b`, lane by lane
+    #[inline(always)]
+    fn add_products<const SIMD: u8, const WIDTH: usize>(
+        sum: &mut Lanes<Self, WIDTH>,
+        a: &Lanes<Self, WIDTH>,
+        b: &Lanes<Self, WIDTH>,
+    ) {
+        products_one_by_one::<Self, SIMD, WIDTH>(sum, a, b);
+    }
+
+    /// `sum + a * x`, lane by lane
+    #[inline(always)]
+    fn add_scaled<const SIMD: u8, const WIDTH: usize>(sum: &mut Lanes<Self, WIDTH>, a: &Lanes<Self, WIDTH>, x: Self) {
+        products_one_by_one::<Self, SIMD, WIDTH>(sum, a, &Lanes([x; WIDTH]));
+    }
+
     fn narrow(value: f64) -> Self;
     fn mul_add(self, factor: Self, summand: Self) -> Self;
     fn abs(self) -> Self;
@@ -66,6 +97,60 @@ pub(crate) trait Real:
     fn two_to_the(shifted: Self) -> Self;
     /// `self`, or `-self` if the integer `k` in the low bits of `ROUND + k` is odd.
     fn alternate(self, shifted: Self) -> Self;
+}
+
+/// `add_products` and `add_scaled` in the registers of x86-64: of loops over arrays, the compiler now and then takes registers
+/// apart into single numbers.
+#[cfg(target_arch = "x86_64")]
+macro_rules! in_registers {
+    (
+        $load_512:ident, $store_512:ident, $splat_512:ident, $fused_512:ident,
+        $load_256:ident, $store_256:ident, $splat_256:ident, $fused_256:ident
+    ) => {
+        #[inline(always)]
+        fn add_products<const SIMD: u8, const WIDTH: usize>(
+            sum: &mut Lanes<Self, WIDTH>,
+            a: &Lanes<Self, WIDTH>,
+            b: &Lanes<Self, WIDTH>,
+        ) {
+            const { assert!(WIDTH * size_of::<Self>() == 64) }
+            let (to, from, by) = (sum.0.as_mut_ptr(), a.0.as_ptr(), b.0.as_ptr());
+            match SIMD {
+                // SAFETY: whoever is compiled for a set runs where `Simd::detect` found it; the arrays have 64 bytes
+                AVX512 => unsafe { $store_512(to, $fused_512($load_512(from), $load_512(by), $load_512(to))) },
+                // SAFETY: as above
+                AVX2 => unsafe {
+                    for at in [0, WIDTH / 2] {
+                        let (from, by, to) = (from.add(at), by.add(at), to.add(at));
+                        $store_256(to, $fused_256($load_256(from), $load_256(by), $load_256(to)));
+                    }
+                },
+                _ => products_one_by_one::<Self, SIMD, WIDTH>(sum, a, b),
+            }
+        }
+
+        #[inline(always)]
+        fn add_scaled<const SIMD: u8, const WIDTH: usize>(
+            sum: &mut Lanes<Self, WIDTH>,
+            a: &Lanes<Self, WIDTH>,
+            x: Self,
+        ) {
+            const { assert!(WIDTH * size_of::<Self>() == 64) }
+            let (to, from) = (sum.0.as_mut_ptr(), a.0.as_ptr());
+            match SIMD {
+                // SAFETY: as above
+                AVX512 => unsafe { $store_512(to, $fused_512($load_512(from), $splat_512(x), $load_512(to))) },
+                // SAFETY: as above
+                AVX2 => unsafe {
+                    for at in [0, WIDTH / 2] {
+                        let (from, to) = (from.add(at), to.add(at));
+                        $store_256(to, $fused_256($load_256(from), $splat_256(x), $load_256(to)));
+                    }
+                },
+                _ => products_one_by_one::<Self, SIMD, WIDTH>(sum, a, &Lanes([x; WIDTH])),
+            }
+        }
+    };
 }
 
 impl Real for f64 {
@@ -147,6 +232,18 @@ impl Real for f64 {
     const GELU_LINEAR: Self = 0.797_884_560_802_865_4;
     const GELU_CUBIC: Self = 0.035_677_408_136_300_13;
 
+    #[cfg(target_arch = "x86_64")]
+    in_registers!(
+        _mm512_loadu_pd,
+        _mm512_storeu_pd,
+        _mm512_set1_pd,
+        _mm512_fmadd_pd,
+        _mm256_loadu_pd,
+        _mm256_storeu_pd,
+        _mm256_set1_pd,
+        _mm256_fmadd_pd
+    );
+
     #[inline(always)]
     fn narrow(value: f64) -> Self {
         value
@@ -205,6 +302,18 @@ impl Real for f32 {
     const GELU_LINEAR: Self = 0.797_884_6;
     const GELU_CUBIC: Self = 0.035_677_407;
 
+    #[cfg(target_arch = "x86_64")]
+    in_registers!(
+        _mm512_loadu_ps,
+        _mm512_storeu_ps,
+        _mm512_set1_ps,
+        _mm512_fmadd_ps,
+        _mm256_loadu_ps,
+        _mm256_storeu_ps,
+        _mm256_set1_ps,
+        _mm256_fmadd_ps
+    );
+
     #[inline(always)]
     fn narrow(value: f64) -> Self {
         value as Self
@@ -236,6 +345,17 @@ impl Real for f32 {
     }
 }
 
+#[inline(always)]
+fn products_one_by_one<T: Real, const SIMD: u8, const WIDTH: usize>(
+    sum: &mut Lanes<T, WIDTH>,
+    a: &Lanes<T, WIDTH>,
+    b: &Lanes<T, WIDTH>,
+) {
+    for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
+        *sum = fma::<T, SIMD>(*a, *b, *sum);
+    }
+}
+
 /// Zero for what is negligible, see [`Real::NEGLIGIBLE`]; NaN stays NaN.
 #[inline(always)]
 pub(crate) fn flush<T: Real>(value: T) -> T {
@@ -244,8 +364,8 @@ pub(crate) fn flush<T: Real>(value: T) -> T {
 
 /// `a * b + c`, rounded once where the processor can (without FMA in hardware, `mul_add` would be a slow library call).
 #[inline(always)]
-pub(crate) fn fma<T: Real, const FMA: bool>(a: T, b: T, c: T) -> T {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
+pub(crate) fn fma<T: Real, const SIMD: u8>(a: T, b: T, c: T) -> T {
+    if SIMD != PLAIN { a.mul_add(b, c) } else { a * b + c }
 }
 
 /// As many numbers as fit into 64 bytes: one AVX-512 register, two AVX2 registers, four NEON registers.
@@ -308,6 +428,3 @@ impl Simd {
         vec![Self::Portable]
     }
 }
-
-/// Whether the portable code may use fused multiply-add: it is part of the base instruction set of 64-bit ARM.
-pub(crate) const PORTABLE_FMA: bool = cfg!(target_arch = "aarch64");

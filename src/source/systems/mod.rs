@@ -6,6 +6,8 @@ use crate::integrate::Budget;
 mod double_pendulum;
 mod single_pendulum;
 mod slider_crank;
+#[cfg(test)]
+mod tests;
 
 /// A system with known equations.
 #[derive(Debug)]

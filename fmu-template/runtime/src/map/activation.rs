@@ -1,6 +1,6 @@
 //! Activation functions and their derivatives, written so that the compiler turns them into SIMD code.
 
-use crate::simd::{Lanes, PORTABLE_FMA, Real, flat_mut, fma};
+use crate::simd::{Lanes, PLAIN, PORTABLE, Real, flat_mut, fma};
 use serde::{Deserialize, Serialize};
 
 /// Activation of a layer.
@@ -46,9 +46,9 @@ impl Activation {
 
 /// An activation as a type, so that loops over numbers are compiled for it.
 pub(crate) trait Function<T: Real> {
-    fn value<const FMA: bool>(x: T) -> T;
+    fn value<const SIMD: u8>(x: T) -> T;
     /// The value with its first and second derivative.
-    fn series<const FMA: bool>(x: T) -> [T; 3];
+    fn series<const SIMD: u8>(x: T) -> [T; 3];
 }
 
 /// What uses an activation; `run` is to be marked `#[inline(always)]`, so that it is compiled with the caller's instruction
@@ -61,13 +61,13 @@ struct Tanh;
 
 impl<T: Real> Function<T> for Tanh {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
-        tanh::<T, FMA>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        tanh::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
-        tanh_series::<T, FMA>(x)
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        tanh_series::<T, SIMD>(x)
     }
 }
 
@@ -75,13 +75,13 @@ struct Sigmoid;
 
 impl<T: Real> Function<T> for Sigmoid {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
-        sigmoid::<T, FMA>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        sigmoid::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
-        sigmoid_series::<T, FMA>(x)
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        sigmoid_series::<T, SIMD>(x)
     }
 }
 
@@ -89,12 +89,12 @@ struct Relu;
 
 impl<T: Real> Function<T> for Relu {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
+    fn value<const SIMD: u8>(x: T) -> T {
         relu(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
         relu_series(x)
     }
 }
@@ -103,13 +103,13 @@ struct Gelu;
 
 impl<T: Real> Function<T> for Gelu {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
-        gelu::<T, FMA>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        gelu::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
-        gelu_series::<T, FMA>(x)
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        gelu_series::<T, SIMD>(x)
     }
 }
 
@@ -117,13 +117,13 @@ struct Silu;
 
 impl<T: Real> Function<T> for Silu {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
-        silu::<T, FMA>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        silu::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
-        silu_series::<T, FMA>(x)
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        silu_series::<T, SIMD>(x)
     }
 }
 
@@ -131,13 +131,13 @@ struct Sine;
 
 impl<T: Real> Function<T> for Sine {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
-        sine::<T, FMA>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        sine::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
-        sine_series::<T, FMA>(x)
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        sine_series::<T, SIMD>(x)
     }
 }
 
@@ -145,35 +145,35 @@ struct Identity;
 
 impl<T: Real> Function<T> for Identity {
     #[inline(always)]
-    fn value<const FMA: bool>(x: T) -> T {
+    fn value<const SIMD: u8>(x: T) -> T {
         x
     }
 
     #[inline(always)]
-    fn series<const FMA: bool>(x: T) -> [T; 3] {
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
         [x, T::ONE, T::ZERO]
     }
 }
 
 /// Passes numbers through an activation.
 #[inline(always)]
-pub(crate) fn activate<T: Real, const FMA: bool, const WIDTH: usize>(
+pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
     activation: Activation,
     values: &mut [Lanes<T, WIDTH>],
 ) {
-    activation.with(Activate::<T, FMA, WIDTH> { values });
+    activation.with(Activate::<T, SIMD, WIDTH> { values });
 }
 
-struct Activate<'a, T, const FMA: bool, const WIDTH: usize> {
+struct Activate<'a, T, const SIMD: u8, const WIDTH: usize> {
     values: &'a mut [Lanes<T, WIDTH>],
 }
 
-impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Activate<'_, T, FMA, WIDTH> {
+impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Activate<'_, T, SIMD, WIDTH> {
     #[inline(always)]
     fn run<F: Function<T>>(self) {
         // over the numbers one after the other: over lanes, the compiler would vectorise across them, with gathers
         for value in flat_mut(self.values) {
-            *value = F::value::<FMA>(*value);
+            *value = F::value::<SIMD>(*value);
         }
     }
 }
@@ -195,7 +195,7 @@ struct Scalar<'a> {
 impl User<f64> for Scalar<'_> {
     #[inline(always)]
     fn run<F: Function<f64>>(self) {
-        *self.result = F::series::<PORTABLE_FMA>(self.x);
+        *self.result = F::series::<PORTABLE>(self.x);
     }
 }
 
@@ -204,21 +204,21 @@ impl User<f64> for Scalar<'_> {
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero. What is negligible becomes zero.
 /// In single precision speed counts for more than digits near zero.
 #[inline(always)]
-pub(super) fn tanh<T: Real, const FMA: bool>(x: T) -> T {
-    if T::IS_SINGLE && FMA {
+pub(super) fn tanh<T: Real, const SIMD: u8>(x: T) -> T {
+    if T::IS_SINGLE && SIMD != PLAIN {
         return short_tanh(x);
     }
     let magnitude = magnitude(x, T::TANH_ONE);
-    let e = if FMA { fused_exp_minus_one(magnitude) } else { exp_minus_one::<T, FMA>(magnitude) };
+    let e = if SIMD != PLAIN { fused_exp_minus_one(magnitude) } else { exp_minus_one::<T, SIMD>(magnitude) };
     let y = e / (e + 2.0.into());
     if x.abs() < T::NEGLIGIBLE { T::ZERO } else { y.copysign(x) }
 }
 
 /// `1 / (1 + exp(-x))`, NaN for NaN; as exact as [`tanh`].
 #[inline(always)]
-fn sigmoid<T: Real, const FMA: bool>(x: T) -> T {
+fn sigmoid<T: Real, const SIMD: u8>(x: T) -> T {
     let half = T::from(0.5);
-    fma::<T, FMA>(half, tanh::<T, FMA>(half * x), half)
+    fma::<T, SIMD>(half, tanh::<T, SIMD>(half * x), half)
 }
 
 /// `max(0, x)`, NaN for NaN. What is negligible becomes zero.
@@ -231,8 +231,8 @@ fn relu<T: Real>(x: T) -> T {
 ///
 /// The first is `4 (e + 1) / (e + 2)^2`: unlike `1 - tanh^2 x` it keeps its digits where `tanh` saturates.
 #[inline(always)]
-fn tanh_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
-    let e = exp_minus_one::<T, FMA>(magnitude(x, T::EXP_HALF_MAX));
+fn tanh_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
+    let e = exp_minus_one::<T, SIMD>(magnitude(x, T::EXP_HALF_MAX));
     let e_plus_two = e + 2.0.into();
     let y = (e / e_plus_two).copysign(x);
     let slope = T::from(4.0) * ((e + T::ONE) / e_plus_two) / e_plus_two;
@@ -272,10 +272,10 @@ fn exp2_quotient<T: Real>(r: T) -> T {
 
 /// The sigmoid with its first and second derivative, from those of `tanh(x / 2)`.
 #[inline(always)]
-fn sigmoid_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
+fn sigmoid_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
     let half = T::from(0.5);
-    let [y, slope, curvature] = tanh_series::<T, FMA>(half * x);
-    [fma::<T, FMA>(half, y, half), T::from(0.25) * slope, T::from(0.125) * curvature]
+    let [y, slope, curvature] = tanh_series::<T, SIMD>(half * x);
+    [fma::<T, SIMD>(half, y, half), T::from(0.25) * slope, T::from(0.125) * curvature]
 }
 
 /// `max(0, x)` with its first and second derivative; zero at the kink, as in other libraries.
@@ -287,86 +287,86 @@ fn relu_series<T: Real>(x: T) -> [T; 3] {
 /// `x (1 + tanh u) / 2` with `u = √(2/π) (x + 0.044715 x³)`, NaN for NaN and for minus infinity; as exact as [`tanh`],
 /// relative to `max(1, |x|)`.
 #[inline(always)]
-fn gelu<T: Real, const FMA: bool>(x: T) -> T {
+fn gelu<T: Real, const SIMD: u8>(x: T) -> T {
     let half = T::from(0.5) * x;
-    fma::<T, FMA>(half, tanh::<T, FMA>(gelu_argument::<T, FMA>(x)), half)
+    fma::<T, SIMD>(half, tanh::<T, SIMD>(gelu_argument::<T, SIMD>(x)), half)
 }
 
 #[inline(always)]
-fn gelu_argument<T: Real, const FMA: bool>(x: T) -> T {
-    x * fma::<T, FMA>(x * x, T::GELU_CUBIC, T::GELU_LINEAR)
+fn gelu_argument<T: Real, const SIMD: u8>(x: T) -> T {
+    x * fma::<T, SIMD>(x * x, T::GELU_CUBIC, T::GELU_LINEAR)
 }
 
 /// The function with its first and second derivative, from those of `tanh u`.
 #[inline(always)]
-fn gelu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
-    let [y, slope, curvature] = tanh_series::<T, FMA>(gelu_argument::<T, FMA>(x));
-    let u1 = fma::<T, FMA>(T::from(3.0) * (x * x), T::GELU_CUBIC, T::GELU_LINEAR);
+fn gelu_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
+    let [y, slope, curvature] = tanh_series::<T, SIMD>(gelu_argument::<T, SIMD>(x));
+    let u1 = fma::<T, SIMD>(T::from(3.0) * (x * x), T::GELU_CUBIC, T::GELU_LINEAR);
     let u2 = T::from(6.0) * T::GELU_CUBIC * x;
     let half = T::from(0.5);
     let (outer, inner) = (half * (T::ONE + y), half * x);
-    let second = fma::<T, FMA>(curvature * u1, u1, slope * u2);
-    [x * outer, fma::<T, FMA>(inner, slope * u1, outer), fma::<T, FMA>(inner, second, slope * u1)]
+    let second = fma::<T, SIMD>(curvature * u1, u1, slope * u2);
+    [x * outer, fma::<T, SIMD>(inner, slope * u1, outer), fma::<T, SIMD>(inner, second, slope * u1)]
 }
 
 /// `x / (1 + exp(-x))`, NaN for NaN and for minus infinity; as exact as [`tanh`], relative to `max(1, |x|)`.
 #[inline(always)]
-fn silu<T: Real, const FMA: bool>(x: T) -> T {
-    x * sigmoid::<T, FMA>(x)
+fn silu<T: Real, const SIMD: u8>(x: T) -> T {
+    x * sigmoid::<T, SIMD>(x)
 }
 
 /// The function with its first and second derivative, from those of the sigmoid.
 #[inline(always)]
-fn silu_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
-    let [y, slope, curvature] = sigmoid_series::<T, FMA>(x);
-    [x * y, fma::<T, FMA>(x, slope, y), fma::<T, FMA>(x, curvature, slope + slope)]
+fn silu_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
+    let [y, slope, curvature] = sigmoid_series::<T, SIMD>(x);
+    [x * y, fma::<T, SIMD>(x, slope, y), fma::<T, SIMD>(x, curvature, slope + slope)]
 }
 
 /// `sin x`, NaN for NaN; absolute error below 3e-16 in double and 2e-7 in single precision for `|x|` up to 8192, beyond
 /// which it grows with `x`.
 #[inline(always)]
-fn sine<T: Real, const FMA: bool>(x: T) -> T {
-    let (r, shifted) = reduced::<T, FMA>(x);
-    odd_series::<T, FMA>(r).alternate(shifted)
+fn sine<T: Real, const SIMD: u8>(x: T) -> T {
+    let (r, shifted) = reduced::<T, SIMD>(x);
+    odd_series::<T, SIMD>(r).alternate(shifted)
 }
 
 /// `sin x` with its first and second derivative.
 #[inline(always)]
-fn sine_series<T: Real, const FMA: bool>(x: T) -> [T; 3] {
-    let (r, shifted) = reduced::<T, FMA>(x);
+fn sine_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
+    let (r, shifted) = reduced::<T, SIMD>(x);
     let square = r * r;
     let (first, others) = T::COSINE;
     let mut sum = first;
     for &coefficient in others {
-        sum = fma::<T, FMA>(sum, square, coefficient);
+        sum = fma::<T, SIMD>(sum, square, coefficient);
     }
-    let (sine, cosine) = (odd_series::<T, FMA>(r), fma::<T, FMA>(sum, square, T::ONE));
+    let (sine, cosine) = (odd_series::<T, SIMD>(r), fma::<T, SIMD>(sum, square, T::ONE));
     let y = sine.alternate(shifted);
     [y, cosine.alternate(shifted), -y]
 }
 
 /// `x - k π` for the integer `k` nearest to `x / π`, and `ROUND + k`.
 #[inline(always)]
-fn reduced<T: Real, const FMA: bool>(x: T) -> (T, T) {
-    let shifted = fma::<T, FMA>(x, T::INVERSE_PI, T::ROUND);
+fn reduced<T: Real, const SIMD: u8>(x: T) -> (T, T) {
+    let shifted = fma::<T, SIMD>(x, T::INVERSE_PI, T::ROUND);
     let k = shifted - T::ROUND;
     let mut r = x;
     for part in T::PI {
-        r = fma::<T, FMA>(-k, part, r);
+        r = fma::<T, SIMD>(-k, part, r);
     }
     (r, shifted)
 }
 
 /// `sin r` for `|r|` up to `π / 2`: the Taylor polynomial.
 #[inline(always)]
-fn odd_series<T: Real, const FMA: bool>(r: T) -> T {
+fn odd_series<T: Real, const SIMD: u8>(r: T) -> T {
     let square = r * r;
     let (first, others) = T::SINE;
     let mut sum = first;
     for &coefficient in others {
-        sum = fma::<T, FMA>(sum, square, coefficient);
+        sum = fma::<T, SIMD>(sum, square, coefficient);
     }
-    fma::<T, FMA>(r * square, sum, r)
+    fma::<T, SIMD>(r * square, sum, r)
 }
 
 /// `|x|`, limited; the comparison is false for NaN and so lets it through.
@@ -378,26 +378,27 @@ fn magnitude<T: Real>(x: T, limit: T) -> T {
 /// `exp(2 x) - 1` for `0 <= x <= EXP_HALF_MAX`: `2 x = k ln 2 + r` with `|r| <= ln(2) / 2`, a Taylor polynomial in `r`,
 /// scaled by `2^k`.
 #[inline(always)]
-fn exp_minus_one<T: Real, const FMA: bool>(x: T) -> T {
-    let shifted = fma::<T, FMA>(x, T::TWO_LOG2_E, T::ROUND);
+fn exp_minus_one<T: Real, const SIMD: u8>(x: T) -> T {
+    let shifted = fma::<T, SIMD>(x, T::TWO_LOG2_E, T::ROUND);
     let k = shifted - T::ROUND;
     let two_to_k = T::two_to_the(shifted);
-    let mut r = fma::<T, FMA>(-k, T::LN2_HIGH, x + x);
+    let mut r = fma::<T, SIMD>(-k, T::LN2_HIGH, x + x);
     if let Some(low) = T::LN2_LOW {
-        r = fma::<T, FMA>(-k, low, r);
+        r = fma::<T, SIMD>(-k, low, r);
     }
     let (first, others) = T::TAYLOR;
     let mut sum = first;
     for &coefficient in others {
-        sum = fma::<T, FMA>(sum, r, coefficient);
+        sum = fma::<T, SIMD>(sum, r, coefficient);
     }
-    let p = fma::<T, FMA>(r * r, sum, r);
-    fma::<T, FMA>(two_to_k, p, two_to_k - T::ONE)
+    let p = fma::<T, SIMD>(r * r, sum, r);
+    fma::<T, SIMD>(two_to_k, p, two_to_k - T::ONE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::FUSED;
 
     fn points() -> impl Iterator<Item = f64> {
         let dense = (-400_000..=400_000).map(|i| f64::from(i) * 6e-5);
@@ -409,15 +410,15 @@ mod tests {
     fn tanh_and_sigmoid_agree_with_the_standard_library() {
         for x in points() {
             let reference = x.tanh();
-            assert!((tanh::<f64, true>(x) - reference).abs() <= 3e-16, "tanh {x}");
-            assert!((tanh::<f64, false>(x) - reference).abs() <= 3e-16, "tanh {x} without FMA");
+            assert!((tanh::<f64, FUSED>(x) - reference).abs() <= 3e-16, "tanh {x}");
+            assert!((tanh::<f64, PLAIN>(x) - reference).abs() <= 3e-16, "tanh {x} without FMA");
             let relative = if x.abs() < f64::NEGLIGIBLE { 1.0 } else { 6e-16 };
-            assert!((tanh::<f64, true>(x) - reference).abs() <= relative * reference.abs(), "tanh {x}, relative");
-            assert!((sigmoid::<f64, true>(x) - 1.0 / (1.0 + (-x).exp())).abs() <= 2.3e-16, "sigmoid {x}");
+            assert!((tanh::<f64, FUSED>(x) - reference).abs() <= relative * reference.abs(), "tanh {x}, relative");
+            assert!((sigmoid::<f64, FUSED>(x) - 1.0 / (1.0 + (-x).exp())).abs() <= 2.3e-16, "sigmoid {x}");
             let single = x as f32;
-            let error = (f64::from(tanh::<f32, true>(single)) - f64::from(single).tanh()).abs();
+            let error = (f64::from(tanh::<f32, FUSED>(single)) - f64::from(single).tanh()).abs();
             assert!(error <= 1.2e-7, "tanh {x} in single precision: {error:e}");
-            let error = (f64::from(tanh::<f32, false>(single)) - f64::from(single).tanh()).abs();
+            let error = (f64::from(tanh::<f32, PLAIN>(single)) - f64::from(single).tanh()).abs();
             assert!(error <= 1.2e-7, "tanh {x} in single precision without FMA: {error:e}");
         }
     }
@@ -434,11 +435,11 @@ mod tests {
             let (single, scale) = (x as f32, x.abs().max(1.0));
             let wide = f64::from(single);
             for (what, double, narrow, reference, narrow_reference) in [
-                ("gelu", gelu::<f64, true>(x), gelu::<f32, true>(single), gelu_reference(x), gelu_reference(wide)),
-                ("silu", silu::<f64, true>(x), silu::<f32, true>(single), silu_reference(x), silu_reference(wide)),
-                ("sine", sine::<f64, true>(x), sine::<f32, true>(single), x.sin(), wide.sin()),
-                ("gelu", gelu::<f64, false>(x), gelu::<f32, false>(single), gelu_reference(x), gelu_reference(wide)),
-                ("sine", sine::<f64, false>(x), sine::<f32, false>(single), x.sin(), wide.sin()),
+                ("gelu", gelu::<f64, FUSED>(x), gelu::<f32, FUSED>(single), gelu_reference(x), gelu_reference(wide)),
+                ("silu", silu::<f64, FUSED>(x), silu::<f32, FUSED>(single), silu_reference(x), silu_reference(wide)),
+                ("sine", sine::<f64, FUSED>(x), sine::<f32, FUSED>(single), x.sin(), wide.sin()),
+                ("gelu", gelu::<f64, PLAIN>(x), gelu::<f32, PLAIN>(single), gelu_reference(x), gelu_reference(wide)),
+                ("sine", sine::<f64, PLAIN>(x), sine::<f32, PLAIN>(single), x.sin(), wide.sin()),
             ] {
                 assert!((double - reference).abs() <= 4e-16 * scale, "{what} {x}: {double} {reference}");
                 let error = (f64::from(narrow) - narrow_reference).abs();
@@ -446,39 +447,39 @@ mod tests {
             }
         }
         for x in (-81_920..=81_920).map(|i| f64::from(i) * 0.1 + 0.037) {
-            assert!((sine::<f64, true>(x) - x.sin()).abs() <= 3e-16, "{x}");
-            assert!((sine_series::<f64, true>(x)[1] - x.cos()).abs() <= 3e-16, "{x}");
+            assert!((sine::<f64, FUSED>(x) - x.sin()).abs() <= 3e-16, "{x}");
+            assert!((sine_series::<f64, FUSED>(x)[1] - x.cos()).abs() <= 3e-16, "{x}");
             let single = f64::from(x as f32);
-            assert!((f64::from(sine::<f32, true>(x as f32)) - single.sin()).abs() <= 2e-7, "{x}");
-            assert!((f64::from(sine_series::<f32, true>(x as f32)[1]) - single.cos()).abs() <= 2e-7, "{x}");
+            assert!((f64::from(sine::<f32, FUSED>(x as f32)) - single.sin()).abs() <= 2e-7, "{x}");
+            assert!((f64::from(sine_series::<f32, FUSED>(x as f32)[1]) - single.cos()).abs() <= 2e-7, "{x}");
         }
     }
 
     #[test]
     fn derivatives_keep_their_digits_in_saturation() {
         for x in points().filter(|x| x.abs() < 340.0) {
-            let [y, slope, curvature] = tanh_series::<f64, true>(x);
+            let [y, slope, curvature] = tanh_series::<f64, FUSED>(x);
             let cosh = x.cosh();
             let expected = 1.0 / cosh / cosh;
             assert!((y - x.tanh()).abs() <= 3e-16, "{x}");
             assert!((slope - expected).abs() <= 4e-15 * expected, "{x}: {slope} {expected}");
             assert!((curvature + 2.0 * x.tanh() * expected).abs() <= 6e-15 * expected, "{x}");
-            let [y, slope, _] = sigmoid_series::<f64, true>(x);
+            let [y, slope, _] = sigmoid_series::<f64, FUSED>(x);
             let expected = 0.25 / (0.5 * x).cosh() / (0.5 * x).cosh();
-            assert!((y - sigmoid::<f64, true>(x)).abs() <= 2.3e-16, "{x}");
+            assert!((y - sigmoid::<f64, FUSED>(x)).abs() <= 2.3e-16, "{x}");
             assert!((slope - expected).abs() <= 4e-15 * expected, "{x}: {slope} {expected}");
         }
         for x in [-1e300, -f64::INFINITY, f64::INFINITY] {
-            assert!(tanh_series::<f64, true>(x)[1] < 1e-300);
-            assert!(tanh_series::<f32, true>(x as f32)[1] < 1e-36);
+            assert!(tanh_series::<f64, FUSED>(x)[1] < 1e-300);
+            assert!(tanh_series::<f32, FUSED>(x as f32)[1] < 1e-36);
         }
     }
 
     #[test]
     fn nan_stays_nan() {
-        assert!(tanh::<f64, true>(f64::NAN).is_nan());
-        assert!(tanh::<f32, true>(f32::NAN).is_nan());
-        assert!(sigmoid::<f64, true>(f64::NAN).is_nan());
+        assert!(tanh::<f64, FUSED>(f64::NAN).is_nan());
+        assert!(tanh::<f32, FUSED>(f32::NAN).is_nan());
+        assert!(sigmoid::<f64, FUSED>(f64::NAN).is_nan());
         assert!(relu(f64::NAN).is_nan());
     }
 }

@@ -5,9 +5,11 @@ use super::{
     network::{Buffers, Network},
     regression::{Regression, RegressionScratch},
 };
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{AVX2, AVX512};
 use crate::{
     Precision,
-    simd::{PORTABLE_FMA, Real, Simd, fma},
+    simd::{PORTABLE, Real, Simd, fma},
 };
 
 /// A map laid out for fast evaluation. Scaling is done in double precision whatever the network computes in.
@@ -80,27 +82,27 @@ impl PreparedMap {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
             Simd::Avx2 => unsafe { self.run_avx2(point, task, scratch) },
-            Simd::Portable => self.run::<PORTABLE_FMA>(point, task, scratch),
+            Simd::Portable => self.run::<PORTABLE>(point, task, scratch),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
     fn run_avx512(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        self.run::<true>(point, task, scratch);
+        self.run::<AVX512>(point, task, scratch);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
     fn run_avx2(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        self.run::<true>(point, task, scratch);
+        self.run::<AVX2>(point, task, scratch);
     }
 
     #[inline(always)]
-    fn run<const FMA: bool>(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
+    fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
         match (self, scratch) {
-            (Self::Double(scaled), MapScratch::Double(buffers)) => scaled.run::<FMA>(point, task, buffers),
-            (Self::Single(scaled), MapScratch::Single(buffers)) => scaled.run::<FMA>(point, task, buffers),
+            (Self::Double(scaled), MapScratch::Double(buffers)) => scaled.run::<SIMD>(point, task, buffers),
+            (Self::Single(scaled), MapScratch::Single(buffers)) => scaled.run::<SIMD>(point, task, buffers),
             (Self::Regression(regression), MapScratch::Regression(scratch)) => match task {
                 Task::Outputs(outputs) => regression.evaluate(point, outputs, scratch),
                 Task::Series { rates, first, second } => regression.along_curve(point, rates, first, second, scratch),
@@ -121,22 +123,22 @@ impl<T: Real, const WIDTH: usize> Scaled<T, WIDTH> {
     }
 
     #[inline(always)]
-    fn run<const FMA: bool>(&self, point: &[f64], task: Task, buffers: &mut Buffers<T, WIDTH>) {
+    fn run<const SIMD: u8>(&self, point: &[f64], task: Task, buffers: &mut Buffers<T, WIDTH>) {
         let Self { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, network } = self;
         let standardised = point.iter().zip(input_mean).zip(input_scale);
         buffers.load(standardised.map(|((x, mean), scale)| (x - mean) / scale));
         match task {
             Task::Outputs(outputs) => {
-                network.forward::<FMA>(buffers, outputs);
+                network.forward::<SIMD>(buffers, outputs);
                 for ((y, mean), scale) in outputs.iter_mut().zip(output_mean).zip(output_scale) {
-                    *y = fma::<f64, FMA>(*y, *scale, *mean);
+                    *y = fma::<f64, SIMD>(*y, *scale, *mean);
                 }
             }
             Task::Series { rates, first, mut second } => {
                 for (order, rate) in (1..).zip(rates) {
                     buffers.load_rates(order, rate.iter().zip(input_scale).map(|(rate, scale)| rate / scale));
                 }
-                network.series::<FMA>(buffers, first, second.as_deref_mut());
+                network.series::<SIMD>(buffers, first, second.as_deref_mut());
                 let rescale = |derivative: &mut [f64]| {
                     derivative.iter_mut().zip(output_scale).for_each(|(dy, scale)| *dy *= scale);
                 };
@@ -144,7 +146,8 @@ impl<T: Real, const WIDTH: usize> Scaled<T, WIDTH> {
                 second.into_iter().for_each(rescale);
             }
             Task::Adjoint { weights, gradient } => {
-                network.adjoint::<FMA>(buffers, weights.iter().zip(output_scale).map(|(weight, scale)| weight * scale));
+                network
+                    .adjoint::<SIMD>(buffers, weights.iter().zip(output_scale).map(|(weight, scale)| weight * scale));
                 for ((dx, dz), scale) in gradient.iter_mut().zip(buffers.gradient()).zip(input_scale) {
                     *dx = dz / scale;
                 }

@@ -15,9 +15,9 @@ pub(crate) trait Number:
     fn exp(self) -> Self;
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
-    fn tanh<const FMA: bool>(self) -> Self;
+    fn tanh<const SIMD: u8>(self) -> Self;
     /// Plus `x` times a constant.
-    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self;
+    fn add_scaled<const SIMD: u8>(self, x: Self, by: f64) -> Self;
 }
 
 /// A value with its first and second derivative along a curve.
@@ -50,13 +50,13 @@ impl Number for f64 {
     }
 
     #[inline(always)]
-    fn tanh<const FMA: bool>(self) -> Self {
-        activation::tanh::<f64, FMA>(self)
+    fn tanh<const SIMD: u8>(self) -> Self {
+        activation::tanh::<f64, SIMD>(self)
     }
 
     #[inline(always)]
-    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self {
-        simd::fma::<f64, FMA>(by, x, self)
+    fn add_scaled<const SIMD: u8>(self, x: Self, by: f64) -> Self {
+        simd::fma::<f64, SIMD>(by, x, self)
     }
 }
 
@@ -92,19 +92,19 @@ impl<T: Number> Number for Jet<T> {
     }
 
     #[inline(always)]
-    fn tanh<const FMA: bool>(self) -> Self {
-        let value = self.value.tanh::<FMA>();
+    fn tanh<const SIMD: u8>(self) -> Self {
+        let value = self.value.tanh::<SIMD>();
         let slope = T::from(1.0) - value * value;
         let Self { first, second, .. } = self;
         Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
     }
 
     #[inline(always)]
-    fn add_scaled<const FMA: bool>(self, x: Self, by: f64) -> Self {
+    fn add_scaled<const SIMD: u8>(self, x: Self, by: f64) -> Self {
         Self {
-            value: self.value.add_scaled::<FMA>(x.value, by),
-            first: self.first.add_scaled::<FMA>(x.first, by),
-            second: self.second.add_scaled::<FMA>(x.second, by),
+            value: self.value.add_scaled::<SIMD>(x.value, by),
+            first: self.first.add_scaled::<SIMD>(x.first, by),
+            second: self.second.add_scaled::<SIMD>(x.second, by),
         }
     }
 }

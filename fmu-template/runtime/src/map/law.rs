@@ -8,9 +8,11 @@ use super::{
     dictionary::{Atom, Dictionary},
     jet::Number,
 };
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{AVX2, AVX512};
 use crate::{
     FormatError, Numbers,
-    simd::{PORTABLE_FMA, Simd},
+    simd::{PORTABLE, Simd},
 };
 
 /// Functions of some columns.
@@ -278,24 +280,24 @@ impl NetworkTerm {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
             Simd::Avx2 => unsafe { self.run_avx2(x, y, gradient, first, work) },
-            Simd::Portable => self.run::<T, PORTABLE_FMA>(x, y, gradient, first, work),
+            Simd::Portable => self.run::<T, PORTABLE>(x, y, gradient, first, work),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
     fn run_avx512<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], first: usize, work: &mut TermWork<T>) {
-        self.run::<T, true>(x, y, gradient, first, work);
+        self.run::<T, AVX512>(x, y, gradient, first, work);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
     fn run_avx2<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], first: usize, work: &mut TermWork<T>) {
-        self.run::<T, true>(x, y, gradient, first, work);
+        self.run::<T, AVX2>(x, y, gradient, first, work);
     }
 
     #[inline(always)]
-    fn run<T: Number, const FMA: bool>(
+    fn run<T: Number, const SIMD: u8>(
         &self,
         x: &[T],
         y: &mut [T],
@@ -319,12 +321,12 @@ impl NetworkTerm {
         for layer in &self.layers {
             for order in 0..=first {
                 let range = order * width..(order + 1) * width;
-                layer.product::<T, FMA>(&current[range.clone()], &mut next[range], order == 0);
+                layer.product::<T, SIMD>(&current[range.clone()], &mut next[range], order == 0);
             }
             if layer.activation != Activation::Identity {
                 let (values, tangents) = next.split_at_mut(width);
                 for (index, value) in values[..layer.bias.len() * LANES].iter_mut().enumerate() {
-                    let [activated, slope] = with_slope::<T, FMA>(layer.activation, *value);
+                    let [activated, slope] = with_slope::<T, SIMD>(layer.activation, *value);
                     *value = activated;
                     for tangent in tangents.chunks_exact_mut(width) {
                         tangent[index] = tangent[index] * slope;
@@ -391,7 +393,7 @@ impl Blocks {
 
     /// `W x + b`, or `W x` without bias.
     #[inline(always)]
-    fn product<T: Number, const FMA: bool>(&self, x: &[T], y: &mut [T], with_bias: bool) {
+    fn product<T: Number, const SIMD: u8>(&self, x: &[T], y: &mut [T], with_bias: bool) {
         let x = &x[..self.inputs];
         let rows = y.as_chunks_mut::<LANES>().0;
         for (block, (rows, bias)) in rows.iter_mut().zip(&self.bias).enumerate() {
@@ -403,13 +405,13 @@ impl Blocks {
             let (weight_pairs, weight_rest) = weights.as_chunks::<2>();
             for (x, w) in pairs.iter().zip(weight_pairs) {
                 for lane in 0..LANES {
-                    even[lane] = even[lane].add_scaled::<FMA>(x[0], w[0][lane]);
-                    odd[lane] = odd[lane].add_scaled::<FMA>(x[1], w[1][lane]);
+                    even[lane] = even[lane].add_scaled::<SIMD>(x[0], w[0][lane]);
+                    odd[lane] = odd[lane].add_scaled::<SIMD>(x[1], w[1][lane]);
                 }
             }
             for (x, w) in rest.iter().zip(weight_rest) {
                 for lane in 0..LANES {
-                    even[lane] = even[lane].add_scaled::<FMA>(*x, w[lane]);
+                    even[lane] = even[lane].add_scaled::<SIMD>(*x, w[lane]);
                 }
             }
             for lane in 0..LANES {
@@ -421,14 +423,14 @@ impl Blocks {
 
 /// An activation and its derivative; both follow from `tanh`, sines and cosines, of which every kind of number has the derivatives.
 #[inline(always)]
-fn with_slope<T: Number, const FMA: bool>(activation: Activation, x: T) -> [T; 2] {
+fn with_slope<T: Number, const SIMD: u8>(activation: Activation, x: T) -> [T; 2] {
     let one = T::from(1.0);
     // of `(1 + tanh u) / 2`, whose derivative with respect to `u` is `2 s (1 - s)`
-    let share = |u: T| (u.tanh::<FMA>() + one).scaled(0.5);
+    let share = |u: T| (u.tanh::<SIMD>() + one).scaled(0.5);
     match activation {
         Activation::Identity => [x, one],
         Activation::Tanh => {
-            let y = x.tanh::<FMA>();
+            let y = x.tanh::<SIMD>();
             [y, one - y * y]
         }
         Activation::Sigmoid => {

@@ -72,7 +72,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     /// `order` is that of the blocks; the result is the same. A layer larger than the first cache is read faster if it
     /// is read from the end where the last reading stopped.
     #[inline(always)]
-    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(
+    pub(crate) fn apply<const SIMD: u8, const BIAS: bool>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
@@ -80,14 +80,14 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         activation: Activation,
     ) {
         match self.block {
-            WIDE => self.apply_wide::<FMA, BIAS>(input, output, order, activation),
-            _ => self.apply_narrow::<FMA, BIAS>(input, output, order, activation),
+            WIDE => self.apply_wide::<SIMD, BIAS>(input, output, order, activation),
+            _ => self.apply_narrow::<SIMD, BIAS>(input, output, order, activation),
         }
     }
 
     /// [`WIDE`] lanes and two columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add.
     #[inline(always)]
-    fn apply_wide<const FMA: bool, const BIAS: bool>(
+    fn apply_wide<const SIMD: u8, const BIAS: bool>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
@@ -108,28 +108,28 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
             let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
             for (x, w) in pairs.iter().zip(weight_pairs) {
                 for (sum, w) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip(&w[0]) {
-                    scale_add::<T, FMA, WIDTH>(sum, w, x[0]);
+                    T::add_scaled::<SIMD, WIDTH>(sum, w, x[0]);
                 }
                 for (sum, w) in [&mut b0, &mut b1, &mut b2, &mut b3].into_iter().zip(&w[1]) {
-                    scale_add::<T, FMA, WIDTH>(sum, w, x[1]);
+                    T::add_scaled::<SIMD, WIDTH>(sum, w, x[1]);
                 }
             }
             for (x, w) in rest.iter().zip(weight_rest) {
                 for (sum, w) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip(w) {
-                    scale_add::<T, FMA, WIDTH>(sum, w, *x);
+                    T::add_scaled::<SIMD, WIDTH>(sum, w, *x);
                 }
             }
             for (sum, other) in [&mut a0, &mut a1, &mut a2, &mut a3].into_iter().zip([b0, b1, b2, b3]) {
-                scale_add::<T, FMA, WIDTH>(sum, &other, T::ONE);
+                T::add_scaled::<SIMD, WIDTH>(sum, &other, T::ONE);
             }
             output[block] = [a0, a1, a2, a3];
-            activate::<T, FMA, WIDTH>(activation, &mut output[block]);
+            activate::<T, SIMD, WIDTH>(activation, &mut output[block]);
         }
     }
 
     /// [`NARROW`] lanes and four columns at a time, likewise.
     #[inline(always)]
-    fn apply_narrow<const FMA: bool, const BIAS: bool>(
+    fn apply_narrow<const SIMD: u8, const BIAS: bool>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
@@ -148,34 +148,34 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
             let (groups, rest) = input.as_chunks::<4>();
             let (weight_groups, weight_rest) = columns.as_chunks::<4>();
             for (x, w) in groups.iter().zip(weight_groups) {
-                accumulate::<T, FMA, WIDTH>(&mut a, &w[0], x[0]);
-                accumulate::<T, FMA, WIDTH>(&mut b, &w[1], x[1]);
-                accumulate::<T, FMA, WIDTH>(&mut c, &w[2], x[2]);
-                accumulate::<T, FMA, WIDTH>(&mut d, &w[3], x[3]);
+                accumulate::<T, SIMD, WIDTH>(&mut a, &w[0], x[0]);
+                accumulate::<T, SIMD, WIDTH>(&mut b, &w[1], x[1]);
+                accumulate::<T, SIMD, WIDTH>(&mut c, &w[2], x[2]);
+                accumulate::<T, SIMD, WIDTH>(&mut d, &w[3], x[3]);
             }
             for (x, w) in rest.iter().zip(weight_rest) {
-                accumulate::<T, FMA, WIDTH>(&mut a, w, *x);
+                accumulate::<T, SIMD, WIDTH>(&mut a, w, *x);
             }
-            accumulate::<T, FMA, WIDTH>(&mut a, &b, T::ONE);
-            accumulate::<T, FMA, WIDTH>(&mut c, &d, T::ONE);
-            accumulate::<T, FMA, WIDTH>(&mut a, &c, T::ONE);
+            accumulate::<T, SIMD, WIDTH>(&mut a, &b, T::ONE);
+            accumulate::<T, SIMD, WIDTH>(&mut c, &d, T::ONE);
+            accumulate::<T, SIMD, WIDTH>(&mut a, &c, T::ONE);
             output[block] = a;
-            activate::<T, FMA, WIDTH>(activation, &mut output[block]);
+            activate::<T, SIMD, WIDTH>(activation, &mut output[block]);
         }
     }
 
     /// `W^T y`, `y` padded with anything that is finite.
     #[inline(always)]
-    pub(crate) fn apply_transposed<const FMA: bool>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
+    pub(crate) fn apply_transposed<const SIMD: u8>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
         output.fill(Lanes::ZERO);
         match self.block {
-            WIDE => self.apply_transposed_blocks::<FMA, WIDE>(input, output),
-            _ => self.apply_transposed_blocks::<FMA, NARROW>(input, output),
+            WIDE => self.apply_transposed_blocks::<SIMD, WIDE>(input, output),
+            _ => self.apply_transposed_blocks::<SIMD, NARROW>(input, output),
         }
     }
 
     #[inline(always)]
-    fn apply_transposed_blocks<const FMA: bool, const BLOCK: usize>(
+    fn apply_transposed_blocks<const SIMD: u8, const BLOCK: usize>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
@@ -184,7 +184,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         let weights = self.weights.as_chunks::<BLOCK>().0.chunks_exact(self.inputs);
         for (y, weights) in input.as_chunks::<BLOCK>().0.iter().zip(weights) {
             for (x, column) in output.iter_mut().zip(weights) {
-                *x = *x + dot::<T, FMA, WIDTH>(y, column);
+                *x = *x + dot::<T, SIMD, WIDTH>(y, column);
             }
         }
     }
@@ -208,7 +208,7 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
 
     /// `W x + b`, or `W x` without `BIAS`; `sums` is working memory of a lane a row.
     #[inline(always)]
-    pub(crate) fn apply<const FMA: bool, const BIAS: bool>(
+    pub(crate) fn apply<const SIMD: u8, const BIAS: bool>(
         &self,
         input: &mut [Lanes<T, WIDTH>],
         output: &mut [f64],
@@ -219,7 +219,7 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         flat_mut(input)[self.inputs..].fill(T::ZERO);
         // in two loops: in one, the compiler would take the vectors apart before they are complete
         for (sum, row) in sums.iter_mut().zip(self.weights.chunks_exact(self.lanes)) {
-            *sum = products::<T, FMA, WIDTH>(input, row);
+            *sum = products::<T, SIMD, WIDTH>(input, row);
         }
         for ((y, &bias), sum) in output.iter_mut().zip(&self.bias).zip(sums) {
             let product = total(sum);
@@ -229,7 +229,7 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
 
     /// `W^T y`
     #[inline(always)]
-    pub(crate) fn apply_transposed<const FMA: bool>(
+    pub(crate) fn apply_transposed<const SIMD: u8>(
         &self,
         input: impl Iterator<Item = T>,
         output: &mut [Lanes<T, WIDTH>],
@@ -238,7 +238,7 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         for (y, row) in input.zip(self.weights.chunks_exact(self.lanes)) {
             for (x, w) in output.iter_mut().zip(row) {
                 for (x, w) in x.0.iter_mut().zip(&w.0) {
-                    *x = fma::<T, FMA>(*w, y, *x);
+                    *x = fma::<T, SIMD>(*w, y, *x);
                 }
             }
         }
@@ -247,43 +247,35 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
 
 /// `sum + column * x`
 #[inline(always)]
-fn accumulate<T: Real, const FMA: bool, const WIDTH: usize>(
+fn accumulate<T: Real, const SIMD: u8, const WIDTH: usize>(
     sum: &mut [Lanes<T, WIDTH>; NARROW],
     column: &[Lanes<T, WIDTH>; NARROW],
     x: T,
 ) {
     for (sum, column) in sum.iter_mut().zip(column) {
-        scale_add::<T, FMA, WIDTH>(sum, column, x);
-    }
-}
-
-/// `sum + column * x`
-#[inline(always)]
-fn scale_add<T: Real, const FMA: bool, const WIDTH: usize>(sum: &mut Lanes<T, WIDTH>, column: &Lanes<T, WIDTH>, x: T) {
-    for (sum, w) in sum.0.iter_mut().zip(&column.0) {
-        *sum = fma::<T, FMA>(*w, x, *sum);
+        T::add_scaled::<SIMD, WIDTH>(sum, column, x);
     }
 }
 
 #[inline(always)]
-fn dot<T: Real, const FMA: bool, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
-    total(&products::<T, FMA, WIDTH>(a, b))
+fn dot<T: Real, const SIMD: u8, const WIDTH: usize>(a: &[Lanes<T, WIDTH>], b: &[Lanes<T, WIDTH>]) -> T {
+    total(&products::<T, SIMD, WIDTH>(a, b))
 }
 
 /// The products lane by lane, added up over all vectors.
 #[inline(always)]
-fn products<T: Real, const FMA: bool, const WIDTH: usize>(
+fn products<T: Real, const SIMD: u8, const WIDTH: usize>(
     a: &[Lanes<T, WIDTH>],
     b: &[Lanes<T, WIDTH>],
 ) -> Lanes<T, WIDTH> {
     let (mut even, mut odd) = (Lanes::ZERO, Lanes::ZERO);
     let ((a_pairs, a_rest), (b_pairs, b_rest)) = (a.as_chunks::<2>(), b.as_chunks::<2>());
     for (a, b) in a_pairs.iter().zip(b_pairs) {
-        multiply_add::<T, FMA, WIDTH>(&mut even, &a[0], &b[0]);
-        multiply_add::<T, FMA, WIDTH>(&mut odd, &a[1], &b[1]);
+        T::add_products::<SIMD, WIDTH>(&mut even, &a[0], &b[0]);
+        T::add_products::<SIMD, WIDTH>(&mut odd, &a[1], &b[1]);
     }
     for (a, b) in a_rest.iter().zip(b_rest) {
-        multiply_add::<T, FMA, WIDTH>(&mut even, a, b);
+        T::add_products::<SIMD, WIDTH>(&mut even, a, b);
     }
     Lanes(std::array::from_fn(|lane| even.0[lane] + odd.0[lane]))
 }
@@ -299,16 +291,4 @@ fn total<T: Real, const WIDTH: usize>(lanes: &Lanes<T, WIDTH>) -> T {
         low.iter_mut().zip(high).for_each(|(low, high)| *low = *low + *high);
     }
     sum[0]
-}
-
-/// `sum + a * b`, lane by lane
-#[inline(always)]
-fn multiply_add<T: Real, const FMA: bool, const WIDTH: usize>(
-    sum: &mut Lanes<T, WIDTH>,
-    a: &Lanes<T, WIDTH>,
-    b: &Lanes<T, WIDTH>,
-) {
-    for (sum, (a, b)) in sum.0.iter_mut().zip(a.0.iter().zip(&b.0)) {
-        *sum = fma::<T, FMA>(*a, *b, *sum);
-    }
 }

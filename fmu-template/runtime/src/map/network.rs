@@ -88,13 +88,13 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
 
     /// Outputs for the inputs that are loaded.
     #[inline(always)]
-    pub(crate) fn forward<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, outputs: &mut [f64]) {
+    pub(crate) fn forward<const SIMD: u8>(&self, buffers: &mut Buffers<T, WIDTH>, outputs: &mut [f64]) {
         let (current, next) = (&mut buffers.current.value, &mut buffers.next.value);
         for (layer, activation) in &self.hidden {
-            layer.apply::<FMA, true>(current, next, buffers.order, *activation);
+            layer.apply::<SIMD, true>(current, next, buffers.order, *activation);
             std::mem::swap(current, next);
         }
-        self.last.apply::<FMA, true>(current, outputs, next);
+        self.last.apply::<SIMD, true>(current, outputs, next);
         if self.last_activation != Activation::Identity {
             outputs.iter_mut().for_each(|y| [*y, ..] = series(self.last_activation, *y));
         }
@@ -104,7 +104,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     /// First derivatives of the outputs, and second ones if there is a slice for them, along the curve whose value and
     /// derivatives are loaded.
     #[inline(always)]
-    pub(crate) fn series<const FMA: bool>(
+    pub(crate) fn series<const SIMD: u8>(
         &self,
         buffers: &mut Buffers<T, WIDTH>,
         first: &mut [f64],
@@ -112,80 +112,80 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
     ) {
         let Buffers { current, next, last, .. } = buffers;
         for (layer, activation) in &self.hidden {
-            layer.apply::<FMA, true>(&current.value, &mut next.value, Order::Forward, Activation::Identity);
-            layer.apply::<FMA, false>(&current.first, &mut next.first, Order::Forward, Activation::Identity);
+            layer.apply::<SIMD, true>(&current.value, &mut next.value, Order::Forward, Activation::Identity);
+            layer.apply::<SIMD, false>(&current.first, &mut next.first, Order::Forward, Activation::Identity);
             if second.is_some() {
-                layer.apply::<FMA, false>(&current.second, &mut next.second, Order::Forward, Activation::Identity);
+                layer.apply::<SIMD, false>(&current.second, &mut next.second, Order::Forward, Activation::Identity);
             }
-            activation.with(Pass::<T, FMA, WIDTH> { series: next, lanes: layer.lanes() });
+            activation.with(Pass::<T, SIMD, WIDTH> { series: next, lanes: layer.lanes() });
             std::mem::swap(current, next);
         }
-        self.last.apply::<FMA, false>(&mut current.first, first, &mut next.first);
+        self.last.apply::<SIMD, false>(&mut current.first, first, &mut next.first);
         // not in a closure, which would not be compiled with the caller's instruction set
         if let Some(second) = second.as_deref_mut() {
-            self.last.apply::<FMA, false>(&mut current.second, second, &mut next.second);
+            self.last.apply::<SIMD, false>(&mut current.second, second, &mut next.second);
         }
         if self.last_activation != Activation::Identity {
-            self.last.apply::<FMA, true>(&mut current.value, last, &mut next.value);
+            self.last.apply::<SIMD, true>(&mut current.value, last, &mut next.value);
             pass_last(self.last_activation, last, first, second);
         }
     }
 
     /// `J^T weights` at the inputs that are loaded; the result is [`Buffers::gradient`].
     #[inline(always)]
-    pub(crate) fn adjoint<const FMA: bool>(&self, buffers: &mut Buffers<T, WIDTH>, weights: impl Iterator<Item = f64>) {
+    pub(crate) fn adjoint<const SIMD: u8>(&self, buffers: &mut Buffers<T, WIDTH>, weights: impl Iterator<Item = f64>) {
         let Buffers { current, next, slopes, last, .. } = buffers;
         let (current, next) = (&mut current.value, &mut next.value);
         for ((layer, activation), slopes) in self.hidden.iter().zip(&mut *slopes) {
-            layer.apply::<FMA, true>(current, next, Order::Forward, Activation::Identity);
-            activation.with(Record::<T, FMA, WIDTH> { values: next, slopes });
+            layer.apply::<SIMD, true>(current, next, Order::Forward, Activation::Identity);
+            activation.with(Record::<T, SIMD, WIDTH> { values: next, slopes });
             std::mem::swap(current, next);
         }
         if self.last_activation == Activation::Identity {
             last.fill(1.0);
         } else {
-            self.last.apply::<FMA, true>(current, last, next);
+            self.last.apply::<SIMD, true>(current, last, next);
             last.iter_mut().for_each(|y| [_, *y, _] = series(self.last_activation, *y));
         }
         let weights = weights.zip(&*last).map(|(weight, slope)| T::narrow(weight * slope));
-        self.last.apply_transposed::<FMA>(weights, current);
+        self.last.apply_transposed::<SIMD>(weights, current);
         for ((layer, _), slopes) in self.hidden.iter().zip(&*slopes).rev() {
             flat_mut(current).iter_mut().zip(flat(slopes)).for_each(|(x, &slope)| *x = *x * slope);
-            layer.apply_transposed::<FMA>(&current[..layer.lanes()], next);
+            layer.apply_transposed::<SIMD>(&current[..layer.lanes()], next);
             std::mem::swap(current, next);
         }
     }
 }
 
 /// Passes the first `lanes` of a series through an activation.
-struct Pass<'a, T, const FMA: bool, const WIDTH: usize> {
+struct Pass<'a, T, const SIMD: u8, const WIDTH: usize> {
     series: &'a mut Series<T, WIDTH>,
     lanes: usize,
 }
 
-impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Pass<'_, T, FMA, WIDTH> {
+impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Pass<'_, T, SIMD, WIDTH> {
     #[inline(always)]
     fn run<F: Function<T>>(self) {
         let Series { value, first, second } = self.series;
         let tangents = flat_mut(first).iter_mut().zip(flat_mut(second));
         for (x, (dx, ddx)) in flat_mut(&mut value[..self.lanes]).iter_mut().zip(tangents) {
-            let [y, slope, curvature] = F::series::<FMA>(*x);
+            let [y, slope, curvature] = F::series::<SIMD>(*x);
             (*x, *dx, *ddx) = (y, slope * *dx, slope * *ddx + curvature * *dx * *dx);
         }
     }
 }
 
 /// Replaces values by the activation of them and notes its slopes.
-struct Record<'a, T, const FMA: bool, const WIDTH: usize> {
+struct Record<'a, T, const SIMD: u8, const WIDTH: usize> {
     values: &'a mut [Lanes<T, WIDTH>],
     slopes: &'a mut [Lanes<T, WIDTH>],
 }
 
-impl<T: Real, const FMA: bool, const WIDTH: usize> User<T> for Record<'_, T, FMA, WIDTH> {
+impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Record<'_, T, SIMD, WIDTH> {
     #[inline(always)]
     fn run<F: Function<T>>(self) {
         for (x, slope) in flat_mut(self.values).iter_mut().zip(flat_mut(self.slopes)) {
-            [*x, *slope, _] = F::series::<FMA>(*x);
+            [*x, *slope, _] = F::series::<SIMD>(*x);
         }
     }
 }

@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn losses_gradients_and_steps_of_every_kind_agree_with_pytorch() {
-        let text = include_str!("../../tests/data/training_step.json");
+        let text = include_str!("../../../tests/data/training_step.json");
         let PyTorch { sizes, cases } = serde_json::from_str(text).unwrap();
         assert_eq!(cases.len(), 21);
         for case in cases {

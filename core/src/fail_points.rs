@@ -13,7 +13,7 @@ use std::{
 
 /// What has just been done to a file.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Moment {
+pub enum Moment {
     /// Its new content is complete, under another name.
     Complete,
     /// The new content has taken its place.
@@ -24,7 +24,7 @@ pub(crate) enum Moment {
 }
 
 /// Ends the process without cleaning up if it is to end at this moment.
-pub(crate) fn reach(moment: Moment, path: &Path) {
+pub fn reach(moment: Moment, path: &Path) {
     if let Ok(wanted) = env::var("METAFMU_ABORT_AT")
         && is_due(&wanted, moment, path)
     {

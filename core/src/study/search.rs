@@ -93,7 +93,7 @@ pub enum Scale {
 
 impl SearchOptions {
     /// Every mistake, by key within the section.
-    pub(crate) fn problems(&self) -> Problems {
+    pub fn problems(&self) -> Problems {
         let mut problems = Problems::default();
         let mut add = |key: &str, message: String| problems.add(key, message);
         if self.space.is_empty() {
@@ -171,7 +171,7 @@ impl SearchOptions {
 
 impl Space {
     /// All values of a list, the ends of a range.
-    pub(crate) fn choices(&self) -> Vec<toml::Value> {
+    pub fn choices(&self) -> Vec<toml::Value> {
         match self {
             Self::Values(values) => values.clone(),
             Self::Range(range) => vec![range.min.clone(), range.max.clone()],
@@ -180,7 +180,7 @@ impl Space {
 }
 
 /// Sets the value of a dotted key; none if it leads through something that is not a table.
-pub(crate) fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
+pub fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
     match key.split_once('.') {
         None => {
             table.insert(key.to_owned(), value);
@@ -232,7 +232,7 @@ impl Range {
     }
 
     /// The value at a share of the way from `min` to `max`.
-    pub(crate) fn at(&self, share: f64) -> toml::Value {
+    pub fn at(&self, share: f64) -> toml::Value {
         let (min, max) = self.ends().unwrap_or_default();
         let value = match self.scale {
             Scale::Linear => min + share * (max - min),

@@ -6,14 +6,14 @@ use std::collections::HashMap;
 
 /// The labels of the runs so far, and where each began.
 #[derive(Debug, Default)]
-pub(crate) struct Labels(HashMap<String, Place>);
+pub struct Labels(HashMap<String, Place>);
 
 impl Labels {
     /// Notes that a run begins at the row of a table; one without a label is not noted.
     ///
     /// # Errors
     /// [`Error::Table`](crate::Error::Table) if it began before.
-    pub(crate) fn begin(&mut self, table: &Table, label: &str) -> Result<()> {
+    pub fn begin(&mut self, table: &Table, label: &str) -> Result<()> {
         if label.is_empty() {
             return Ok(());
         }
@@ -28,7 +28,7 @@ impl Labels {
 }
 
 /// The run with a label, which may be empty, in messages.
-pub(crate) fn named(label: &str) -> String {
+pub fn named(label: &str) -> String {
     if label.is_empty() { "the run".into() } else { format!("run `{label}`") }
 }
 
@@ -36,7 +36,7 @@ pub(crate) fn named(label: &str) -> String {
 ///
 /// # Errors
 /// [`Error::Table`](crate::Error::Table).
-pub(crate) fn check_time(table: &Table, label: &str, before: f64, t: f64) -> Result<()> {
+pub fn check_time(table: &Table, label: &str, before: f64, t: f64) -> Result<()> {
     let run = named(label);
     if before == t {
         return Err(table.mistake(&format!("time {t} s is duplicated in {run}")));
@@ -52,7 +52,7 @@ pub(crate) fn check_time(table: &Table, label: &str, before: f64, t: f64) -> Res
 ///
 /// # Errors
 /// [`Error::Table`](crate::Error::Table).
-pub(crate) fn check_constants<'a>(
+pub fn check_constants<'a>(
     table: &Table,
     names: impl IntoIterator<Item = &'a str>,
     found: &[f64],

@@ -8,18 +8,15 @@ use super::{
     model::Model,
     simulate::{Sample, simulate},
 };
-use crate::{
-    integrate::{Budget, TOLERANCE},
-    source::systems::SYSTEMS,
-};
+use crate::integrate::{Budget, TOLERANCE};
 use std::path::Path;
 
-const SINGLE_PENDULUM: &str = include_str!("../../examples/mechanisms/single-pendulum.toml");
-const DOUBLE_PENDULUM: &str = include_str!("../../examples/mechanisms/double-pendulum.toml");
-const SLIDER_CRANK: &str = include_str!("../../examples/mechanisms/slider-crank.toml");
-const FOUR_BAR: &str = include_str!("../../examples/mechanisms/four-bar.toml");
-const QUARTER_CAR: &str = include_str!("../../examples/mechanisms/quarter-car.toml");
-const SCOTCH_YOKE: &str = include_str!("../../examples/mechanisms/scotch-yoke.toml");
+const SINGLE_PENDULUM: &str = include_str!("../../../examples/mechanisms/single-pendulum.toml");
+const DOUBLE_PENDULUM: &str = include_str!("../../../examples/mechanisms/double-pendulum.toml");
+const SLIDER_CRANK: &str = include_str!("../../../examples/mechanisms/slider-crank.toml");
+const FOUR_BAR: &str = include_str!("../../../examples/mechanisms/four-bar.toml");
+const QUARTER_CAR: &str = include_str!("../../../examples/mechanisms/quarter-car.toml");
+const SCOTCH_YOKE: &str = include_str!("../../../examples/mechanisms/scotch-yoke.toml");
 const EXAMPLES: [&str; 6] = [SINGLE_PENDULUM, DOUBLE_PENDULUM, SLIDER_CRANK, FOUR_BAR, QUARTER_CAR, SCOTCH_YOKE];
 
 fn both_formulations(text: &str) -> [Mechanism; 2] {
@@ -54,55 +51,6 @@ fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (Model, Vec
     let (model, _) = build(mechanism.description(), &values(mechanism, set)).unwrap();
     let samples = simulate(&model, times, &Budget::default()).unwrap();
     (model, samples)
-}
-
-/// Largest difference of the outputs between a built-in system and its twin.
-fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], stop: f64, count: u32) -> f64 {
-    let system = SYSTEMS.iter().find(|system| system.name == name).unwrap();
-    let times = grid(stop, count);
-    let mut largest: f64 = 0.0;
-    for mechanism in both_formulations(text) {
-        for point in points {
-            let set: Vec<(&str, f64)> = parameters.iter().copied().zip(point.iter().copied()).collect();
-            let twin = mechanism.simulate(&values(&mechanism, &set), &times, TOLERANCE, &Budget::default()).unwrap();
-            let quantity = |quantity: &crate::source::systems::Quantity| {
-                set.iter().find(|(name, _)| *name == quantity.name).map_or(quantity.default, |(_, value)| *value)
-            };
-            let quantities: Vec<f64> = system.quantities.iter().map(quantity).collect();
-            let exact = (system.simulate)(&quantities, &times, TOLERANCE, &Budget::default()).unwrap();
-            let rows = exact.chunks(system.outputs.len()).zip(twin.chunks(mechanism.outputs().len()));
-            for (exact, twin) in rows {
-                for (output, exact) in system.outputs.iter().zip(exact) {
-                    let column = mechanism.outputs().iter().position(|known| known.name == output.name).unwrap();
-                    largest = largest.max((twin[column] - exact).abs());
-                }
-            }
-        }
-    }
-    largest
-}
-
-#[test]
-fn the_single_pendulum_is_the_closed_form_in_both_formulations() {
-    let points: [&[f64]; 4] = [&[0.1, 0.0, 5.0], &[0.2, 0.15, 0.0], &[0.1911, 0.055, 3.78], &[0.123, 0.055, 2.53]];
-    let largest = difference("single-pendulum", SINGLE_PENDULUM, &points, &["L", "c", "thetad0"], 2.0, 200);
-    // theta and thetad; thetadd is up to 98 times theta
-    assert!(largest < 1e-8, "{largest:e}");
-}
-
-#[test]
-fn the_double_pendulum_is_the_closed_form_in_both_formulations() {
-    let points: [&[f64]; 3] = [&[1.0, 2.0, 0.1, 0.5], &[1.01, 2.13, 0.0, 0.3], &[1.98, 2.94, 0.087, 0.47]];
-    let parameters = ["L1", "L2", "theta1d0", "theta2d0"];
-    let largest = difference("double-pendulum", DOUBLE_PENDULUM, &points, &parameters, 5.0, 500);
-    assert!(largest < 1e-8, "{largest:e}");
-}
-
-#[test]
-fn the_slider_crank_is_the_closed_form() {
-    let points: [&[f64]; 3] = [&[1.0, 1.0, 2.5], &[2.0, 3.0, 3.5], &[1.78, 1.36, 3.05]];
-    let largest = difference("slider-crank", SLIDER_CRANK, &points, &["tau", "r", "L_over_r"], 5.0, 500);
-    assert!(largest < 1e-11, "{largest:e}");
 }
 
 #[test]
@@ -231,7 +179,7 @@ fn andrews_squeezing_mechanism_is_the_reference_solution() {
         (5, [12.107149234447, 0.440973355583, 0.490519544682, 1.219766771810, 587.4597890778]),
         (6, [15.810771195153, 0.040822240120, 0.524409965880, 1.048080741042, 1139.92030225]),
     ];
-    for mechanism in both_formulations(include_str!("../../examples/dynamics/andrews.toml")) {
+    for mechanism in both_formulations(include_str!("../../../examples/dynamics/andrews.toml")) {
         let rows = mechanism.simulate(&[4530.0], &grid(0.03, 6), TOLERANCE, &Budget::default()).unwrap();
         let rows: Vec<&[f64]> = rows.chunks(mechanism.outputs().len()).collect();
         for (index, [beta, k3, k5, k7, betad]) in reference {

@@ -98,7 +98,7 @@ pub use parameters::{ParameterOptions, Variability};
 pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
 pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
-pub(crate) use search::set;
+pub use search::set;
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
 pub use source::SourceOptions;
@@ -378,7 +378,7 @@ impl Study {
     }
 
     /// The file it was read from, and its text.
-    pub(crate) fn file(&self) -> (&Path, &str) {
+    pub fn file(&self) -> (&Path, &str) {
         (self.origin.path(), self.origin.text())
     }
 

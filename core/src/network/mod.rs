@@ -156,7 +156,7 @@ impl Network {
     ///
     /// # Panics
     /// If there is no such output.
-    pub(crate) fn clear_output(&mut self, output: usize) {
+    pub fn clear_output(&mut self, output: usize) {
         let (inputs, outputs) = (self.sizes[self.sizes.len() - 2], self.outputs());
         let last = self.parameters.len() - (inputs + 1) * outputs;
         let (weight, bias) = self.parameters[last..].split_at_mut(inputs * outputs);
@@ -189,7 +189,7 @@ impl Network {
         &self.parameters
     }
 
-    pub(crate) fn parameters_mut(&mut self) -> &mut [f32] {
+    pub fn parameters_mut(&mut self) -> &mut [f32] {
         &mut self.parameters
     }
 

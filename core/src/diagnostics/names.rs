@@ -1,7 +1,7 @@
 //! Names for people: lists of those there are, and the one that was probably meant.
 
 /// What to say behind a name that is not known: those that are, and the one that was probably meant.
-pub(crate) fn expected_one_of(found: &str, known: &[&str]) -> String {
+pub fn expected_one_of(found: &str, known: &[&str]) -> String {
     if known.is_empty() {
         return "there are none".into();
     }
@@ -9,12 +9,12 @@ pub(crate) fn expected_one_of(found: &str, known: &[&str]) -> String {
 }
 
 /// `; did you mean `x`?` with the known name that is closest to `found`; nothing if none is close.
-pub(crate) fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+pub fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     closest(found, known).map_or(String::new(), |name| format!("; did you mean `{name}`?"))
 }
 
 /// The first names, and how many more there are.
-pub(crate) fn listed(names: &[&str]) -> String {
+pub fn listed(names: &[&str]) -> String {
     const SHOWN: usize = 20;
     match names.get(SHOWN..) {
         Some(more) if !more.is_empty() => format!("{} and {} more", names[..SHOWN].join(", "), more.len()),

@@ -1,7 +1,7 @@
 //! Where a mistake is and what it is: the one error type, problems by key, lines and keys of files, "did you mean".
 
 pub mod error;
-pub(crate) mod names;
+pub mod names;
 pub mod origin;
 mod place;
 mod problems;

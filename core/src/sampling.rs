@@ -116,7 +116,7 @@ fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>
 /// A share `faces` of the points lies on the ends of each range, half of it on either: `u` becomes
 /// `clip((u - faces / 2) / (1 - faces), 0, 1)`. A network is worst at the faces of the box it was trained in, for nothing holds it from
 /// outside. Nominal and periodic parameters have no ends. Of points that coincide on the faces, as corners do, the later ones stay inside.
-pub(crate) fn place(
+pub fn place(
     parameters: &[&ParameterOptions],
     faces: f64,
     points: impl Iterator<Item = Vec<f64>>,
@@ -160,7 +160,7 @@ fn halton(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = 
 }
 
 /// Independent points, uniform over the unit cube.
-pub(crate) fn uniform(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
+pub fn uniform(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
     std::iter::repeat_with(move || (0..parameters).map(|_| unit_interval(&mut generator)).collect())
 }
 
@@ -192,7 +192,7 @@ mod tests {
     use std::path::Path;
 
     fn study(edit: impl Fn(String) -> String) -> Study {
-        let text = edit(include_str!("../examples/paper/single-pendulum.toml").to_owned());
+        let text = edit(include_str!("../../examples/paper/single-pendulum.toml").to_owned());
         Study::parse(&text, Path::new("s.toml")).unwrap()
     }
 
@@ -302,7 +302,7 @@ mod tests {
     fn the_points_of_a_list_are_taken_as_they_are() {
         let folder = tempfile::tempdir().unwrap();
         let text =
-            include_str!("../examples/paper/single-pendulum.toml").replace("method = \"mesh\"", "method = \"list\"");
+            include_str!("../../examples/paper/single-pendulum.toml").replace("method = \"mesh\"", "method = \"list\"");
         let text = text.replace("levels = 11", "file = \"points.csv\"");
         let path = folder.path().join("study.toml");
         let read = |list: &str| {
@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn a_list_must_hold_listed_values() {
         let folder = tempfile::tempdir().unwrap();
-        let text = encoded(include_str!("../examples/paper/single-pendulum.toml").to_owned());
+        let text = encoded(include_str!("../../examples/paper/single-pendulum.toml").to_owned());
         let text = text.replace("method = \"mesh\"", "method = \"list\"").replace("levels = 11", "file = \"p.csv\"");
         let read = |list: &str| {
             std::fs::write(folder.path().join("p.csv"), list).unwrap();

@@ -6,7 +6,7 @@
 
 mod csv;
 mod parquet;
-pub(crate) mod runs;
+pub mod runs;
 pub mod writer;
 
 use crate::{

@@ -39,10 +39,10 @@ fn vector(values: &[f64]) -> DVector<f64> {
 
 /// Mechanisms without prescribed motion, with closed loops and without, and states of them.
 fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
-    let double = include_str!("../../../examples/mechanisms/double-pendulum.toml");
-    let four_bar = include_str!("../../../examples/mechanisms/four-bar.toml");
-    let car = include_str!("../../../examples/mechanisms/quarter-car.toml");
-    let andrews = include_str!("../../../examples/dynamics/andrews.toml");
+    let double = include_str!("../../../../examples/mechanisms/double-pendulum.toml");
+    let four_bar = include_str!("../../../../examples/mechanisms/four-bar.toml");
+    let car = include_str!("../../../../examples/mechanisms/quarter-car.toml");
+    let andrews = include_str!("../../../../examples/dynamics/andrews.toml");
     let mut states = vec![(reduced(CRANE, &[]).unwrap(), [vec![0.7, -0.4], vec![1.1, -2.3], vec![5.0]])];
     for (text, s, rates, u) in [
         (double, vec![0.9, -0.3], vec![1.3, 2.1], vec![]),
@@ -141,7 +141,7 @@ fn a_driven_run_is_the_solution_of_the_reduced_equations() {
 
 #[test]
 fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
-    let mechanism = parse(include_str!("../../../examples/dynamics/andrews.toml"));
+    let mechanism = parse(include_str!("../../../../examples/dynamics/andrews.toml"));
     let reduced = mechanism.reduced(&[4530.0], &[]).unwrap();
     let derivative = |y: &Vector2<f64>| {
         let acceleration = reduced.accelerations(&vector(&[y[0]]), &vector(&[y[1]]), &[0.033]).unwrap();
@@ -158,7 +158,7 @@ fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
 
 #[test]
 fn a_crank_is_followed_around_on_the_same_assembly() {
-    let mechanism = parse(include_str!("../../../examples/dynamics/andrews.toml"));
+    let mechanism = parse(include_str!("../../../../examples/dynamics/andrews.toml"));
     let reduced = mechanism.reduced(&[4530.0], &[]).unwrap();
     let start = reduced.start().0[0];
     let first = reduced.configuration(&vector(&[start + 1.0])).unwrap();

@@ -9,7 +9,7 @@ pub(crate) fn transpose(from: &[[f32; WIDTH]], to: &mut [[f32; WIDTH]]) {
         for column in (0..columns).step_by(4) {
             let block = transpose4([0, 1, 2, 3].map(|i| quad(&from[row + i], column)));
             for (within, values) in block.into_iter().enumerate() {
-                to[column + within][row..row + 4].copy_from_slice(&values);
+                to[column + within].as_chunks_mut::<4>().0[row / 4] = values;
             }
         }
     }

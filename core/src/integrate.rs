@@ -141,7 +141,7 @@ where
 }
 
 /// Why a method gave up, without the time.
-pub(crate) fn in_words(error: &IntegrationError) -> String {
+pub fn in_words(error: &IntegrationError) -> String {
     match error {
         IntegrationError::MaxNumStepReached { n_step, .. } => format!("more than {n_step} steps"),
         IntegrationError::StepSizeUnderflow { .. } => "no step is short enough for the tolerance".into(),

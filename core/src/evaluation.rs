@@ -9,7 +9,7 @@ use crate::{
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
-pub(crate) use roll_outs::RollOut;
+pub use roll_outs::RollOut;
 pub use roll_outs::{Horizon, OFF, RollOuts, predict_off};
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,6 @@
 use super::*;
 
-const GOOD: &str = include_str!("../../examples/paper/single-pendulum.toml");
+pub const GOOD: &str = include_str!("../../../examples/paper/single-pendulum.toml");
 
 fn problems(text: &str) -> Vec<String> {
     match Study::parse(text, Path::new("study.toml")) {
@@ -377,7 +377,7 @@ fn the_schemas_limits_are_those_of_the_checks() {
 
 #[test]
 fn names_of_coordinates_need_no_quotes() {
-    let crane = include_str!("../../examples/dynamics/crane-study.toml");
+    let crane = include_str!("../../../examples/dynamics/crane-study.toml");
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/dynamics/s.toml"));
     let parse = |text: &str| Study::parse(text, path);
     let quoted = parse(crane).unwrap();

@@ -153,7 +153,7 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
 }
 
 /// A surrogate that follows a run: from its start, by its inputs, which are linear between two rows.
-pub(crate) struct RollOut<'a> {
+pub struct RollOut<'a> {
     surrogate: &'a Surrogate,
     /// With the parameters of the run.
     evaluator: Evaluator,
@@ -171,7 +171,7 @@ pub(crate) struct RollOut<'a> {
 
 impl<'a> RollOut<'a> {
     /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
-    pub(crate) fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
+    pub fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
         let evaluator = evaluator.held(&run.parameters);
         let mut point = run.parameters.clone();
         point.resize(evaluator.columns(), 0.0);
@@ -203,7 +203,7 @@ impl<'a> RollOut<'a> {
 
     /// Goes from the row before to a row: the point there, with inputs and states, and its results; none if the motion cannot be
     /// computed.
-    pub(crate) fn at(&mut self, row: usize) -> Option<(&[f64], &[f64])> {
+    pub fn at(&mut self, row: usize) -> Option<(&[f64], &[f64])> {
         self.go_to(row)?;
         self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
         Some((&self.point, &self.results))

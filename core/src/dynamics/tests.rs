@@ -61,7 +61,7 @@ fn the_same_seed_gives_the_same_bits() {
 
 #[test]
 fn andrews_mechanism_with_its_torque_as_an_input_is_within_1e_8_after_two_and_a_half_turns() {
-    let text = include_str!("../../examples/dynamics/andrews.toml");
+    let text = include_str!("../../../examples/dynamics/andrews.toml");
     let start = -0.061_713_890_014_276_45;
     let region = Region { coordinates: vec![Range::new("K1.angle", start, start + TAU)], ..Region::default() };
     let fitted = fit(&parse(text), &region, 1).unwrap();
@@ -137,7 +137,7 @@ fn forces_that_are_not_linear_in_the_velocities_are_what_the_equations_leave_out
 
 #[test]
 fn gradients_of_the_functions_are_those_of_finite_differences() {
-    let text = include_str!("../../examples/dynamics/slider-crank.toml");
+    let text = include_str!("../../../examples/dynamics/slider-crank.toml");
     let mechanism = parse(text);
     let free = mechanism.free_coordinates().unwrap().remove(0).name;
     let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();

@@ -1,0 +1,26 @@
+//! What metafmu computes with, and what a study says: tables, mechanisms, equations of motion, networks and their training.
+//!
+//! Everything here is part of the crate `metafmu` too, whose documentation has the whole way from a study to an FMU.
+
+// only commands print
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
+pub mod dataset;
+pub mod diagnostics;
+pub mod dynamics;
+pub mod evaluation;
+pub mod fail_points;
+pub mod files;
+pub mod integrate;
+pub mod layout;
+pub mod multibody;
+pub mod network;
+pub mod sampling;
+pub mod scaling;
+pub mod signal;
+pub mod study;
+pub mod table;
+pub mod training;
+pub mod variable;
+
+pub use diagnostics::error::{Error, Result};
