@@ -1,9 +1,9 @@
-"""Checks that imports in src/ go downward only: a module may use those before it in ORDER and no other.
+"""Checks that imports in core/src/ and src/ go downward only: a module may use those before it in ORDER and no other.
 
 Prints every arrow that goes up, with its file and line, and ends with exit code 1 if there is one. Tests may look anywhere.
 What `use` lines and paths name after `crate::` is a module, or something re-exported by one (`Error`, `Result`).
 
-Usage: python3 scripts/check-imports.py [SRC]
+Usage: python3 scripts/check-imports.py [SRC...]
 """
 
 import argparse
@@ -68,10 +68,11 @@ def imports(text):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("src", type=Path, nargs="?", default=Path(__file__).parent.parent / "src", help="the folder; src/ unless given")
-    src = parser.parse_args().src
+    root = Path(__file__).parent.parent
+    folders = [root / "core" / "src", root / "src"]
+    parser.add_argument("src", type=Path, nargs="*", default=folders, help="the folders; core/src/ and src/ unless given")
     mistakes, arrows = [], set()
-    for path in sorted(src.rglob("*.rs")):
+    for src, path in ((src, path) for src in parser.parse_args().src for path in sorted(src.rglob("*.rs"))):
         module = path.relative_to(src).parts[0].removesuffix(".rs")
         is_test = "tests" in path.stem or "tests" in path.parts or path.stem == "testing"
         if is_test or module in ("main", "lib", "cli", "commands"):

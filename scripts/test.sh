@@ -34,21 +34,29 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
-# after what compiles: the FMU's library, which a build script compiles on one core, then is built beside the dependencies
+# the two largest crates are compiled quickly, not well, for these: as others use them, they are what is released, see [profile.release]
+unit_tests() {
+  local quick=profile.release.package
+  cargo test --workspace --exclude metafmu --lib --release --locked \
+    --config $quick.metafmu-core.opt-level=1 --config $quick.metafmu-core.codegen-units=16
+  cargo test --package metafmu --lib --release --locked --config $quick.metafmu.opt-level=0
+}
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
 if [ $extent = quick ]; then
-  step "Rust unit tests";   cargo test --workspace --lib --release --locked
+  step "Rust unit tests";   unit_tests
   step "command";           cargo build --release --locked
   lints
   step "one build in fmpy"; tests -m quick -n 0 "$@"
   exit
 fi
-# also builds the examples that the Python tests run
-step "Rust tests";          cargo test --workspace --release --locked
-step "command";             cargo build --release --locked   # as the tests had it: nothing is compiled
+# with the examples, which the Python tests run; before the lints, as the FMU's library, which a build script compiles on one core, then
+# is built beside the dependencies
+step "command";             cargo build --release --locked --bins --examples
+step "Rust unit tests";     unit_tests
+step "other Rust tests";    cargo test --package metafmu --bins --test '*' --release --locked; cargo test --workspace --doc --release --locked
 lints
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }

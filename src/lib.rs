@@ -69,6 +69,7 @@ pub mod surrogate;
 pub mod swap;
 
 use metafmu_core::fail_points;
+#[doc(inline)]
 pub use metafmu_core::{
     Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, layout, multibody, network, sampling,
     scaling, signal, study, table, training, variable,

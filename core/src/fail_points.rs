@@ -20,6 +20,7 @@ pub enum Moment {
     Replaced,
     /// A record was appended to it.
     Appended,
+    /// It was removed.
     Removed,
 }
 

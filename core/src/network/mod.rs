@@ -189,6 +189,7 @@ impl Network {
         &self.parameters
     }
 
+    /// [`Self::parameters`], to write.
     pub fn parameters_mut(&mut self) -> &mut [f32] {
         &mut self.parameters
     }

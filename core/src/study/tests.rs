@@ -378,7 +378,7 @@ fn the_schemas_limits_are_those_of_the_checks() {
 #[test]
 fn names_of_coordinates_need_no_quotes() {
     let crane = include_str!("../../../examples/dynamics/crane-study.toml");
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/dynamics/s.toml"));
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/dynamics/s.toml"));
     let parse = |text: &str| Study::parse(text, path);
     let quoted = parse(crane).unwrap();
     let bare = crane.replace("\"rail.position\"", "rail.position").replace("\"rope.angle\"", "rope.angle");
