@@ -9,7 +9,7 @@ use metafmu::{
         build::build,
         simulate::{Sample, simulate},
     },
-    source::systems::SYSTEMS,
+    systems::SYSTEMS,
 };
 use nalgebra::Vector2;
 use ode_solvers::{Dop853, System, dop_shared::OutputType};

@@ -15,7 +15,7 @@ from pathlib import Path
 ORDER = """
 diagnostics fail_points
 files integrate signal variable
-table multibody
+table multibody systems
 dataset dynamics
 layout
 scaling

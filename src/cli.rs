@@ -1,12 +1,7 @@
 //! The command line: definitions only.
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use metafmu::{
-    baseline::BaselineKind,
-    fmi::worker,
-    source::{shard::Shard, systems::SYSTEMS},
-    table::writer::Format,
-};
+use metafmu::{baseline::BaselineKind, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format};
 use std::{path::PathBuf, time::Duration};
 
 /// Turns a multibody model into a small, fast, trustworthy FMU.

@@ -72,5 +72,5 @@ use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
     Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, layout, multibody, network, sampling,
-    scaling, signal, study, table, training, variable,
+    scaling, signal, study, systems, table, training, variable,
 };

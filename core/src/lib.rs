@@ -19,6 +19,7 @@ pub mod sampling;
 pub mod scaling;
 pub mod signal;
 pub mod study;
+pub mod systems;
 pub mod table;
 pub mod training;
 pub mod variable;

@@ -8,8 +8,8 @@ mod table;
 use super::{Outcome, print, terminal::control};
 use crate::cli::NewArgs;
 use metafmu::{
-    Error, Result, diagnostics::Problems, files, multibody::Mechanism, pipeline::project::describe,
-    source::systems::SYSTEMS, study::Study,
+    Error, Result, diagnostics::Problems, files, multibody::Mechanism, pipeline::project::describe, study::Study,
+    systems::SYSTEMS,
 };
 use std::{
     fmt::Write,

@@ -7,7 +7,6 @@ mod point;
 pub mod recorded;
 pub mod shard;
 pub mod simulation;
-pub mod systems;
 
 use crate::{
     Result,
@@ -157,8 +156,11 @@ mod tests {
 
     #[test]
     fn the_elements_of_an_array_have_one_unit() {
-        let text =
-            systems::SYSTEMS[0].study.replacen("[sampling]", "[arrays]\nq = [\"theta\", \"thetad\"]\n[sampling]", 1);
+        let text = crate::systems::SYSTEMS[0].study.replacen(
+            "[sampling]",
+            "[arrays]\nq = [\"theta\", \"thetad\"]\n[sampling]",
+            1,
+        );
         let study = Study::parse(&text, Path::new("s.toml")).unwrap();
         let message = Source::new(&study).unwrap_err().to_string();
         assert!(message.contains("arrays.q: the outputs have different units"), "{message}");

@@ -1,6 +1,6 @@
 //! Points of a mechanism whose paths follow from its outputs.
 
-use super::systems::SystemPoint;
+use crate::systems::SystemPoint;
 
 /// A point that moves in the plane.
 #[derive(Clone, Debug)]

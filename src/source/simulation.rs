@@ -5,9 +5,7 @@ use super::{
     driven::Driven,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
-    list,
-    systems::{SYSTEMS, System},
-    wrong_unit,
+    list, wrong_unit,
 };
 use crate::{
     Error, Result,
@@ -17,6 +15,7 @@ use crate::{
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
     study::{SourceOptions, Study},
+    systems::{SYSTEMS, System},
     variable::Variable,
 };
 use rayon::prelude::*;
