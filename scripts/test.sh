@@ -34,7 +34,7 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
-# the two largest crates are compiled quickly, not well, for these: as others use them, they are what is released, see [profile.release]
+# the unit tests of the two largest crates are optimised less, to compile sooner; what they link, and what all other tests run, is as released
 unit_tests() {
   local quick=profile.release.package
   cargo test --workspace --exclude metafmu --lib --release --locked \
@@ -56,7 +56,8 @@ fi
 # is built beside the dependencies
 step "command";             cargo build --release --locked --bins --examples
 step "Rust unit tests";     unit_tests
-step "other Rust tests";    cargo test --package metafmu --bins --test '*' --release --locked; cargo test --workspace --doc --release --locked
+step "other Rust tests";    cargo test --package metafmu --bins --test '*' --release --locked
+step "examples in docs";    cargo test --workspace --doc --release --locked
 lints
 step "documentation";       RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked --quiet
 step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1; }
