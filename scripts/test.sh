@@ -37,9 +37,9 @@ fi
 # the unit tests of the two largest crates are optimised less, to compile sooner; what they link, and what all other tests run, is as released
 unit_tests() {
   local quick=profile.release.package
-  cargo test --workspace --exclude metafmu --lib --release --locked \
+  cargo test --workspace --exclude metafmu --exclude metafmu-baselines --lib --release --locked \
     --config $quick.metafmu-core.opt-level=1 --config $quick.metafmu-core.codegen-units=16
-  cargo test --package metafmu --lib --release --locked --config $quick.metafmu.opt-level=0
+  cargo test --package metafmu --package metafmu-baselines --lib --release --locked --config $quick.metafmu.opt-level=0
 }
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 

@@ -1,28 +1,8 @@
 //! Elastic net: least squares with penalties on the sizes and the squares of the weights.
 
-use crate::{Baseline, Fitted, OptionProblem, Rows, expect, for_each_output, linear, not_negative};
+use crate::{Baseline, Fitted, Rows, for_each_output, linear};
 use linfa::traits::Fit;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.elastic-net]`: the smallest
-/// `1/(2 rows) |y - b - X w|^2 + alpha (l1_ratio |w|_1 + (1 - l1_ratio)/2 |w|_2^2)` over standardised columns.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ElasticNet {
-    /// Strength of the penalties.
-    #[schemars(range(min = 0))]
-    pub alpha: f64,
-    /// Share of the penalty on the sizes, above 0: 1 is lasso.
-    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
-    pub l1_ratio: f64,
-}
-
-impl Default for ElasticNet {
-    fn default() -> Self {
-        Self { alpha: 1e-3, l1_ratio: 0.5 }
-    }
-}
+use metafmu_core::study::baselines::ElasticNet;
 
 impl Baseline for ElasticNet {
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
@@ -36,13 +16,6 @@ impl Baseline for ElasticNet {
             Ok((fitted.intercept(), fitted.hyperplane().to_vec()))
         })?;
         Ok(linear::formula(rows, &fits))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        // without any penalty on sizes linfa's search does not end
-        let share = self.l1_ratio > 0.0 && self.l1_ratio <= 1.0;
-        let share = expect(share, "l1_ratio", &self.l1_ratio, "a share above 0, at most 1");
-        not_negative("alpha", self.alpha).into_iter().chain(share).collect()
     }
 }
 

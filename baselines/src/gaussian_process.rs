@@ -1,36 +1,10 @@
 //! Gaussian process regression (kriging).
 
-use crate::{Baseline, Fitted, OptionProblem, Rows, at_least, at_most, expect, for_each_output};
+use crate::{Baseline, Fitted, Rows, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
+use metafmu_core::study::baselines::GaussianProcess;
 use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.gaussian-process]`: a squared exponential kernel with a length of its own for each standardised input.
-/// Amplitude, lengths and noise are those of the greatest likelihood of a few rows; the model is that of more.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct GaussianProcess {
-    /// At most so many rows: time grows with their cube.
-    #[schemars(range(min = 2, max = MOST))]
-    pub rows: usize,
-    /// How many of them decide the kernel.
-    #[schemars(range(min = 2, max = MOST))]
-    pub kernel_rows: usize,
-    /// Steps of the search for the greatest likelihood.
-    #[schemars(range(min = 1, max = MOST))]
-    pub steps: usize,
-    /// Standard deviation of the noise, in those of the outputs, where the search begins; at least 0.002.
-    #[schemars(range(min = 0.002), extend("exclusiveMaximum" = 1))]
-    pub noise: f64,
-}
-
-impl Default for GaussianProcess {
-    fn default() -> Self {
-        Self { rows: 1000, kernel_rows: 300, steps: 100, noise: 0.05 }
-    }
-}
 
 impl Baseline for GaussianProcess {
     fn most_rows(&self) -> Option<usize> {
@@ -38,43 +12,29 @@ impl Baseline for GaussianProcess {
     }
 
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
-        let machines = for_each_output(rows, |output| machine(&self.process(rows, output), rows, output))?;
+        let machines = for_each_output(rows, |output| machine(&process(self, rows, output), rows, output))?;
         let function = Function::Kernel(KernelMachines { machines });
         Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
     }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        let counts = [("rows", self.rows, 2), ("kernel_rows", self.kernel_rows, 2), ("steps", self.steps, 1)];
-        let counts = counts
-            .into_iter()
-            .filter_map(|(key, value, least)| at_least(key, value, least).or(at_most(key, value, MOST)));
-        let noise = expect((0.002..1.0).contains(&self.noise), "noise", &self.noise, "at least 0.002 and below 1");
-        counts.chain(noise).collect()
-    }
 }
-
-/// Rows, the squares of whose number are in memory, and steps of the search.
-const MOST: usize = 20_000;
 
 /// Outputs are given to friedrich in thousandths of a standard deviation: its search changes the logarithm of the noise by a
 /// share of itself, which goes the right way only as long as that is positive. The noise is never below one of these.
 const UNIT: f64 = 1e-3;
 
-impl GaussianProcess {
-    fn process(&self, rows: &Rows, output: usize) -> Process<SquaredExponential, ConstantPrior> {
-        let amplitude_and_lengths = [1.0 / UNIT].into_iter().chain(vec![1.0; rows.inputs]).collect();
-        let few = self.kernel_rows.min(rows.len());
-        let (x, y) = (inputs(rows, few), outputs(rows, output));
-        let first = Process::builder(x, y.rows(0, few).into_owned())
-            .set_kernel(SquaredExponential(amplitude_and_lengths))
-            .set_noise(self.noise / UNIT)
-            .set_prior(ConstantPrior::new(0.0))
-            // no early end: the first steps of the search are often small
-            .set_fit_parameters(self.steps, 0.0)
-            .fit_kernel()
-            .train();
-        Process::new(ConstantPrior::new(0.0), first.kernel, first.noise, None, inputs(rows, rows.len()), y)
-    }
+fn process(model: &GaussianProcess, rows: &Rows, output: usize) -> Process<SquaredExponential, ConstantPrior> {
+    let amplitude_and_lengths = [1.0 / UNIT].into_iter().chain(vec![1.0; rows.inputs]).collect();
+    let few = model.kernel_rows.min(rows.len());
+    let (x, y) = (inputs(rows, few), outputs(rows, output));
+    let first = Process::builder(x, y.rows(0, few).into_owned())
+        .set_kernel(SquaredExponential(amplitude_and_lengths))
+        .set_noise(model.noise / UNIT)
+        .set_prior(ConstantPrior::new(0.0))
+        // no early end: the first steps of the search are often small
+        .set_fit_parameters(model.steps, 0.0)
+        .fit_kernel()
+        .train();
+    Process::new(ConstantPrior::new(0.0), first.kernel, first.noise, None, inputs(rows, rows.len()), y)
 }
 
 fn inputs(rows: &Rows, count: usize) -> DMatrix<f64> {
@@ -163,7 +123,7 @@ mod tests {
         let fitted = model.fit(&rows, 1).unwrap();
         for output in 0..rows.outputs {
             let points: Vec<Vec<f64>> = rows.x.chunks(3).map(<[f64]>::to_vec).collect();
-            for (row, predicted) in model.process(&rows, output).predict(&points).iter().enumerate() {
+            for (row, predicted) in process(&model, &rows, output).predict(&points).iter().enumerate() {
                 assert!((formula_at(&fitted, &rows, row)[output] - predicted * UNIT).abs() < 1e-9, "row {row}");
             }
             assert!(r2(&fitted, &rows, output) > 0.99);

@@ -1,39 +1,11 @@
 //! Gradient boosting: trees that each correct the sum of those before.
 
-use crate::{
-    Baseline, Fitted, LibraryModel, MOST_TREES, OptionProblem, Rows, at_least, at_most, expect, for_each_output,
-    svr::matrix,
-};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use crate::{Baseline, Fitted, LibraryModel, Rows, for_each_output, svr::matrix};
+use metafmu_core::study::baselines::GradientBoosting;
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
     xgboost::xgb_regressor::{XGRegressor, XGRegressorParameters},
 };
-
-/// `[baselines.gradient-boosting]`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct GradientBoosting {
-    /// Number of trees of each output.
-    #[schemars(range(min = 1, max = MOST_TREES))]
-    pub trees: usize,
-    /// Most splits from the root to a leaf.
-    #[schemars(range(min = 1))]
-    pub depth: u16,
-    /// How much of its correction a tree makes.
-    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
-    pub learning_rate: f64,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-impl Default for GradientBoosting {
-    fn default() -> Self {
-        Self { trees: 100, depth: 6, learning_rate: 0.3, rows: 50_000 }
-    }
-}
 
 impl Baseline for GradientBoosting {
     fn most_rows(&self) -> Option<usize> {
@@ -64,19 +36,6 @@ impl Baseline for GradientBoosting {
             memory_bytes: (nodes * 5 * size_of::<f64>()) as u64,
             not_exportable: "smartcore gives no access to its trees",
         }))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        let share = self.learning_rate > 0.0 && self.learning_rate <= 1.0;
-        let share = expect(share, "learning_rate", &self.learning_rate, "above 0, at most 1");
-        let depth = at_least("depth", self.depth.into(), 1);
-        at_least("trees", self.trees, 1)
-            .or(at_most("trees", self.trees, MOST_TREES))
-            .into_iter()
-            .chain(depth)
-            .chain(share)
-            .chain(at_least("rows", self.rows, 2))
-            .collect()
     }
 }
 

@@ -1,31 +1,11 @@
 //! k nearest neighbours.
 
-use crate::{Baseline, Fitted, LibraryModel, OptionProblem, Rows, at_least};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use crate::{Baseline, Fitted, LibraryModel, Rows};
+use metafmu_core::study::baselines::Knn;
 use smartcore::{
     algorithm::neighbour::cover_tree::CoverTree,
     metrics::distance::{Distances, euclidian::Euclidian},
 };
-
-/// `[baselines.knn]`: the mean of the nearest training rows, weighted by the inverse of their distance in standardised
-/// inputs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Knn {
-    /// How many.
-    #[schemars(range(min = 1))]
-    pub neighbours: usize,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-impl Default for Knn {
-    fn default() -> Self {
-        Self { neighbours: 5, rows: 100_000 }
-    }
-}
 
 impl Baseline for Knn {
     fn most_rows(&self) -> Option<usize> {
@@ -48,11 +28,6 @@ impl Baseline for Knn {
             memory_bytes,
             not_exportable: "an FMU of it would carry every training row and search them in each step",
         }))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        let neighbours = at_least("neighbours", self.neighbours, 1);
-        neighbours.into_iter().chain(at_least("rows", self.rows, self.neighbours.max(2))).collect()
     }
 }
 

@@ -1,31 +1,11 @@
 //! Lasso: least squares with a penalty on the sizes of the weights, which makes some of them zero.
 
-use crate::{Baseline, ElasticNet, Fitted, OptionProblem, Rows, not_negative};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.lasso]`: the elastic net with `l1_ratio = 1`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Lasso {
-    /// Strength of the penalty.
-    #[schemars(range(min = 0))]
-    pub alpha: f64,
-}
-
-impl Default for Lasso {
-    fn default() -> Self {
-        Self { alpha: 1e-3 }
-    }
-}
+use crate::{Baseline, Fitted, Rows};
+use metafmu_core::study::baselines::{ElasticNet, Lasso};
 
 impl Baseline for Lasso {
     fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
         ElasticNet { alpha: self.alpha, l1_ratio: 1.0 }.fit(rows, seed)
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        not_negative("alpha", self.alpha).into_iter().collect()
     }
 }
 

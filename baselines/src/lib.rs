@@ -9,7 +9,6 @@ mod gradient_boosting;
 mod knn;
 mod lasso;
 mod linear;
-mod options;
 mod polynomial;
 mod ridge;
 mod rows;
@@ -19,28 +18,9 @@ mod testing;
 mod tree;
 pub mod worker;
 
-pub use elastic_net::ElasticNet;
-pub use gaussian_process::GaussianProcess;
-pub use gradient_boosting::GradientBoosting;
-pub use knn::Knn;
-pub use lasso::Lasso;
-pub use linear::Linear;
+pub use metafmu_core::study::baselines::{BaselineKind, Baselines};
 use metafmu_runtime::regression::Regression;
-pub use options::{BaselineKind, Baselines};
-pub use polynomial::Polynomial;
-pub use ridge::Ridge;
 pub use rows::Rows;
-pub use svr::Svr;
-pub use tree::{DecisionTree, ExtraTrees, RandomForest};
-
-/// What is wrong with an option.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct OptionProblem {
-    /// Its key within the section: of the model, or `[baselines]` in what [`Baselines`] says.
-    pub key: String,
-    /// What was found and what is expected.
-    pub message: String,
-}
 
 /// A model that can be fitted to rows.
 pub trait Baseline {
@@ -54,9 +34,24 @@ pub trait Baseline {
     /// # Errors
     /// Why it cannot be fitted, in words.
     fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String>;
+}
 
-    /// Every mistake in the options.
-    fn problems(&self) -> Vec<OptionProblem>;
+/// The model of a kind, with its options.
+pub fn model(options: &Baselines, kind: BaselineKind) -> &dyn Baseline {
+    match kind {
+        BaselineKind::Linear => &options.linear,
+        BaselineKind::Ridge => &options.ridge,
+        BaselineKind::Lasso => &options.lasso,
+        BaselineKind::ElasticNet => &options.elastic_net,
+        BaselineKind::Polynomial => &options.polynomial,
+        BaselineKind::Svr => &options.svr,
+        BaselineKind::Knn => &options.knn,
+        BaselineKind::DecisionTree => &options.decision_tree,
+        BaselineKind::RandomForest => &options.random_forest,
+        BaselineKind::ExtraTrees => &options.extra_trees,
+        BaselineKind::GradientBoosting => &options.gradient_boosting,
+        BaselineKind::GaussianProcess => &options.gaussian_process,
+    }
 }
 
 /// A fitted model.
@@ -87,28 +82,4 @@ fn for_each_output<T: Send>(
 ) -> Result<Vec<T>, String> {
     use rayon::prelude::*;
     (0..rows.outputs).into_par_iter().map(fit).collect()
-}
-
-/// A mistake if a number is not as it should be.
-fn expect(good: bool, key: &'static str, found: &dyn std::fmt::Display, expected: &str) -> Option<OptionProblem> {
-    (!good).then(|| OptionProblem { key: key.into(), message: format!("{found}, expected {expected}") })
-}
-
-fn not_negative(key: &'static str, value: f64) -> Option<OptionProblem> {
-    expect(value >= 0.0 && value.is_finite(), key, &value, "0 or a positive number")
-}
-
-fn positive(key: &'static str, value: f64) -> Option<OptionProblem> {
-    expect(value > 0.0 && value.is_finite(), key, &value, "a positive number")
-}
-
-fn at_most(key: &'static str, value: usize, most: usize) -> Option<OptionProblem> {
-    expect(value <= most, key, &value, &format!("at most {most}"))
-}
-
-/// Trees of a model: all of them are in memory.
-const MOST_TREES: usize = 10_000;
-
-fn at_least(key: &'static str, value: usize, least: usize) -> Option<OptionProblem> {
-    expect(value >= least, key, &value, &format!("at least {least}"))
 }

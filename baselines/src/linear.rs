@@ -1,17 +1,11 @@
 //! Linear least squares: `y = b + w z`.
 
-use crate::{Baseline, Fitted, OptionProblem, Rows, for_each_output};
+use crate::{Baseline, Fitted, Rows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
+use metafmu_core::study::baselines::Linear;
 use metafmu_runtime::regression::{Function, Polynomial, Regression};
 use ndarray::{Array1, Array2, ShapeBuilder};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.linear]`: no options.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Linear {}
 
 impl Baseline for Linear {
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
@@ -20,10 +14,6 @@ impl Baseline for Linear {
             Ok((fitted.intercept(), fitted.params().to_vec()))
         })?;
         Ok(formula(rows, &fits))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        Vec::new()
     }
 }
 

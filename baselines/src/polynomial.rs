@@ -1,47 +1,17 @@
 //! Polynomials of all inputs together.
 
-use crate::{Baseline, Fitted, OptionProblem, Rows, expect, not_negative};
+use crate::{Baseline, Fitted, Rows};
+use metafmu_core::study::baselines::{MAX_TERMS, Polynomial};
 use metafmu_runtime::{
     Scaling,
     regression::{self, Function, Regression},
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.polynomial]`: the products of powers of inputs up to a total degree, with weights `w` that make
-/// `1/(2 rows) |y - X w|^2 + alpha/2 |w|^2` smallest.
-///
-/// linfa wants the whole matrix `X` in memory, 25 GB for 462 terms of 7 million rows: the normal equations
-/// `(X^T X / rows + alpha I) w = X^T y / rows` are summed up block by block instead. They are well conditioned as the
-/// powers are Legendre polynomials over the range of each input.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Polynomial {
-    /// Highest sum of the powers in a term; unless given the highest of 1 to 6 that makes no more than 1000 terms.
-    #[schemars(range(min = 1, max = 20))]
-    pub degree: Option<u8>,
-    /// Strength of the penalty.
-    #[schemars(range(min = 0))]
-    pub alpha: f64,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-impl Default for Polynomial {
-    fn default() -> Self {
-        Self { degree: None, alpha: 1e-9, rows: 500_000 }
-    }
-}
 
 /// Rows of a product of matrices, and of a partial sum: the same whatever the number of threads.
 const BLOCK: usize = 1024;
 const PART: usize = 64 * BLOCK;
-
-/// More and the normal equations take longer than anyone waits.
-const MOST_TERMS: usize = 5000;
 
 /// Of the degree that is chosen unless one is given.
 const USUAL_TERMS: usize = 1000;
@@ -55,7 +25,7 @@ impl Baseline for Polynomial {
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
         let inputs = rows.inputs;
         let degrees = match self.degree {
-            Some(degree) => degrees(inputs, degree, MOST_TERMS)?,
+            Some(degree) => degrees(inputs, degree, MAX_TERMS)?,
             None => usual_degrees(inputs)?,
         };
         let mut polynomial = regression::Polynomial { degrees, coefficients: Vec::new() };
@@ -78,19 +48,6 @@ impl Baseline for Polynomial {
             scaling: scaled_to(&rows.scaling, &middle, &half),
             function: Function::Polynomial(polynomial),
         }))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        let degree = self.degree.and_then(|degree| expect((1..=20).contains(&degree), "degree", &degree, "1 to 20"));
-        let rows = super::at_least("rows", self.rows, 2);
-        degree.into_iter().chain(not_negative("alpha", self.alpha)).chain(rows).collect()
-    }
-}
-
-impl Polynomial {
-    /// What is wrong with the degree beside so many inputs.
-    pub(super) fn degree_problem(&self, inputs: usize) -> Option<String> {
-        degrees(inputs, self.degree?, MOST_TERMS).err()
     }
 }
 
@@ -125,7 +82,7 @@ fn normal_equations(
 /// [`degrees`] up to the highest usual degree that makes no more than the usual number of terms; else up to 1.
 fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
     let usual = (2..=USUAL_DEGREE).rev().find_map(|degree| degrees(inputs, degree, USUAL_TERMS).ok());
-    usual.map_or_else(|| degrees(inputs, 1, MOST_TERMS), Ok)
+    usual.map_or_else(|| degrees(inputs, 1, MAX_TERMS), Ok)
 }
 
 /// Every combination of powers with a sum of at most `degree`, row by row; fails if there are more than `most`.
@@ -195,9 +152,9 @@ mod tests {
 
     #[test]
     fn many_rows_are_summed_in_parts_and_too_many_terms_are_refused() {
-        assert_eq!(degrees(2, 2, MOST_TERMS).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
-        assert_eq!(degrees(4, 6, MOST_TERMS).unwrap().len() / 4, 210);
-        assert!(degrees(100, 6, MOST_TERMS).unwrap_err().starts_with("more than 5000 terms"));
+        assert_eq!(degrees(2, 2, MAX_TERMS).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
+        assert_eq!(degrees(4, 6, MAX_TERMS).unwrap().len() / 4, 210);
+        assert!(degrees(100, 6, MAX_TERMS).unwrap_err().starts_with("more than 5000 terms"));
     }
 
     #[test]

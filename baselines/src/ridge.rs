@@ -1,29 +1,10 @@
 //! Ridge regression: least squares with a penalty on the squares of the weights.
 
-use crate::{Baseline, Fitted, OptionProblem, Rows, for_each_output, linear, not_negative};
+use crate::{Baseline, Fitted, Rows, for_each_output, linear};
 use linfa::{DatasetBase, traits::Fit};
 use linfa_linear::LinearRegression;
+use metafmu_core::study::baselines::Ridge;
 use ndarray::{Array1, Array2, ShapeBuilder};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// `[baselines.ridge]`: the smallest `1/(2 rows) |y - b - X w|^2 + alpha/2 |w|^2` over standardised columns.
-///
-/// linfa's elastic net never finds its end without a penalty on sizes, so this is its least squares with one more row
-/// `sqrt(rows alpha) e_i` for each weight.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Ridge {
-    /// Strength of the penalty.
-    #[schemars(range(min = 0))]
-    pub alpha: f64,
-}
-
-impl Default for Ridge {
-    fn default() -> Self {
-        Self { alpha: 1e-3 }
-    }
-}
 
 impl Baseline for Ridge {
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
@@ -50,10 +31,6 @@ impl Baseline for Ridge {
             Ok((intercept, weights))
         })?;
         Ok(linear::formula(rows, &fits))
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        not_negative("alpha", self.alpha).into_iter().collect()
     }
 }
 

@@ -1,8 +1,8 @@
 //! Decision trees, and forests of them.
 
-use crate::{Baseline, Fitted, MOST_TREES, OptionProblem, Rows, at_least, at_most, for_each_output, svr::matrix};
+use crate::{Baseline, Fitted, Rows, for_each_output, svr::matrix};
+use metafmu_core::study::baselines::{DecisionTree, ExtraTrees, RandomForest};
 use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smartcore::{
     ensemble::{
@@ -12,66 +12,6 @@ use smartcore::{
     linalg::basic::matrix::DenseMatrix,
     tree::decision_tree_regressor::{DecisionTreeRegressor, DecisionTreeRegressorParameters},
 };
-
-/// `[baselines.decision-tree]`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct DecisionTree {
-    /// Fewest rows of a leaf.
-    #[schemars(range(min = 1))]
-    pub leaf: usize,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-/// `[baselines.random-forest]`: the mean of trees, each of rows drawn with repetition.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct RandomForest {
-    /// Number of trees of each output.
-    #[schemars(range(min = 1, max = MOST_TREES))]
-    pub trees: usize,
-    /// Fewest rows of a leaf.
-    #[schemars(range(min = 1))]
-    pub leaf: usize,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-/// `[baselines.extra-trees]`: the mean of trees whose splits are drawn at random.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ExtraTrees {
-    /// Number of trees of each output.
-    #[schemars(range(min = 1, max = MOST_TREES))]
-    pub trees: usize,
-    /// Fewest rows of a leaf.
-    #[schemars(range(min = 1))]
-    pub leaf: usize,
-    /// At most so many rows.
-    #[schemars(range(min = 2))]
-    pub rows: usize,
-}
-
-impl Default for DecisionTree {
-    fn default() -> Self {
-        Self { leaf: 2, rows: 500_000 }
-    }
-}
-
-impl Default for RandomForest {
-    fn default() -> Self {
-        Self { trees: 20, leaf: 5, rows: 100_000 }
-    }
-}
-
-impl Default for ExtraTrees {
-    fn default() -> Self {
-        Self { trees: 20, leaf: 5, rows: 100_000 }
-    }
-}
 
 impl Baseline for DecisionTree {
     fn most_rows(&self) -> Option<usize> {
@@ -86,10 +26,6 @@ impl Baseline for DecisionTree {
             let SerializedRegressor { tree_regressor } = through_text(&fitted)?;
             Ok(vec![tree_regressor])
         })
-    }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        problems(1, self.leaf, self.rows)
     }
 }
 
@@ -110,10 +46,6 @@ impl Baseline for RandomForest {
             Ok(forest_regressor.trees)
         })
     }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        problems(self.trees, self.leaf, self.rows)
-    }
 }
 
 impl Baseline for ExtraTrees {
@@ -133,15 +65,6 @@ impl Baseline for ExtraTrees {
             Ok(forest_regressor.trees)
         })
     }
-
-    fn problems(&self) -> Vec<OptionProblem> {
-        problems(self.trees, self.leaf, self.rows)
-    }
-}
-
-fn problems(trees: usize, leaf: usize, rows: usize) -> Vec<OptionProblem> {
-    let trees = at_least("trees", trees, 1).or(at_most("trees", trees, MOST_TREES)).into_iter();
-    trees.chain(at_least("leaf", leaf, 1)).chain(at_least("rows", rows, 2)).collect()
 }
 
 /// What smartcore's trees say of themselves when they are serialized: their fields are private.

@@ -4,7 +4,7 @@
 //! What goes in: a line of JSON, then the numbers of the rows and of the test inputs. What comes out: a line of JSON, then the
 //! predictions. All numbers are little-endian doubles.
 
-use crate::{BaselineKind, Baselines, Fitted, Rows};
+use crate::{BaselineKind, Baselines, Fitted, Rows, model};
 use metafmu_runtime::Scaling;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -120,7 +120,7 @@ impl Task {
 
     fn fit_and_predict(&self) -> Result<(Fit, Vec<f64>), String> {
         let began = Instant::now();
-        let fitted = self.options.get(self.kind).fit(&self.rows, self.seed)?;
+        let fitted = model(&self.options, self.kind).fit(&self.rows, self.seed)?;
         let fit_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let predictions = self.predict(&fitted)?;

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Error, Result,
     baseline::{
-        BaselineKind, Comparison, ModelRow, Rows, Status, choose_rows,
+        self, BaselineKind, Comparison, ModelRow, Rows, Status, choose_rows,
         comparison::NETWORK,
         worker::{self, Answer, Fit, Task},
     },
@@ -156,7 +156,7 @@ pub(super) fn measure(
         return Ok(row(name, Status::Stopped, "by Ctrl-C".into()));
     }
     let all = rows.len();
-    let rows = choose_rows(rows, study.baselines.get(kind).most_rows(), study.seed).into_owned();
+    let rows = choose_rows(rows, baseline::model(&study.baselines, kind).most_rows(), study.seed).into_owned();
     let layout = RowLayout::new(study.encoder());
     let mut points = Vec::new();
     for run in &test.runs {

@@ -3,7 +3,7 @@
 use super::{compare, prepare::baseline_rows, project::Project};
 use crate::{
     Error, Result, acceptance,
-    baseline::{BaselineKind, Fitted, choose_rows},
+    baseline::{self, BaselineKind, Fitted, choose_rows},
     evaluation::Accuracy,
     evaluation::Verdict,
     export::{Binary, Contents, pack},
@@ -111,7 +111,7 @@ pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Re
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;
-    let baseline = study.baselines.get(kind);
+    let baseline = baseline::model(&study.baselines, kind);
     let rows = baseline_rows(study, &train);
     let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
     let failed = |problem| Error::Baseline { model, problem };

@@ -2,13 +2,12 @@
 //! key that is added does not compile before that is said.
 
 use super::{
-    BoundsOptions, DiscreteOptions, DynamicsOptions, ExportOptions, InputOptions, NetworkOptions, OutputOptions,
-    ParameterOptions, SamplingOptions, SourceOptions, StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
-    Variability,
+    BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, ExportOptions, InputOptions,
+    NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions, SourceOptions, StateOptions, Study,
+    TargetOptions, TimeOptions, TrainingOptions, Variability,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
-use metafmu_baselines::{BaselineKind, Baselines};
 use metafmu_runtime::Precision;
 use serde::Serialize;
 use sha2::{Digest, Sha256};

@@ -1,8 +1,7 @@
 //! `[discrete]`: models of recorded runs that go on from sample to sample.
 
-use super::{NetworkOptions, Study, StudyStructure};
+use super::{Baselines, NetworkOptions, Study, StudyStructure};
 use crate::diagnostics::Problems;
-use metafmu_baselines::Baselines;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -53,6 +53,7 @@
 //! those that it has by itself, its `problems_beside` those that it has beside the others.
 
 mod accept;
+pub mod baselines;
 mod bounds;
 mod digest;
 mod discrete;
@@ -84,13 +85,13 @@ use crate::{
     table::Table,
 };
 pub use accept::AcceptOptions;
+pub use baselines::{BaselineKind, Baselines};
 pub use bounds::BoundsOptions;
 pub use discrete::{DiscreteModel, DiscreteOptions};
 pub use dynamics::{DynamicsModel, DynamicsOptions};
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
-use metafmu_baselines::{BaselineKind, Baselines, OptionProblem};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
@@ -340,11 +341,6 @@ impl Draft {
     }
 }
 
-/// The baselines are a crate of their own, which knows nothing of files.
-fn of_baselines(problems: Vec<OptionProblem>) -> impl Iterator<Item = KeyProblem> {
-    problems.into_iter().map(|OptionProblem { key, message }| KeyProblem { key, message })
-}
-
 /// Sections that stand for damaged ones until their mistakes are told.
 const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none' }\ntime = { stop = 1, step = 1 }\n\
                            parameters = { p = { min = 0, max = 1 } }\noutputs = { y = {} }\nsampling = {}\n";
@@ -527,7 +523,7 @@ impl Study {
         problems.extend(self.target.map(|target| target.problems()).unwrap_or_default());
         problems.add_section("bounds", self.bounds.map(|bounds| bounds.problems()).unwrap_or_default());
         problems.add_section("accept", self.accept.problems());
-        problems.add_section("baselines", of_baselines(self.baselines.problems()));
+        problems.add_section("baselines", self.baselines.problems());
         if let Some(search) = &self.search {
             problems.add_section("search", search.problems());
             problems.add_section("search", search.key_problems(&SCHEMA));
@@ -550,7 +546,7 @@ impl Study {
         problems.add_section("training", self.training.problems_beside(self.outputs.len()));
         problems.extend(self.target.map(|target| target.problems_beside(self)).unwrap_or_default());
         // the time is an input, too
-        problems.add_section("baselines", of_baselines(self.baselines.problems_beside(self.encoder().width() + 1)));
+        problems.add_section("baselines", self.baselines.problems_beside(self.encoder().width() + 1));
         problems
     }
 

@@ -1,8 +1,8 @@
 //! `[search]`: which studies are tried.
 
+use super::BaselineKind;
 use crate::diagnostics::{Problems, schema};
 use indexmap::IndexMap;
-use metafmu_baselines::BaselineKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::de::DeTable;

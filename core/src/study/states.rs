@@ -1,12 +1,11 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
 use super::{
-    DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure, TrainingOptions,
+    Baselines, DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure, TrainingOptions,
     outputs::check_variable_name,
 };
 use crate::{Result, diagnostics::Problems, table::Table};
 use indexmap::IndexMap;
-use metafmu_baselines::Baselines;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
