@@ -335,7 +335,7 @@ SECTIONS = {
         "an empty range of a velocity": dynamics(("max = 5 ", "max = 5, velocity_range = [1, 1] ")),
         "a range of a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity_range = [-1, nan] ")),
         "a force that is not a number at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),
-        "bounds": dynamics(more="[bounds]\ncoverage = 0.9\n"),
+        "bounds of too few runs": dynamics(more="[bounds]\ncoverage = 0.9\nruns = 5\n"),
         "a target": dynamics(more="[target]\nr2 = 0.9\nruns = 8\nmax_runs = 100\n"),
         "a search": dynamics(more='[search]\ntrials = 2\n[search.space]\n"training.batch" = [64]\n'),
         "baselines": dynamics(more='[baselines]\nbuild = ["ridge"]\n'),
@@ -370,7 +370,7 @@ SECTIONS = {
             ('"rail.position" = { min = -5', '"rail.position" = { min = 7'),
             ("bandwidth = 1.0, excitation = [\"steps\"]", "bandwidth = 100, excitation = []"),
             ("l = { min = 1", "l = { min = 3"),
-            more="[bounds]\ncoverage = 0.9\n",
+            more="[bounds]\ncoverage = 1.5\n",
         ),
         "keys that are not known in three sections": dynamics(
             ("max = 5 }", "max = 5, unit = \"m\" }"), ("bandwidth = 1.0", "frequency = 1.0"), ("test_runs", "tests")

@@ -1,6 +1,9 @@
 //! How far a surrogate's outputs may be from the truth, measured on runs that it has never seen.
 
-use crate::{dataset::Dataset, evaluation::predict};
+use crate::{
+    dataset::{Dataset, Run},
+    evaluation::predict,
+};
 use metafmu_runtime::{Bounds, Evaluator, Surrogate};
 use rayon::prelude::*;
 
@@ -12,30 +15,95 @@ use rayon::prelude::*;
 /// then the expected share of its rows within `q` is at least `coverage`, for any surrogate; the rows of a run need
 /// not be independent. It says nothing about a particular run, nor about runs from other ranges.
 ///
+/// The errors of a surrogate that goes on from its own state grow with the time since the start: there is a `q` for the rows of each of
+/// [`INTERVALS`] intervals, and the bound is the smallest function of the time that is nowhere below them, nowhere falls, and is linear
+/// between the intervals' ends.
+///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free
-/// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each. None if there are fewer
-/// than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs).
-pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64) -> Option<Bounds> {
+/// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each.
+///
+/// # Errors
+/// A sentence, if there are fewer than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs), or if too many
+/// predictions are not finite.
+pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64) -> Result<Bounds, String> {
+    let ends = if surrogate.goes_on() { ends(calibration) } else { vec![f64::INFINITY] };
+    let errors = errors(surrogate, calibration, &ends);
+    let width = surrogate.outputs().len();
+    let half_widths: Vec<f64> = (0..ends.len() * width)
+        .into_par_iter()
+        .map(|index| half_width(&errors[index / width], index % width, width, coverage))
+        .collect();
+    if half_widths.iter().any(|half_width| !half_width.is_finite()) {
+        let runs = calibration.runs.len();
+        return Err(format!(
+            "{runs} runs do not bound {coverage} of the rows: too few of their predictions can be computed"
+        ));
+    }
+    let runs = calibration.runs.len() as u64;
+    let (times, half_widths) = match surrogate.goes_on() {
+        true => growing(&ends, half_widths, width),
+        false => (Vec::new(), half_widths),
+    };
+    Ok(Bounds { coverage, runs, times, half_widths })
+}
+
+/// Intervals of the time since the start.
+const INTERVALS: usize = 20;
+
+/// Where intervals end: as many rows in each, up to one.
+fn ends(calibration: &Dataset) -> Vec<f64> {
+    let mut times: Vec<f64> = calibration.runs.iter().flat_map(|run| run.times.iter().copied()).collect();
+    times.retain(|time| *time > 0.0);
+    times.sort_unstable_by(f64::total_cmp);
+    times.dedup();
+    let count = INTERVALS.min(times.len());
+    (1..=count).map(|interval| times[interval * times.len() / count - 1]).collect()
+}
+
+/// The errors of each run's rows in each interval: shape `[intervals][runs][rows, outputs]`. Rows before the start are left out.
+fn errors(surrogate: &Surrogate, calibration: &Dataset, ends: &[f64]) -> Vec<Vec<Vec<f64>>> {
     let evaluator = Evaluator::new(surrogate);
     let width = surrogate.outputs().len();
-    let errors: Vec<Vec<f64>> = calibration
-        .runs
-        .par_iter()
-        .map(|run| {
-            let predictions = predict(surrogate, &evaluator, run);
-            run.outputs.iter().zip(predictions).map(|(label, prediction)| (label - prediction).abs()).collect()
-        })
-        .collect();
-    let half_width = |column: usize| {
-        let rows = errors.iter().flat_map(|errors| {
-            let weight = width as f64 / errors.len() as f64;
-            errors.iter().skip(column).step_by(width).map(move |&error| (error, weight))
-        });
-        let needed = coverage * (errors.len() + 1) as f64;
-        quantile(rows.collect(), needed)
+    let of_run = |run: &Run| {
+        let mut errors = vec![Vec::new(); ends.len()];
+        let predictions = predict(surrogate, &evaluator, run);
+        let rows = run.outputs.chunks(width).zip(predictions.chunks(width));
+        for (&time, (labels, predictions)) in run.times.iter().zip(rows).filter(|(time, _)| **time >= 0.0) {
+            // times are those of the rows, so that the last one is an end
+            let interval = ends.partition_point(|end| *end < time).min(ends.len() - 1);
+            errors[interval]
+                .extend(labels.iter().zip(predictions).map(|(label, prediction)| (label - prediction).abs()));
+        }
+        errors
     };
-    let half_widths = (0..width).into_par_iter().map(half_width).collect::<Option<Vec<f64>>>()?;
-    Some(Bounds { coverage, runs: calibration.runs.len() as u64, half_widths })
+    let by_run: Vec<Vec<Vec<f64>>> = calibration.runs.par_iter().map(of_run).collect();
+    let mut by_interval = vec![Vec::new(); ends.len()];
+    for run in by_run {
+        by_interval.iter_mut().zip(run).for_each(|(runs, errors)| runs.push(errors));
+    }
+    by_interval
+}
+
+/// The bound of an output, from the errors of each run; infinite if there is none.
+fn half_width(runs: &[Vec<f64>], column: usize, width: usize, coverage: f64) -> f64 {
+    let runs = || runs.iter().filter(|errors| !errors.is_empty());
+    let rows = runs().flat_map(|errors| {
+        let weight = width as f64 / errors.len() as f64;
+        // what is not a number is as wrong as can be
+        let finite = |error: f64| if error.is_nan() { f64::INFINITY } else { error };
+        errors.iter().skip(column).step_by(width).map(move |&error| (finite(error), weight))
+    });
+    quantile(rows.collect(), coverage * (runs().count() + 1) as f64).unwrap_or(f64::INFINITY)
+}
+
+/// Times and bounds, from the bound of each interval.
+fn growing(ends: &[f64], mut half_widths: Vec<f64>, width: usize) -> (Vec<f64>, Vec<f64>) {
+    for index in width..half_widths.len() {
+        half_widths[index] = half_widths[index].max(half_widths[index - width]);
+    }
+    // at its begin each interval has its bound, the last one at its end, too
+    half_widths.extend_from_within(half_widths.len() - width..);
+    ([0.0].iter().chain(ends).copied().collect(), half_widths)
 }
 
 /// Smallest value up to which the weights sum to what is needed; none if they never do.
@@ -53,7 +121,7 @@ fn quantile(mut rows: Vec<(f64, f64)>, needed: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{dataset::Run, variable::Variable};
+    use crate::variable::Variable;
     use metafmu_runtime::example;
     use rand::{Rng, SeedableRng, rngs::ChaCha8Rng};
 
@@ -112,10 +180,79 @@ mod tests {
     }
 
     #[test]
+    fn bounds_of_roll_outs_grow_with_the_time() {
+        let surrogate = example::crane();
+        let evaluator = Evaluator::new(&surrogate);
+        let mut generator = ChaCha8Rng::seed_from_u64(1);
+        let mut uniform = move || (generator.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let variable = |name: &str| Variable::new(name, "", "");
+        let mut runs = |count: usize| -> Vec<Run> {
+            let run = |_| {
+                let times: std::sync::Arc<[f64]> = (0..=100).map(|row| 0.02 * f64::from(row)).collect();
+                let mut run = Run {
+                    inputs: vec![0.0; times.len()],
+                    parameters: vec![1.5, 0.0, 0.4 * uniform(), 0.0, 0.0],
+                    times,
+                    outputs: Vec::new(),
+                };
+                run.outputs = predict(&surrogate, &evaluator, &run);
+                // an error that grows with the time, of another size in each run
+                let size = uniform();
+                let width = surrogate.outputs().len();
+                for (row, outputs) in run.outputs.chunks_mut(width).enumerate() {
+                    outputs[0] += 1e-3 * size * row as f64;
+                }
+                run
+            };
+            (0..count).map(run).collect()
+        };
+        let calibration = Dataset {
+            inputs: vec![variable("force")],
+            parameters: (0..5).map(|index| variable(&format!("p{index}"))).collect(),
+            outputs: surrogate.outputs().iter().map(|output| variable(&output.name)).collect(),
+            runs: runs(100),
+        };
+        let bounds = bounds(&surrogate, &calibration, 0.9).unwrap();
+        assert_eq!((bounds.times.len(), bounds.times[0], bounds.times[20]), (21, 0.0, 2.0));
+        // 90 % of the sizes are below 0.9: at the end of an interval of five rows it is that of its last row
+        assert!((bounds.at(0, 2.0) - 0.09).abs() < 0.012, "{bounds:?}");
+        assert!((bounds.at(0, 1.0) / bounds.at(0, 2.0) - 0.5).abs() < 0.07, "{bounds:?}");
+        // the other outputs are right
+        assert_eq!(bounds.largest(1), 0.0);
+        // of fresh runs, each interval has its share
+        let fresh = runs(1000);
+        for interval in [0, 9, 19] {
+            let rows = fresh.iter().flat_map(|run| {
+                let predictions = predict(&surrogate, &evaluator, run);
+                let width = surrogate.outputs().len();
+                (5 * interval + 1..=5 * interval + 5)
+                    .map(move |row| (run.times[row], (run.outputs[row * width] - predictions[row * width]).abs()))
+            });
+            let rows: Vec<(f64, f64)> = rows.collect();
+            let within = rows.iter().filter(|(time, error)| *error <= bounds.at(0, *time)).count();
+            let share = within as f64 / rows.len() as f64;
+            assert!(share > 0.86, "{interval}: {share}");
+        }
+    }
+
+    #[test]
+    fn roll_outs_that_cannot_be_computed_give_no_bounds() {
+        let surrogate = example::crane();
+        let times: std::sync::Arc<[f64]> = [0.0, 0.1].into();
+        let outputs = vec![f64::NAN; 2 * surrogate.outputs().len()];
+        let run = Run { inputs: vec![0.0; 2], parameters: vec![1.5, 0.0, 0.0, 0.0, 0.0], times, outputs };
+        let dataset = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs: Vec::new(), runs: vec![run; 40] };
+        let message = bounds(&surrogate, &dataset, 0.5).unwrap_err();
+        assert!(message.ends_with("too few of their predictions can be computed"), "{message}");
+    }
+
+    #[test]
     fn too_few_runs_give_no_bounds() {
         let surrogate = example::surrogate();
         assert_eq!(crate::study::BoundsOptions::least_runs(0.95), 19);
-        assert!(bounds(&surrogate, &runs(18, 1), 0.95).is_none());
+        assert!(
+            bounds(&surrogate, &runs(18, 1), 0.95).unwrap_err().starts_with("18 runs do not bound 0.95 of the rows")
+        );
         let largest = bounds(&surrogate, &runs(19, 1), 0.95).unwrap();
         assert!(largest.half_widths.iter().all(|&width| width > 1.0), "{largest:?}");
     }

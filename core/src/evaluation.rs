@@ -10,7 +10,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
-pub use roll_outs::{Horizon, OFF, RollOuts, predict_off};
+pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual, predict_off};
 use serde::{Deserialize, Serialize};
 
 /// What is to be thought of a surrogate.
@@ -55,7 +55,7 @@ pub struct OutputMetrics {
     pub worst_run: usize,
     /// Time of the largest error, in seconds.
     pub worst_time: f64,
-    /// The surrogate's error bound, if it has one.
+    /// The surrogate's error bound, if it has one; of a surrogate with a state the one at the end of its runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bound: Option<f64>,
     /// Share of the rows whose error is within the bound.
@@ -142,7 +142,7 @@ fn output_metrics(
     column: usize,
     surrogate: Option<&Surrogate>,
 ) -> OutputMetrics {
-    let bound = surrogate.and_then(Surrogate::bounds).map(|bounds| bounds.half_widths[column]);
+    let bounds = surrogate.and_then(Surrogate::bounds);
     let range = surrogate.map(|surrogate| &surrogate.outputs()[column]).map(|output| output.max - output.min);
     let width = test.outputs.len();
     let rows = test.row_count() as f64;
@@ -157,7 +157,7 @@ fn output_metrics(
             let error = finite((label - prediction).abs());
             residual += error * error;
             total += (label - mean).powi(2);
-            within += usize::from(bound.is_some_and(|bound| error <= bound));
+            within += usize::from(bounds.is_some_and(|bounds| error <= bounds.at(column, time)));
             if error > worst.0 {
                 worst = (error, index, time);
             }
@@ -165,7 +165,7 @@ fn output_metrics(
     }
     let (max_abs_error, worst_run, worst_time) = worst;
     let r2 = (total > 0.0).then(|| finite(1.0 - residual / total));
-    let within_bound = bound.map(|_| within as f64 / rows);
+    let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
     let mse = finite(residual / rows);
     let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
     OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }

@@ -330,7 +330,7 @@ impl Instance {
                 Quantity::Derivative(state) => self.results[self.metadata.outputs.len() + state],
                 Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values),
                 Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
-                Quantity::Bound(output) => self.variables.bound(output),
+                Quantity::Bound(output) => self.variables.bound(output, self.elapsed()),
                 Quantity::Array(array) => {
                     let outputs = self.variables.outputs_of(array);
                     // in this order: zip takes from its first iterator even when the second has ended
@@ -344,6 +344,11 @@ impl Instance {
             }
         }
         Ok(())
+    }
+
+    /// Time since the start of the run.
+    fn elapsed(&self) -> f64 {
+        self.now.time - self.now.start_time
     }
 
     /// Values of 32-bit integer variables.

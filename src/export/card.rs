@@ -164,17 +164,31 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     }
     line(page, "</table>");
     roll_outs(page, accuracy.roll_outs.as_ref());
-    if let Some(Bounds { coverage, runs, half_widths }) = surrogate.bounds() {
-        let bounds = surrogate.outputs().iter().zip(half_widths).map(|(output, &half_width)| {
+    if let Some(bounds @ Bounds { coverage, runs, times, .. }) = surrogate.bounds() {
+        let of_output = surrogate.outputs().iter().enumerate().map(|(index, output)| {
             let unit = if output.unit.is_empty() { String::new() } else { format!(" {}", escape(&output.unit)) };
-            format!("<code>{}</code> ±{}{unit}", escape(&output.name), number(half_width))
+            let width = match times.as_slice() {
+                [] => format!("±{}", number(bounds.largest(index))),
+                // at the beginning it is hardly ever of interest
+                [.., last] => {
+                    [0.5 * last, *last].map(|time| format!("±{}", number(bounds.at(index, time)))).join(" and ")
+                }
+            };
+            format!("<code>{}</code> {width}{unit}", escape(&output.name))
         });
-        let bounds = bounds.collect::<Vec<_>>().join(", ");
+        let of_output = of_output.collect::<Vec<_>>().join(", ");
+        let when = times.last().map_or(String::new(), |last| {
+            format!(
+                " {} s and {} s after the start, and what they are between in the course of time",
+                number(0.5 * last),
+                number(*last)
+            )
+        });
         let share = number(100.0 * coverage);
         line(
             page,
             &format!(
-                "<p>Error bounds: {bounds}. Of a further run inside the ranges, {share} % of the points are expected within \
+                "<p>Error bounds{when}: {of_output}. Of a further run inside the ranges, {share} % of the points are expected within \
                  each (split-conformal, from {runs} runs of their own). The FMU has them as outputs, <code>…_bound</code>.</p>"
             ),
         );

@@ -12,7 +12,7 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    BuiltIn, DomainPolicy, Encoding, Given, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray,
+    Bounds, BuiltIn, DomainPolicy, Encoding, Given, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray,
     Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
 };
 
@@ -204,23 +204,24 @@ fn array(surrogate: &Surrogate, index: usize) -> Described {
     Described { dimensions, ..Described::scalar(description, what, VariableType::Real(real)) }
 }
 
-/// A constant: hosts can show it beside the output without asking the FMU.
+/// A constant: hosts can show it beside the output without asking the FMU. Of a model with a state it grows with the time.
 fn bound(surrogate: &Surrogate, index: usize) -> Described {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
-    let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.half_widths[index], bounds.coverage));
+    let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.largest(index), bounds.coverage));
+    let last = bounds.and_then(|bounds| bounds.times.last());
+    let until = last.map_or(String::new(), |last| format!(", up to {last} s after its start"));
     let description = format!(
-        "error bound of {}: expected to hold for {} % of the points of a run inside the ranges",
+        "error bound of {}: expected to hold for {} % of the points of a run inside the ranges{until}",
         output.name,
         100.0 * coverage
     );
-    let real = Real {
-        unit: text(&output.unit),
-        nominal: Some(nominal(0.0, half_width)),
-        start: Some(half_width),
-        ..Real::default()
+    let start = last.is_none().then_some(half_width);
+    let real = Real { unit: text(&output.unit), nominal: Some(nominal(0.0, half_width)), start, ..Real::default() };
+    let what = match last {
+        None => (Causality::Output, Variability::Constant, Some(Initial::Exact)),
+        Some(_) => (Causality::Output, Variability::Continuous, Some(Initial::Calculated)),
     };
-    let what = (Causality::Output, Variability::Constant, Some(Initial::Exact));
     Described::scalar(&description, what, VariableType::Real(real))
 }
 
@@ -319,6 +320,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     let of_domain =
         positions(&|quantity| matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance)));
     let bounds = positions(&|quantity| matches!(quantity, Quantity::Bound(_)));
+    let grow = surrogate.bounds().is_some_and(Bounds::grow);
     let states = positions(&|quantity| matches!(quantity, Quantity::State(_)));
     let rates = positions(&|quantity| matches!(quantity, Quantity::Derivative(_)));
     let inputs = positions(&|quantity| matches!(quantity, Quantity::Input(_)));
@@ -374,6 +376,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             .chain(states.iter().zip(&starts).map(|(state, start)| unknown(state, &[*start])))
             .chain(rates.iter().map(|rate| unknown(rate, &at_start(*rate))))
             .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
+            .chain(bounds.iter().filter(|_| grow).map(|bound| unknown(bound, &[])))
             .collect(),
         ..ModelStructure::default()
     }

@@ -38,7 +38,8 @@ pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
     let kept = if resume { sample::kept(project)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
     let (surrogate, training) = train::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
-    let evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    let mut evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
     let accuracy = evaluated.accuracy.clone();
     let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
     let (metrics, verdict) =

@@ -4,20 +4,18 @@ use super::{
     learned::Candidate,
     prepare::{self, held_out},
     project::Project,
-    rescue,
-    train::{Follower, TrainingRecord},
+    train::{Follower, Trained, TrainingRecord},
 };
 use crate::{
     Result,
     dataset::{Dataset, Run},
     evaluation::{Accuracy, OutputMetrics},
-    files,
     network::Network,
     scaling,
     source::Source,
     study::{DiscreteModel, TrainingOptions},
     surrogate,
-    training::{self, EpochRecord, Recurrence, Rows, StopReason, write_history},
+    training::{self, EpochRecord, Recurrence, Rows, StopReason},
 };
 use metafmu_runtime::{Discrete, Layer, Model, ScaledNetwork, Scaling, Surrogate};
 use nalgebra::DMatrix;
@@ -63,8 +61,8 @@ const STRETCHES: usize = 2000;
 /// First stretches are as much shorter.
 const SHORTER: usize = 8;
 
-/// Learns the candidates, keeps the one whose simulations of the held-out runs are best, and writes the surrogate.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+/// Learns the candidates, keeps the one whose simulations of the held-out runs are best.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let Source::Recorded(recorded) = &project.source else {
         return Err(study.refusal("source", "expected recorded runs"));
@@ -119,12 +117,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         record.train_seconds,
         record.discrete.as_ref().map_or(String::new(), DiscreteRecord::describe)
     ));
-    rescue::write(project, |project| {
-        surrogate::save(&surrogate, &project.model())?;
-        write_history(&project.history(), &one.history)?;
-        files::write_json(&project.training_record(), &record)
-    })?;
-    Ok((surrogate, record))
+    Ok(Trained { surrogate, history: one.history, record })
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.

@@ -7,9 +7,12 @@ use super::{
 use crate::{
     Result,
     baseline::Comparison,
-    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict},
+    dataset::Dataset,
+    dynamics::Assembly,
+    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict, constraint_residual},
     files,
     html::number,
+    source::driven::Driven,
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -40,9 +43,26 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
-    let accuracy = Accuracy::of(&surrogate, &test);
+    let mut accuracy = Accuracy::of(&surrogate, &test);
+    add_residual(project, &surrogate, &test, &mut accuracy)?;
     let comparison = project.load_comparison(&accuracy)?;
     stage(project, &surrogate, accuracy, comparison.as_ref(), &samples, &training)
+}
+
+/// Adds what the mechanism tells of the positions in roll-outs.
+pub(super) fn add_residual(
+    project: &Project,
+    surrogate: &Surrogate,
+    test: &Dataset,
+    accuracy: &mut Accuracy,
+) -> Result<()> {
+    let Some(roll_outs) = &mut accuracy.roll_outs else { return Ok(()) };
+    let region = project.source.driven().and_then(Driven::region);
+    if let (Some(mechanism), Some(region)) = (project.study.mechanism(), region) {
+        let assembly = Assembly::new(mechanism, region).map_err(|message| project.study.refusal("source", message))?;
+        roll_outs.constraint_residual = constraint_residual(surrogate, &assembly, test);
+    }
+    Ok(())
 }
 
 /// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
@@ -106,7 +126,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
 
 /// How errors grow along the roll-outs, for people.
 fn roll_out_table(
-    RollOuts { horizons, divergence_time, energy_drift, long_runs: [runs, finite] }: &RollOuts,
+    RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite] }: &RollOuts,
 ) -> String {
     let mut text =
         format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
@@ -121,6 +141,12 @@ fn roll_out_table(
     let energy = energy_drift.map_or(String::new(), |drift| {
         format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
     });
-    let _ = writeln!(text, "{diverges}{energy}; {finite} of {runs} runs are finite after ten times their length");
+    let residual = constraint_residual.map_or(String::new(), |residual| {
+        format!(
+            "; at the surrogate's coordinates positions are within {residual:.1e} of their ranges of the mechanism's"
+        )
+    });
+    let _ =
+        writeln!(text, "{diverges}{energy}{residual}; {finite} of {runs} runs are finite after ten times their length");
     text
 }

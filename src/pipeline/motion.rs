@@ -4,17 +4,14 @@ use super::{
     learned::{self, Candidate},
     motion_networks::{Learned, learn},
     project::Project,
-    rescue,
-    train::TrainingRecord,
+    train::{Trained, TrainingRecord},
 };
 use crate::{
     Result,
     dataset::{Dataset, Run},
     evaluation::{OFF, predict_all, predict_off},
-    files,
     source::{Source, driven::Driven},
     surrogate,
-    training::write_history,
 };
 use metafmu_runtime::{Evaluator, Model, Motion, Output, Surrogate};
 use rayon::prelude::*;
@@ -108,8 +105,8 @@ const ASYMPTOTIC: f64 = 1e-6;
 /// Steps of the solver in a run at most.
 const MOST_STEPS: f64 = 1e6;
 
-/// Learns the equations of motion, chooses the solver's step by roll-outs along the training runs, and writes the surrogate.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+/// Learns the equations of motion, chooses the solver's step by roll-outs along the training runs.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations of motion"));
@@ -156,12 +153,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         record.train_seconds,
         motion.describe()
     ));
-    rescue::write(project, |project| {
-        surrogate::save(&surrogate, &project.model())?;
-        write_history(&project.history(), &learned.history)?;
-        files::write_json(&project.training_record(), &record)
-    })?;
-    Ok((surrogate, record))
+    Ok(Trained { surrogate, history: learned.history, record })
 }
 
 fn assemble(project: &Project, dataset: &Dataset, driven: &Driven, learned: &Learned, step: f64) -> Result<Surrogate> {

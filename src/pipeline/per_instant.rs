@@ -14,6 +14,7 @@ use crate::{
     network::Network,
     source::Journal,
     study::Study,
+    surrogate,
     training::{self, EpochRecord, Observer, Outcome, Rows, StopReason},
 };
 use metafmu_runtime::{Model, ScaledNetwork};
@@ -88,7 +89,9 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         layers: outcome.network.to_layers(),
     };
     let networks = prepared.into_iter().zip(outcomes).map(scaled).collect();
-    Ok(Trained { model: Model::PerInstant { instants: instants.to_vec(), networks }, history, record })
+    let model = Model::PerInstant { instants: instants.to_vec(), networks };
+    let surrogate = surrogate::assemble(&project.study, dataset, record.train_rows, model)?;
+    Ok(Trained { surrogate, history, record })
 }
 
 /// Tells how many of all networks are finished; this one is the last.

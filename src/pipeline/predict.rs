@@ -52,7 +52,7 @@ pub struct Predicted {
     pub name: String,
     /// Its content digest.
     pub content_digest: String,
-    /// Error bound of each output that was predicted, if they were measured.
+    /// Error bound of each output that was predicted, if they were measured; of a model with a state the one at the end of its runs.
     #[serde(skip_serializing_if = "IndexMap::is_empty")]
     pub bounds: IndexMap<String, f64>,
     /// Rows of the table, and of the result.
@@ -225,8 +225,8 @@ impl<'a> Predictor<'a> {
 
     /// What is known before the first row.
     fn predicted(&self) -> Predicted {
-        let half_widths = self.surrogate.bounds().map(|bounds| bounds.half_widths.as_slice()).unwrap_or_default();
-        let bounds = self.outputs.iter().filter_map(|&index| Some((index, *half_widths.get(index)?)));
+        let bounds = self.surrogate.bounds();
+        let bounds = self.outputs.iter().filter_map(|&index| Some((index, bounds?.largest(index))));
         Predicted {
             name: self.surrogate.metadata().name.clone(),
             content_digest: self.surrogate.metadata().provenance.content_digest.clone(),

@@ -2,6 +2,7 @@
 
 use super::{
     compare::seconds_per_row,
+    evaluate,
     project::{Project, SamplesRecord},
     train::TrainingRecord,
     trajectories::TrajectoriesRecord,
@@ -51,7 +52,8 @@ pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Pat
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
     plots.map_or(Ok(()), files::writable_folder)?;
-    let evaluated = Evaluated::new(&surrogate, &test);
+    let mut evaluated = Evaluated::new(&surrogate, &test);
+    evaluate::add_residual(project, &surrogate, &test, &mut evaluated.accuracy)?;
     stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
 }
 

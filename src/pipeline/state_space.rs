@@ -5,20 +5,19 @@ use super::{
     motion::choose_step,
     observer::{Event, Work},
     project::Project,
-    rescue,
-    train::TrainingRecord,
+    train::{Trained, TrainingRecord},
 };
 use crate::{
     Result,
     dataset::Dataset,
     dynamics::{Samples, fit_functions},
-    files, scaling,
+    scaling,
     source::{Source, driven::Driven, fmu::FmuModel},
     surrogate,
-    training::{EpochRecord, Outcome, StopReason, write_history},
+    training::{EpochRecord, Outcome, StopReason},
 };
 use metafmu_runtime::{
-    Encoder, Encoding, Given, Model, ScaledNetwork, StateSpace, Surrogate,
+    Encoder, Encoding, Given, Model, ScaledNetwork, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -82,9 +81,8 @@ impl StateSpaceRecord {
     }
 }
 
-/// Asks the FMU for its equations, learns them, chooses the solver's step by roll-outs along the training runs, and writes the
-/// surrogate.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+/// Asks the FMU for its equations, learns them, chooses the solver's step by roll-outs along the training runs.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
@@ -150,12 +148,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         record.train_seconds,
         record.state_space.as_ref().map_or(String::new(), StateSpaceRecord::describe)
     ));
-    rescue::write(project, |project| {
-        surrogate::save(&surrogate, &project.model())?;
-        write_history(&project.history(), &learned.history)?;
-        files::write_json(&project.training_record(), &record)
-    })?;
-    Ok((surrogate, record))
+    Ok(Trained { surrogate, history: learned.history, record })
 }
 
 /// What the columns of the functions are: parameters, inputs and states.

@@ -17,7 +17,7 @@ use crate::{
     evaluation::Accuracy,
     evaluation::Verdict,
     files,
-    study::{Structure, Study, TrainingOptions},
+    study::{Structure, Study, StudyStructure, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Observer, StopReason, TrainingError, write_history},
 };
@@ -130,23 +130,17 @@ pub(super) fn once(
     if resume && let Some(finished) = finished(project)? {
         return Ok(finished);
     }
-    if project.study.has_states() {
-        let source = &project.study.source;
-        return match (source.fmu.is_some(), source.is_recorded()) {
-            (true, _) => state_space::train(project, dataset),
-            (_, true) => trajectories::train(project, dataset),
-            _ => motion::train(project, dataset),
-        };
-    }
-    if project.study.is_discrete() {
-        return discrete::train(project, dataset);
-    }
-    let trained = match project.study.network.structure {
-        Structure::Full => train(project, dataset, added, start, resume)?,
-        Structure::Fixed => per_instant::train(project, dataset, resume)?,
+    let study = &project.study;
+    let Trained { surrogate, history, record } = match study.structure {
+        StudyStructure::Dynamics if study.source.fmu.is_some() => state_space::train(project, dataset)?,
+        StudyStructure::Dynamics if study.source.is_recorded() => trajectories::train(project, dataset)?,
+        StudyStructure::Dynamics => motion::train(project, dataset)?,
+        StudyStructure::Discrete => discrete::train(project, dataset)?,
+        StudyStructure::Response => match study.network.structure {
+            Structure::Full => train(project, dataset, added, start, resume)?,
+            Structure::Fixed => per_instant::train(project, dataset, resume)?,
+        },
     };
-    let Trained { model, history, record } = trained;
-    let surrogate = surrogate::assemble(&project.study, dataset, record.train_rows, model)?;
     let surrogate = with_bounds(surrogate, calibration, &project.study)?;
     rescue::write(project, |project| {
         surrogate::save(&surrogate, &project.model())?;
@@ -162,7 +156,7 @@ pub(super) fn once(
 
 /// The result of a training.
 pub(super) struct Trained {
-    pub(super) model: Model,
+    pub(super) surrogate: Surrogate,
     pub(super) history: Vec<EpochRecord>,
     pub(super) record: TrainingRecord,
 }
@@ -218,16 +212,16 @@ fn train(
     ));
     let network = per_instant::without_constants(&outcome.network, &training_rows);
     let model = Model::Response(Map::Network(ScaledNetwork { scaling, layers: network.to_layers() }));
-    Ok(Trained { model, history: outcome.history, record })
+    let surrogate = surrogate::assemble(study, dataset, record.train_rows, model)?;
+    Ok(Trained { surrogate, history: outcome.history, record })
 }
 
 /// The surrogate with the error bounds that the study wants.
 pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, study: &Study) -> Result<Surrogate> {
-    let wanted = study.bounds.zip(calibration);
-    let bounds = wanted.and_then(|(options, runs)| calibration::bounds(&surrogate, runs, options.coverage));
-    match bounds {
-        None => Ok(surrogate),
-        Some(bounds) => surrogate::with_bounds(surrogate, bounds),
+    let Some((options, runs)) = study.bounds.zip(calibration) else { return Ok(surrogate) };
+    match calibration::bounds(&surrogate, runs, options.coverage) {
+        Ok(bounds) => surrogate::with_bounds(surrogate, bounds),
+        Err(message) => Err(study.refusal("bounds", message)),
     }
 }
 

@@ -1,6 +1,11 @@
 //! Learns equations of motion from the motions of a table.
 
-use super::{learned::Candidate, motion::choose_step, project::Project, rescue, train::TrainingRecord};
+use super::{
+    learned::Candidate,
+    motion::choose_step,
+    project::Project,
+    train::{Trained, TrainingRecord},
+};
 use crate::{
     Error, Result,
     dataset::Dataset,
@@ -8,14 +13,13 @@ use crate::{
         identify::{Identified, Law, fit_accelerations, fit_motion},
         trajectory::Trajectory,
     },
-    files,
     source::{Source, driven::Driven},
     study::Study,
     surrogate,
-    training::{StopReason, write_history},
+    training::StopReason,
 };
 use metafmu_runtime::{
-    FormatError, Given, Model, Motion, Shown, StateSpace, Surrogate,
+    FormatError, Given, Model, Motion, Shown, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 use serde::{Deserialize, Serialize};
@@ -93,8 +97,8 @@ impl TrajectoriesRecord {
     }
 }
 
-/// Learns the equations from the rows for training, chooses the solver's step by roll-outs along them, and writes the surrogate.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
+/// Learns the equations from the rows for training, chooses the solver's step by roll-outs along them.
+pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let (Source::Recorded(recorded), Some(driven)) = (&project.source, project.source.driven()) else {
         return Err(study.refusal("source", "expected a table"));
@@ -173,12 +177,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         record.train_seconds,
         record.trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe)
     ));
-    rescue::write(project, |project| {
-        surrogate::save(&surrogate, &project.model())?;
-        write_history(&project.history(), &[])?;
-        files::write_json(&project.training_record(), &record)
-    })?;
-    Ok((surrogate, record))
+    Ok(Trained { surrogate, history: Vec::new(), record })
 }
 
 /// Factor between the errors of two candidates below which the first one is taken, whose structure holds beyond the rows.

@@ -153,9 +153,14 @@ impl<'a> Evaluated<'a> {
         runs
     }
 
-    /// Half the width of the band around the prediction in which the truth is said to be.
-    pub fn bound(&self, output: usize) -> Option<f64> {
-        self.surrogate.bounds().map(|bounds| bounds.half_widths[output])
+    /// Half the width of the band around the prediction in which the truth is said to be, at some time of a run.
+    pub fn bound(&self, output: usize, time: f64) -> Option<f64> {
+        self.surrogate.bounds().map(|bounds| bounds.at(output, time))
+    }
+
+    /// Whether the truth of a row is in that band; none if there is no such band.
+    pub fn is_within(&self, output: usize, row: &Row) -> Option<bool> {
+        self.bound(output, row.time).map(|bound| row.error().abs() <= bound)
     }
 
     /// Errors in bins of the time.
@@ -167,7 +172,7 @@ impl<'a> Evaluated<'a> {
         // bins are centred on instants where there are as many
         let width = stop / (bins.max(2) - 1) as f64;
         let rows = self.all_rows(output).map(|row| (row.time, row));
-        gather(rows, -0.5 * width, stop + 0.5 * width, bins, self.bound(output)).limited(0.0, stop)
+        gather(rows, -0.5 * width, stop + 0.5 * width, bins, |row| self.is_within(output, row)).limited(0.0, stop)
     }
 
     /// Errors in bins of a parameter.
@@ -176,7 +181,7 @@ impl<'a> Evaluated<'a> {
         let runs = 0..self.test.runs.len();
         let rows = runs
             .flat_map(|run| self.rows(run, output).map(move |row| (self.test.runs[run].parameters[parameter], row)));
-        gather(rows, input.min, input.max, PARAMETER_BINS, self.bound(output))
+        gather(rows, input.min, input.max, PARAMETER_BINS, |row| self.is_within(output, row))
     }
 
     /// Labels against predictions.
@@ -260,13 +265,20 @@ fn bin(value: f64, low: f64, high: f64, bins: usize) -> usize {
     (place as usize).min(bins - 1)
 }
 
-fn gather(rows: impl Iterator<Item = (f64, Row)>, low: f64, high: f64, bins: usize, bound: Option<f64>) -> Binned {
+/// Errors of rows in bins, and how many are within a bound, if there is one.
+fn gather(
+    rows: impl Iterator<Item = (f64, Row)>,
+    low: f64,
+    high: f64,
+    bins: usize,
+    is_within: impl Fn(&Row) -> Option<bool>,
+) -> Binned {
     #[derive(Clone, Copy, Default)]
     struct Sums {
         count: f64,
         squares: f64,
         largest: f64,
-        within: f64,
+        within: Option<f64>,
     }
     let mut sums = vec![Sums::default(); bins];
     for (at, row) in rows {
@@ -274,7 +286,9 @@ fn gather(rows: impl Iterator<Item = (f64, Row)>, low: f64, high: f64, bins: usi
         sums.count += 1.0;
         sums.squares += error * error;
         sums.largest = sums.largest.max(error);
-        sums.within += f64::from(u8::from(bound.is_some_and(|bound| error <= bound)));
+        if let Some(is_within) = is_within(&row) {
+            *sums.within.get_or_insert(0.0) += f64::from(u8::from(is_within));
+        }
     }
     let width = (high - low) / bins as f64;
     let (mut binned, filled) =
@@ -285,9 +299,7 @@ fn gather(rows: impl Iterator<Item = (f64, Row)>, low: f64, high: f64, bins: usi
         binned.at.push(low + (index as f64 + 0.5) * width);
         binned.rms.push((squares / count).sqrt());
         binned.largest.push(largest);
-        if bound.is_some() {
-            binned.within.push(within / count);
-        }
+        binned.within.extend(within.map(|within| within / count));
     }
     binned
 }

@@ -168,6 +168,21 @@ def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(built):
     assert np.all(np.abs(found - truth).std(axis=0) < 0.1 * truth.std(axis=0))
 
 
+def test_error_bounds_are_measured_on_runs_of_their_own_and_grow(tmp_path):
+    table(tmp_path / "runs.csv")
+    study = STUDY.replace("[sampling]", '[bounds]\ncoverage = 0.7\nruns = 4\n[sampling]').replace("[discrete]", '[discrete]\nmodel = "linear"')
+    (tmp_path / "plant.toml").write_text(study)
+    metafmu("build", tmp_path / "plant.toml", "--out", tmp_path / "out")
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["outputs"]
+    running = Running(str(tmp_path / "out" / "plant.fmu"), tmp_path / "fmu")
+    first = running.get("position_bound", "speed_bound")
+    assert (first > 0.0).all()
+    running.step((ROWS - 1) * STEP)
+    last = running.get("position_bound", "speed_bound")
+    np.testing.assert_allclose(last, [metrics[name]["bound"] for name in ("position", "speed")], rtol=1e-12)
+    assert (last > first).all()
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_rows_of_fmpy_are_those_of_the_model_file(built, version):
     force = forces(99)
@@ -331,7 +346,7 @@ def test_tables_that_are_no_samples_are_refused_with_their_line(tmp_path, change
         ("stretch = 20", 'model = "best"', "discrete.model"),
         ("hidden = [12]", "hidden = []", "network.hidden: no hidden layer, expected at least one"),
         ("epochs = 100", "epochs = 100\nbatch_norm = true", "training.batch_norm: belongs to the structure \"response\""),
-        ("[sampling]", "[bounds]\n[sampling]", "bounds: belongs to the structure \"response\""),
+        ("[sampling]", "[bounds]\nruns = 3\n[sampling]", "bounds.runs: 3 runs, expected at least 19 for a coverage of 0.95"),
         ("[sampling]", "[states]\nx = { min = 0, max = 1 }\n[sampling]", "states: belongs to the structure \"dynamics\""),
         ("speed = {}", "speed = {}\nforce_start = {}", "`force_start` is the name of a variable's value before the start"),
         ('structure = "discrete"', "", "discrete: belongs to the structure \"discrete\""),

@@ -388,6 +388,46 @@ def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
     assert "crane" in (crane.folder / "report.html").read_text()
 
 
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory):
+    """Friction of another form, learned by a small network: there are errors to bound."""
+    folder = tmp_path_factory.mktemp("bounded")
+    network = "[network]\nhidden = [32, 32]\n[training]\nepochs = 150\n[dynamics]\nmodel = \"network\"\n[accept]\nr2 = -1e9\n"
+    more = f"[bounds]\ncoverage = 0.9\nruns = 60\n{network}[sampling]\nstates = 5000"
+    crane = write(folder, ("[sampling]", more), ("test_runs = 4", "test_runs = 40"))
+    metafmu("build", crane.study, "--out", crane.folder, "--fmi", "both")
+    return crane
+
+
+@pytest.mark.parametrize("version, interface", KINDS)
+def test_error_bounds_grow_with_the_time_since_the_start(bounded, version, interface):
+    fmu = bounded.fmu(version)
+    options = {} if interface == "CoSimulation" else {"solver": "CVode"}
+    start = 3.0
+    result = simulate_fmu(fmu, fmi_type=interface, start_time=start, stop_time=start + STOP + 1.0, output_interval=STEP,
+                          output=["x_bound", "theta_bound"], **options)
+    metrics = json.loads((bounded.folder / "metrics.json").read_text())["outputs"]
+    for output in OUTPUTS:
+        bound = result[f"{output}_bound"]
+        assert (np.diff(bound) >= 0.0).all() and 0.0 < bound[0] < 0.2 * bound[-1]
+        # those at the end of the runs stay
+        np.testing.assert_allclose(bound[result["time"] >= start + STOP], metrics[output]["bound"], rtol=1e-12)
+    description = {variable.name: variable for variable in read_model_description(fmu).modelVariables}["x_bound"]
+    assert (description.causality, description.variability, description.unit) == ("output", "continuous", "m")
+    assert "up to 5 s after its start" in description.description
+    assert validate_fmu(fmu) == []
+
+
+def test_the_stated_share_of_the_test_runs_points_is_within_the_bounds_in_each_part_of_the_runs(bounded):
+    metrics = json.loads((bounded.folder / "metrics.json").read_text())["outputs"]
+    for output in OUTPUTS:
+        # 40 runs, whose points are correlated, for bounds from 60 runs
+        assert 0.82 < metrics[output]["within_bound"] <= 1.0, metrics
+    assert "bound at the end" in (bounded.folder / "report.html").read_text()
+    with ZipFile(bounded.fmu(2)) as archive:
+        assert "Error bounds 2.5 s and 5 s after the start" in archive.read("documentation/index.html").decode()
+
+
 def test_the_model_card_has_the_errors_of_the_roll_outs(crane):
     horizons = json.loads((crane.folder / "metrics.json").read_text())["roll_outs"]["horizons"]
     with ZipFile(crane.fmu(2)) as archive:

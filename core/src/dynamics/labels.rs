@@ -112,7 +112,7 @@ impl<'a> Labels<'a> {
         ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
     }
 
-    fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
+    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
         let mut values = self.defaults.clone();
         let of_parameters = &point[self.coordinates()..];
         self.varied.iter().zip(of_parameters).for_each(|(position, value)| values[*position] = *value);

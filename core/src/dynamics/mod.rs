@@ -10,6 +10,7 @@
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
+mod assembly;
 mod equations;
 pub mod identify;
 mod labels;
@@ -23,6 +24,7 @@ pub mod trajectory;
 mod tests;
 
 use crate::multibody::Mechanism;
+pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
 use labels::{Label, Labels, Point};
 use metafmu_runtime::{

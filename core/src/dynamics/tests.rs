@@ -190,3 +190,24 @@ fn outputs_are_positions_with_their_windings() {
         assert!(fitted.error < 1e-12, "{}", fitted.error);
     }
 }
+
+#[test]
+fn a_closed_loop_is_put_together_at_any_coordinate() {
+    let text = include_str!("../../../examples/dynamics/slider-crank.toml");
+    let mechanism = parse(&format!("{text}x = {{ measure = \"slider.x\" }}\nspeed = {{ measure = \"slider.vx\" }}\n"));
+    let region = Region {
+        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        outputs: ["theta", "speed", "x"].map(String::from).into(),
+        ..Region::default()
+    };
+    let assembly = Assembly::new(&mechanism, &region).unwrap();
+    let assembled = assembly.with(&[]).unwrap();
+    for theta in [0.3, 2.0, 9.0, -4.0] {
+        let x = 0.3 * f64::cos(theta) + (0.81 - 0.09 * f64::sin(theta).powi(2)).sqrt();
+        let positions = assembled.positions(&[theta]).unwrap();
+        assert_eq!(positions.iter().map(|(output, _)| *output).collect::<Vec<_>>(), [0, 2]);
+        for ((_, found), expected) in positions.iter().zip([theta, x]) {
+            assert!((found - expected).abs() < 1e-12, "{theta}: {found} {expected}");
+        }
+    }
+}

@@ -1,7 +1,10 @@
 //! Roll-outs of surrogates with states: how their errors grow with time.
 
-use crate::dataset::{Dataset, Run};
-use metafmu_runtime::{Drive, Dynamics, Evaluator, Model, Scratch, Surrogate};
+use crate::{
+    dataset::{Dataset, Run},
+    dynamics::Assembly,
+};
+use metafmu_runtime::{Drive, Dynamics, Evaluator, Model, Scratch, Shown, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +21,10 @@ pub struct RollOuts {
     /// dissipates or drives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub energy_drift: Option<f64>,
+    /// Largest difference of an output that is a position from the mechanism's at the surrogate's own coordinates, relative to the output's
+    /// range: what is left of the constraints of closed loops; none without a mechanism or such an output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub constraint_residual: Option<f64>,
     /// Number of runs, and of those that are still finite, after ten times their length, their inputs being repeated.
     pub long_runs: [usize; 2],
 }
@@ -73,6 +80,7 @@ impl RollOuts {
             horizons: lengths.into_iter().map(horizon).collect(),
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
+            constraint_residual: None,
             long_runs: {
                 let runs = &test.runs[..test.runs.len().min(LONG_RUNS)];
                 [runs.len(), runs.par_iter().filter(finite).count()]
@@ -150,6 +158,33 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
         (high - low) / kinetic.max(f64::MIN_POSITIVE)
     };
     Some(test.runs.par_iter().map(drift).reduce(|| 0.0, f64::max).min(f64::MAX))
+}
+
+/// How far positions are from those of the mechanism it was learned from, at the coordinates that the test runs' roll-outs come to: see
+/// [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the largest number.
+pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Dataset) -> Option<f64> {
+    let Model::Motion(motion) = surrogate.model() else { return None };
+    if !motion.outputs.iter().any(|shown| matches!(shown, Shown::Position(_))) {
+        return None;
+    }
+    let (n, parameters) = (motion.dynamics.coordinates(), motion.dynamics.parameters());
+    let evaluator = Evaluator::new(surrogate);
+    let ranges: Vec<f64> = surrogate.outputs().iter().map(|output| output.max - output.min).collect();
+    let of_run = |run: &Run| -> Option<f64> {
+        let assembled = assembly.with(&run.parameters[..parameters]).ok()?;
+        let mut roll_out = RollOut::along(surrogate, &evaluator, run);
+        let mut largest = 0.0f64;
+        for row in 0..run.times.len() {
+            // a roll-out that ends is told elsewhere
+            let Some((point, results)) = roll_out.at(row) else { break };
+            for (output, position) in assembled.positions(&point[point.len() - 2 * n..][..n]).ok()? {
+                let range = if ranges[output] > 0.0 { ranges[output] } else { 1.0 };
+                largest = largest.max((results[output] - position).abs() / range);
+            }
+        }
+        Some(largest)
+    };
+    Some(test.runs.par_iter().map(|run| of_run(run).unwrap_or(f64::MAX)).reduce(|| 0.0, f64::max))
 }
 
 /// A surrogate that follows a run: from its start, by its inputs, which are linear between two rows.
@@ -258,5 +293,62 @@ impl<'a> RollOut<'a> {
         let rest = vec![0.0; n];
         let total = dynamics.energy(point(v), scratch);
         [total, total - dynamics.energy(point(&rest), scratch)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        dynamics::{Range, Region},
+        multibody::Mechanism,
+        variable::Variable,
+    };
+    use metafmu_runtime::example;
+    use std::path::Path;
+
+    /// The crane of [`example::crane`], with a rope that is longer by this factor.
+    fn crane(longer: f64) -> Mechanism {
+        let text = format!(
+            r#"
+            parameters.rope = {{ default = 1.5 }}
+            bodies.trolley = {{ mass = 2 }}
+            bodies.load = {{ mass = 1, position = [0, "-{longer} * rope"], points = {{ top = [0, "{longer} * rope"] }} }}
+            joints.rail = {{ type = "prismatic", between = ["ground", "trolley"], axis = [1, 0] }}
+            joints.rope = {{ type = "revolute", between = ["trolley", "load.top"] }}
+            outputs.x = {{ measure = "rail.position" }}
+            outputs.theta = {{ measure = "rope.angle" }}
+            outputs.load_x = {{ measure = "load.x" }}
+            "#
+        );
+        Mechanism::parse(&text, Path::new("crane.toml")).unwrap()
+    }
+
+    #[test]
+    fn the_residual_is_how_far_positions_are_from_those_of_the_mechanism() {
+        let surrogate = example::crane();
+        let times: std::sync::Arc<[f64]> = (0..=40).map(|row| 0.05 * f64::from(row)).collect();
+        let (parameters, inputs) = (vec![1.2, 0.0, 0.8, 0.0, 0.0], vec![0.0; times.len()]);
+        let test = Dataset {
+            inputs: vec![Variable::new("force", "N", "")],
+            parameters: Vec::new(),
+            outputs: Vec::new(),
+            runs: vec![Run { inputs, parameters, times, outputs: Vec::new() }],
+        };
+        let region = Region {
+            coordinates: vec![Range::new("rail.position", -5.0, 5.0), Range::new("rope.angle", -3.0, 3.0)],
+            parameters: vec![Range::new("rope", 1.0, 2.0)],
+            outputs: ["x", "theta", "load_x"].map(String::from).into(),
+            ..Region::default()
+        };
+        let residual = |mechanism: &Mechanism| {
+            constraint_residual(&surrogate, &Assembly::new(mechanism, &region).unwrap(), &test).unwrap()
+        };
+        assert!(residual(&crane(1.0)) < 1e-14);
+        // it begins at its largest angle
+        let load = &surrogate.outputs()[2];
+        let expected = 0.01 * 1.2 * f64::sin(0.8) / (load.max - load.min);
+        let found = residual(&crane(1.01));
+        assert!((found / expected - 1.0).abs() < 0.01, "{found:e} {expected:e}");
     }
 }

@@ -118,7 +118,6 @@ fn refused(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_response = "belongs to the structure \"response\"";
     problems.expect_absent(study.target.is_some(), "target", of_response);
-    problems.expect_absent(study.bounds.is_some(), "bounds", of_response);
     problems.expect_absent(study.search.is_some(), "search", of_response);
     problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_response);
     let is_fixed = study.network.structure != NetworkOptions::default().structure;

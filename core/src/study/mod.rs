@@ -167,7 +167,8 @@ pub struct Study {
     pub training: TrainingOptions,
     /// How good the surrogate is to be, if runs are to be added until it is.
     pub target: Option<TargetOptions>,
-    /// Error bounds of the outputs; without this section there are none.
+    /// Error bounds of the outputs; without this section there are none. Of a surrogate with a state they grow with the time since the
+    /// start.
     pub bounds: Option<BoundsOptions>,
     /// When a surrogate is good enough to be used. One that is not is rejected: `build`, `train` and `evaluate` say why and end with exit
     /// code 1.

@@ -130,6 +130,8 @@ impl SamplingOptions {
             "sampling.train_stop",
             message,
         );
+        let message = "is measured on runs of its own: with `sampling.train_stop` every run is learned from";
+        problems.expect_absent(train_stop.is_some() && study.bounds.is_some(), "bounds", message);
         if let Some(train_stop) = train_stop.filter(|train_stop| *train_stop >= study.time.stop) {
             let message = format!(
                 "{train_stop} s, expected less than `time.stop`, {} s: the rows after it are for tests",

@@ -264,7 +264,6 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         "\"fixed\" belongs to the structure \"response\"",
     );
     problems.expect_absent(study.target.is_some(), "target", of_network);
-    problems.expect_absent(study.bounds.is_some(), "bounds", of_network);
     problems.expect_absent(study.search.is_some(), "search", of_network);
     problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_network);
     problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);

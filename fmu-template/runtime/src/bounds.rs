@@ -4,7 +4,8 @@ use crate::FormatError;
 use serde::{Deserialize, Serialize};
 
 /// Split-conformal error bounds. Of a run that is drawn like those the bounds were measured on, the share `coverage` of the
-/// rows is expected to have `|y - prediction| <= half_width`, for each output by itself.
+/// rows is expected to have `|y - prediction| <= half_width`, for each output by itself; of a model with a state, whose errors grow,
+/// of the rows between any two of `times`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
@@ -12,25 +13,119 @@ pub struct Bounds {
     pub coverage: f64,
     /// Number of runs the bounds were measured on, seen neither in training nor in tests.
     pub runs: u64,
-    /// The bound of each output, in its unit; not negative.
+    /// Times since the start of a run, in seconds, increasing from 0, of a model with a state; bounds are linear between them and stay what
+    /// they are at the last one. Empty: bounds do not depend on the time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub times: Vec<f64>,
+    /// The bound of each output, in its unit, not negative: shape `[max(times, 1), outputs]`.
     pub half_widths: Vec<f64>,
 }
 
 impl Bounds {
+    /// The bound of an output so many seconds after the start of a run. Does not allocate.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub fn at(&self, output: usize, elapsed: f64) -> f64 {
+        let outputs = self.half_widths.len() / self.times.len().max(1);
+        let width = |knot: usize| self.half_widths[knot * outputs..][..outputs][output];
+        // the first time is zero, which a time before the start counts as
+        let next = self.times.partition_point(|&time| time <= elapsed).max(1);
+        if next >= self.times.len() {
+            return width(self.times.len().saturating_sub(1));
+        }
+        let share = (elapsed - self.times[next - 1]) / (self.times[next] - self.times[next - 1]);
+        width(next - 1) + share.max(0.0) * (width(next) - width(next - 1))
+    }
+
+    /// Its derivative with respect to that time, of the part that follows. Does not allocate.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub fn rate(&self, output: usize, elapsed: f64) -> f64 {
+        let next = self.times.partition_point(|&time| time <= elapsed);
+        let Some(&end) = self.times.get(next).filter(|_| next > 0) else { return 0.0 };
+        let begin = self.times[next - 1];
+        (self.at(output, end) - self.at(output, begin)) / (end - begin)
+    }
+
+    /// The largest bound of an output.
+    ///
+    /// # Panics
+    /// If there is no such output.
+    pub fn largest(&self, output: usize) -> f64 {
+        let outputs = self.half_widths.len() / self.times.len().max(1);
+        assert!(output < outputs, "output {output} of {outputs}");
+        self.half_widths.iter().skip(output).step_by(outputs).copied().fold(0.0, f64::max)
+    }
+
+    /// Whether they depend on the time since the start.
+    pub fn grow(&self) -> bool {
+        !self.times.is_empty()
+    }
+
     /// Makes sure that there is a bound for each of `outputs` outputs, and that they make sense.
     ///
     /// # Errors
     /// [`FormatError::BoundCount`] or [`FormatError::Bound`].
     pub(crate) fn check(&self, outputs: usize) -> Result<(), FormatError> {
-        if self.half_widths.len() != outputs {
-            return Err(FormatError::BoundCount { found: self.half_widths.len(), expected: outputs });
+        let expected = outputs * self.times.len().max(1);
+        if self.half_widths.len() != expected {
+            return Err(FormatError::BoundCount { found: self.half_widths.len(), expected });
         }
         if !(self.coverage > 0.0 && self.coverage < 1.0) {
             return Err(FormatError::Bound { what: "coverage", found: self.coverage });
+        }
+        let mut before = -f64::MIN_POSITIVE;
+        for (index, &time) in self.times.iter().enumerate() {
+            if !(time.is_finite() && time > before && (index > 0 || time == 0.0)) {
+                return Err(FormatError::Bound { what: "time", found: time });
+            }
+            before = time;
         }
         match self.half_widths.iter().find(|&&width| !(width.is_finite() && width >= 0.0)) {
             Some(&found) => Err(FormatError::Bound { what: "half-width", found }),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_linear_between_times_and_stay_at_the_end() {
+        let bounds = Bounds {
+            coverage: 0.9,
+            runs: 9,
+            times: vec![0.0, 1.0, 3.0],
+            half_widths: vec![1.0, 0.0, 2.0, 0.5, 6.0, 0.5],
+        };
+        bounds.check(2).unwrap();
+        for (elapsed, expected) in
+            [(-1.0, 1.0), (0.0, 1.0), (0.5, 1.5), (1.0, 2.0), (2.0, 4.0), (3.0, 6.0), (99.0, 6.0)]
+        {
+            assert_eq!(bounds.at(0, elapsed), expected, "{elapsed}");
+        }
+        assert_eq!([-1.0, 0.0, 0.5, 1.0, 3.0].map(|elapsed| bounds.rate(0, elapsed)), [0.0, 1.0, 1.0, 2.0, 0.0]);
+        assert_eq!([bounds.at(1, 0.5), bounds.largest(0), bounds.largest(1)], [0.25, 6.0, 0.5]);
+        let constant = Bounds { coverage: 0.9, runs: 9, times: Vec::new(), half_widths: vec![1.0, 2.0] };
+        assert_eq!([constant.at(1, 7.0), constant.largest(0)], [2.0, 1.0]);
+    }
+
+    #[test]
+    fn times_that_do_not_increase_from_zero_are_refused() {
+        for (times, found) in
+            [(vec![0.5, 1.0], 0.5), (vec![0.0, 0.0], 0.0), (vec![0.0, 2.0, 1.0], 1.0), (vec![-1.0, 0.0], -1.0)]
+        {
+            let half_widths = vec![1.0; times.len()];
+            let error = Bounds { coverage: 0.9, runs: 9, times, half_widths }.check(1).unwrap_err();
+            assert!(matches!(error, FormatError::Bound { what: "time", found: wrong } if wrong == found), "{error}");
+        }
+        let error = Bounds { coverage: 0.9, runs: 9, times: vec![0.0, f64::NAN], half_widths: vec![1.0; 2] }.check(1);
+        assert!(error.is_err());
+        let error = Bounds { coverage: 0.9, runs: 9, times: vec![0.0, 1.0], half_widths: vec![1.0; 2] }.check(2);
+        assert!(matches!(error, Err(FormatError::BoundCount { found: 2, expected: 4 })));
     }
 }

@@ -170,8 +170,18 @@ pub fn with_arrays() -> Surrogate {
 
 /// [`with_arrays`] with the error bounds 0.125 and 0.25.
 pub fn with_bounds() -> Surrogate {
-    let bounds = Bounds { coverage: 0.95, runs: 100, half_widths: vec![0.125, 0.25] };
+    let bounds = Bounds { coverage: 0.95, runs: 100, times: Vec::new(), half_widths: vec![0.125, 0.25] };
     with_arrays().with_bounds(bounds).expect("the example is valid")
+}
+
+/// [`crane`] with error bounds of 0.125, 0.25, 0.375, ... that grow to three times as much from 1 s to 2 s after the start.
+pub fn with_growing_bounds() -> Surrogate {
+    let outputs = crane().outputs().len();
+    let half_widths =
+        [1.0, 1.0, 3.0].iter().flat_map(|times| (1..=outputs).map(move |output| times * 0.125 * output as f64));
+    let half_widths = half_widths.collect();
+    let bounds = Bounds { coverage: 0.95, runs: 100, times: vec![0.0, 1.0, 2.0], half_widths };
+    crane().with_bounds(bounds).expect("the example is valid")
 }
 
 /// Numbers spread over (-1, 1): the fractional parts of multiples of the golden ratio.

@@ -34,7 +34,7 @@ pub enum Quantity {
     BuiltIn(BuiltIn),
     /// Several outputs as one array. FMI 2.0 has no arrays.
     Array(usize),
-    /// The error bound of an output, a constant.
+    /// The error bound of an output: a constant or, of a model with a state, a function of the time since the start.
     Bound(usize),
 }
 

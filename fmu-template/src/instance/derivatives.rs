@@ -20,11 +20,13 @@ impl Instance {
         sensitivity: &mut [f64],
     ) -> Result<(), Refusal> {
         self.columns[0].fill(0.0);
+        let mut of_time = 0.0;
         for (&known, &seed) in knowns.iter().zip(seed) {
             finite("seed", seed)?;
-            // the independent variable of a surrogate without a time column has no effect
-            if let Some(column) = self.known(known)? {
-                self.columns[0][column] += seed;
+            match self.known(known)? {
+                Some(column) => self.columns[0][column] += seed,
+                // the independent variable of a surrogate without a time column has an effect on bounds only
+                None => of_time += seed,
             }
         }
         self.check_unknowns(unknowns)?;
@@ -38,6 +40,7 @@ impl Instance {
                 Unknown::Result(index) => self.sensitivities[0][index],
                 Unknown::State(state) => self.columns[0][self.metadata.inputs.len() + state],
                 Unknown::Distance => distance,
+                Unknown::Bound(output) => of_time * self.variables.bound_rate(output, self.elapsed()),
             };
         }
         Ok(())
@@ -53,13 +56,18 @@ impl Instance {
     ) -> Result<(), Refusal> {
         self.check_unknowns(unknowns)?;
         self.sensitivities[0].fill(0.0);
-        let mut weight_of_distance = 0.0;
+        let (mut weight_of_distance, mut of_time) = (0.0, 0.0);
+        let elapsed = self.elapsed();
         // of the states themselves
         let [_, direct] = &mut self.columns;
         direct.fill(0.0);
         for (unknown, &seed) in self.variables.unknowns(unknowns).zip(seed) {
             finite("seed", seed)?;
             let weight = match unknown {
+                Unknown::Bound(output) => {
+                    of_time += seed * self.variables.bound_rate(output, elapsed);
+                    continue;
+                }
                 Unknown::Result(index) => &mut self.sensitivities[0][index],
                 Unknown::State(state) => &mut direct[self.metadata.inputs.len() + state],
                 Unknown::Distance => &mut weight_of_distance,
@@ -76,7 +84,7 @@ impl Instance {
             self.columns[0][column] += slope * weight_of_distance;
         }
         for (result, &known) in sensitivity.iter_mut().zip(knowns) {
-            *result = self.known(known)?.map_or(0.0, |column| self.columns[0][column]);
+            *result = self.known(known)?.map_or(of_time, |column| self.columns[0][column]);
         }
         Ok(())
     }
@@ -116,6 +124,8 @@ impl Instance {
                     Unknown::Result(index) => self.sensitivities[order][index],
                     Unknown::State(state) => self.columns[order][self.metadata.inputs.len() + state],
                     Unknown::Distance => distance[order],
+                    Unknown::Bound(output) if order == 0 => self.variables.bound_rate(output, self.elapsed()),
+                    Unknown::Bound(_) => 0.0,
                 };
             }
         }
@@ -181,7 +191,7 @@ impl Instance {
         }
     }
 
-    /// Unknowns are outputs, arrays of them, states, their derivatives, and the distance from the domain.
+    /// Unknowns are outputs, arrays of them, states, their derivatives, the distance from the domain, and bounds that depend on the time.
     fn check_unknowns(&self, references: &[u32]) -> Result<(), Refusal> {
         references.iter().try_for_each(|&reference| match self.quantity(reference)? {
             Quantity::Output(_)
@@ -189,6 +199,7 @@ impl Instance {
             | Quantity::State(_)
             | Quantity::Derivative(_)
             | Quantity::BuiltIn(BuiltIn::DomainDistance) => Ok(()),
+            Quantity::Bound(_) if self.variables.bounds_grow() => Ok(()),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: UNKNOWN }),
         })
     }

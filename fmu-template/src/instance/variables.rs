@@ -1,7 +1,7 @@
 //! What value references stand for in one version of the standard.
 
 use crate::{state::Version, status::Refusal};
-use metafmu_runtime::{BuiltIn, Quantity, Surrogate, Variable};
+use metafmu_runtime::{Bounds, BuiltIn, Quantity, Surrogate, Variable};
 
 /// A scalar that has derivatives.
 #[derive(Clone, Copy)]
@@ -12,6 +12,8 @@ pub(super) enum Unknown {
     State(usize),
     /// The distance from the domain.
     Distance,
+    /// The error bound of an output, which depends on the time alone.
+    Bound(usize),
 }
 
 /// The surrogate's variables that the version has.
@@ -20,8 +22,8 @@ pub(super) struct Variables {
     all: Vec<Option<Variable>>,
     /// Outputs of each array.
     arrays: Vec<Vec<usize>>,
-    /// Error bound of each output, if they were measured.
-    bounds: Vec<f64>,
+    /// Error bounds of the outputs, if they were measured.
+    bounds: Option<Bounds>,
     /// Number of outputs.
     outputs: usize,
 }
@@ -36,7 +38,7 @@ impl Variables {
         Self {
             all,
             arrays: (0..arrays).map(|index| surrogate.array_elements(index).1.to_vec()).collect(),
-            bounds: surrogate.bounds().map_or(Vec::new(), |bounds| bounds.half_widths.clone()),
+            bounds: surrogate.bounds().cloned(),
             outputs: surrogate.outputs().len(),
         }
     }
@@ -56,9 +58,19 @@ impl Variables {
         self.all.iter().position(is_wanted).map(|reference| reference as u32)
     }
 
-    /// The error bound of an output that has one.
-    pub(super) fn bound(&self, output: usize) -> f64 {
-        self.bounds[output]
+    /// The error bound of an output that has one, so many seconds after the start.
+    pub(super) fn bound(&self, output: usize, elapsed: f64) -> f64 {
+        self.bounds.as_ref().map_or(0.0, |bounds| bounds.at(output, elapsed))
+    }
+
+    /// The derivative of such a bound with respect to the time.
+    pub(super) fn bound_rate(&self, output: usize, elapsed: f64) -> f64 {
+        self.bounds.as_ref().map_or(0.0, |bounds| bounds.rate(output, elapsed))
+    }
+
+    /// Whether bounds depend on the time.
+    pub(super) fn bounds_grow(&self) -> bool {
+        self.bounds.as_ref().is_some_and(Bounds::grow)
     }
 
     /// How many values these variables have.
@@ -94,6 +106,7 @@ impl Variables {
                 Ok(Quantity::State(state)) => (Some(Unknown::State(state)), &[][..]),
                 Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(Unknown::Distance), &[][..]),
                 Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
+                Ok(Quantity::Bound(output)) if self.bounds_grow() => (Some(Unknown::Bound(output)), &[][..]),
                 Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_)) | Err(_) => (None, &[][..]),
             };
             scalar.into_iter().chain(array.iter().map(|&output| Unknown::Result(output)))

@@ -46,6 +46,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "instance_tell",
     "model_adjoint",
     "model_along_curve",
+    "model_bound_times",
     "model_bounds",
     "model_columns",
     "model_description",
@@ -103,6 +104,7 @@ pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
         ("COLUMN_COUNT", inputs + states, "of a point: inputs and states"),
         ("OUTPUT_COUNT", outputs, ""),
         ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
+        ("BOUND_TIME_COUNT", bounds(surrogate).0.len(), "times of error bounds"),
     ];
     push(&mut text, format_args!("\n#define MODEL_HAS_STATES {}\n\nenum {{\n", u8::from(states > 0)));
     let count = common.len() + sizes.len();
@@ -129,9 +131,18 @@ pub fn source(surrogate: &Surrogate, kind: Kind) -> String {
     );
     variables(&mut text, surrogate);
     columns(&mut text, surrogate);
-    let bounds = surrogate.bounds().map_or(vec![0.0; outputs.len()], |bounds| bounds.half_widths.clone());
-    array(&mut text, "const double model_bounds", &bounds);
+    let (times, half_widths) = bounds(surrogate);
+    array(&mut text, "const double model_bound_times", &times);
+    array(&mut text, "const double model_bounds", &half_widths);
     text + &Part::of(surrogate, kind).data
+}
+
+/// Times and error bounds; zeros if there are none.
+fn bounds(surrogate: &Surrogate) -> (Vec<f64>, Vec<f64>) {
+    let outputs = surrogate.outputs().len();
+    let bounds = surrogate.bounds().map(|bounds| (bounds.times.clone(), bounds.half_widths.clone()));
+    let (times, half_widths) = bounds.unwrap_or((Vec::new(), vec![0.0; outputs]));
+    (if times.is_empty() { vec![0.0] } else { times }, half_widths)
 }
 
 fn variables(text: &mut String, surrogate: &Surrogate) {

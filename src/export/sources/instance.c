@@ -844,6 +844,32 @@ static bool is_result(const Instance *instance, uint32_t reference, size_t *resu
     return false;
 }
 
+/* An error bound and its derivative with respect to the time. */
+typedef struct {
+    double value;
+    double rate;
+} Bound;
+
+static Bound bound(const Instance *instance, size_t output)
+{
+    const double elapsed = instance->now.time - instance->now.start_time;
+    const size_t last = BOUND_TIME_COUNT - 1;
+    size_t next = 0;
+    while (next <= last && model_bound_times[next] <= elapsed) {
+        next++;
+    }
+    if (next == 0 || next > last) {
+        const Bound constant = {model_bounds[(next == 0 ? 0 : last) * OUTPUT_COUNT + output], 0.0};
+        return constant;
+    }
+    const double begin = model_bound_times[next - 1];
+    const double size = model_bound_times[next] - begin;
+    const double from = model_bounds[(next - 1) * OUTPUT_COUNT + output];
+    const double change = model_bounds[next * OUTPUT_COUNT + output] - from;
+    const Bound growing = {from + (elapsed - begin) / size * change, change / size};
+    return growing;
+}
+
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
 {
     for (size_t i = 0; i < count; i++) {
@@ -872,7 +898,7 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
             values[i] = distance(instance);
             break;
         case VARIABLE_BOUND:
-            values[i] = model_bounds[variable->index];
+            values[i] = bound(instance, variable->index).value;
             break;
         case VARIABLE_TIME:
             values[i] = instance->now.time;
@@ -1093,7 +1119,8 @@ static Status check_unknown(Instance *instance, uint32_t reference)
 {
     size_t result = 0;
     if (is_result(instance, reference, &result) || is(instance, reference, VARIABLE_STATE) ||
-        is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) ||
+        (BOUND_TIME_COUNT > 1 && is(instance, reference, VARIABLE_BOUND))) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
@@ -1140,9 +1167,9 @@ static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
     }
 }
 
-/* The change of an unknown, given those of the results, the columns and the distance from the domain. */
+/* The change of an unknown, given those of the results, the columns, the distance from the domain and the time. */
 static double change_of(const Instance *instance, uint32_t unknown, const double results[RESULT_COUNT],
-                        const double columns[COLUMN_COUNT], double distance_change)
+                        const double columns[COLUMN_COUNT], double distance_change, double time_change)
 {
     size_t result = 0;
     if (is_result(instance, unknown, &result)) {
@@ -1150,6 +1177,9 @@ static double change_of(const Instance *instance, uint32_t unknown, const double
     }
     if (is(instance, unknown, VARIABLE_STATE)) {
         return columns[INPUT_COUNT + model_variables[unknown].index];
+    }
+    if (is(instance, unknown, VARIABLE_BOUND)) {
+        return bound(instance, model_variables[unknown].index).rate * time_change;
     }
     return distance_change;
 }
@@ -1160,6 +1190,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
 {
     double direction[COLUMN_COUNT] = {0.0};
     double derivative[RESULT_COUNT];
+    double of_time = 0.0;
     const size_t farthest = farthest_column(instance);
     if (check_seed(instance, seed, known_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
@@ -1169,6 +1200,8 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
         const size_t column = column_of(instance, knowns[i]);
         if (column < COLUMN_COUNT) {
             direction[column] += seed[i];
+        } else {
+            of_time += seed[i];
         }
     }
     const double of_distance = distance_slope(instance, farthest) * direction[farthest];
@@ -1176,7 +1209,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     zero_clamped(instance, direction);
     model_directional(&instance->scratch, instance->point, direction, derivative);
     for (size_t i = 0; i < unknown_count; i++) {
-        sensitivity[i] = change_of(instance, unknowns[i], derivative, direction, of_distance);
+        sensitivity[i] = change_of(instance, unknowns[i], derivative, direction, of_distance, of_time);
     }
     return STATUS_OK;
 }
@@ -1188,6 +1221,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     double weights[RESULT_COUNT] = {0.0};
     double direct[COLUMN_COUNT] = {0.0}; /* of the states themselves */
     double weight_of_distance = 0.0;
+    double of_time = 0.0;
     double gradient[COLUMN_COUNT];
     const size_t farthest = farthest_column(instance);
     if (check_seed(instance, seed, unknown_count) != STATUS_OK ||
@@ -1200,6 +1234,8 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
             weights[result] += seed[i];
         } else if (is(instance, unknowns[i], VARIABLE_STATE)) {
             direct[column_of(instance, unknowns[i])] += seed[i];
+        } else if (is(instance, unknowns[i], VARIABLE_BOUND)) {
+            of_time += seed[i] * bound(instance, model_variables[unknowns[i]].index).rate;
         } else {
             weight_of_distance += seed[i];
         }
@@ -1213,7 +1249,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     gradient[farthest] += distance_slope(instance, farthest) * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
         const size_t column = column_of(instance, knowns[i]);
-        sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : 0.0;
+        sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_time;
     }
     return STATUS_OK;
 }
@@ -1261,7 +1297,9 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     model_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
     for (size_t i = 0; i < count; i++) {
         const size_t order = (size_t)orders[i] - 1;
-        values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order]);
+        /* bounds are linear in the time */
+        const double of_time = order == 0 ? 1.0 : 0.0;
+        values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order], of_time);
     }
     return STATUS_OK;
 }

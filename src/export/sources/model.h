@@ -64,7 +64,9 @@ extern const char model_description[]; /* for the log */
 extern const double model_time_step;   /* s; what hosts are told to step by */
 extern const Variable model_variables[VARIABLE_COUNT];
 extern const Column model_columns[COLUMN_COUNT];
-extern const double model_bounds[OUTPUT_COUNT]; /* error bounds, where there are variables for them */
+/* Error bounds, where there are variables for them: at times since the start, between which they are linear; one, 0, if they do not grow. */
+extern const double model_bound_times[BOUND_TIME_COUNT];
+extern const double model_bounds[BOUND_TIME_COUNT * OUTPUT_COUNT];
 
 /* Position of the column's value that is nearest; of two the first. */
 static inline size_t nearest(const Column *column, double x)

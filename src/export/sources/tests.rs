@@ -481,6 +481,37 @@ fn error_bounds_are_read_as_in_the_library() {
 }
 
 #[test]
+fn error_bounds_grow_as_in_the_library() {
+    let surrogate = seal(example::with_growing_bounds()).unwrap();
+    let [first, last] = [0, 6].map(|output| surrogate.variables().reference(Quantity::Bound(output)).unwrap());
+    let force = surrogate.variables().reference(Quantity::Input(5)).unwrap();
+    let said = |fmu: &Path| {
+        let fmu = Fmu::open(fmu).unwrap();
+        let instance = fmu.instantiate("bounds", false).unwrap();
+        instance.enter_initialization_mode(5.0, None).unwrap();
+        instance.exit_initialization_mode().unwrap();
+        let mut said = Vec::new();
+        for step in 0..5 {
+            instance.do_step(5.0 + 0.6 * f64::from(step), 0.6).unwrap();
+            let mut values = [0.0; 2];
+            instance.get_real(&[first, last], &mut values).unwrap();
+            said.extend(values);
+            said.extend(instance.directional_derivative(&[first], &[force], &[1.0]).unwrap());
+            said.extend(instance.output_derivatives(&[last], &[1]).unwrap());
+        }
+        said
+    };
+    for version in [FmiVersion::V2, FmiVersion::V3] {
+        let folder = tempfile::tempdir().unwrap();
+        let [c, rust] = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+        assert!(validate(&c).unwrap().problems.is_empty(), "{}", validate(&c).unwrap());
+        let (found, expected) = (said(&c), said(&rust));
+        assert_close(&found, &expected, 1.0, &format!("{version:?}"));
+        assert!((expected[8] - 0.325).abs() < 1e-12 && expected[16] == 0.375, "{expected:?}");
+    }
+}
+
+#[test]
 fn a_last_layer_that_is_not_linear_has_no_sources() {
     let surrogate = example::surrogate();
     let mut network = surrogate.network().unwrap().clone();

@@ -9,12 +9,8 @@ use metafmu_runtime::Bounds;
 use rayon::prelude::*;
 
 pub fn section(evaluated: &Evaluated) -> Option<Section> {
-    let bounded: Vec<(usize, f64)> =
-        shown(evaluated).filter_map(|column| Some((column, evaluated.bound(column)?))).collect();
-    if bounded.is_empty() {
-        return None;
-    }
-    let Bounds { coverage, runs, .. } = evaluated.surrogate.bounds()?;
+    let bounds @ Bounds { coverage, runs, .. } = evaluated.surrogate.bounds()?;
+    let bounded: Vec<usize> = shown(evaluated).collect();
     let stated = *coverage;
     let text = format!(
         "The truth is expected within the bound around the prediction in {} of the rows of a further run inside the ranges \
@@ -22,25 +18,25 @@ pub fn section(evaluated: &Evaluated) -> Option<Section> {
          instant, and at all instants of a run.",
         percent(stated)
     );
-    let coverages: Vec<Coverage> =
-        bounded.par_iter().map(|&(column, bound)| Coverage::of(evaluated, column, bound)).collect();
-    let rows = bounded.iter().zip(&coverages).map(|(&(column, bound), coverage)| {
+    let coverages: Vec<Coverage> = bounded.par_iter().map(|&column| Coverage::of(evaluated, column)).collect();
+    let rows = bounded.iter().zip(&coverages).map(|(&column, coverage)| {
         let (name, output_unit) = output(evaluated, column);
         let worst = coverage.over_time.within.iter().copied().fold(1.0, f64::min);
         vec![
             code(name),
             unit(output_unit),
-            number(bound),
+            number(bounds.largest(column)),
             percent(coverage.rows),
             percent(worst),
             percent(coverage.runs),
         ]
     });
-    let headings = ["output", "unit", "bound", "rows within", "at the worst instant", "runs within"];
+    let bound = if bounds.grow() { "bound at the end" } else { "bound" };
+    let headings = ["output", "unit", bound, "rows within", "at the worst instant", "runs within"];
     let figures = bounded
         .iter()
         .zip(&coverages)
-        .map(|(&(column, _), coverage)| over_time(evaluated, column, stated, &coverage.over_time));
+        .map(|(&column, coverage)| over_time(evaluated, column, stated, &coverage.over_time));
     let mut blocks = vec![paragraph(&text), table(&headings, rows), Block::Figures(figures.collect())];
     blocks.extend(left_out(evaluated));
     Some(Section { id: "coverage", title: "Error bounds".into(), blocks })
@@ -55,11 +51,12 @@ struct Coverage {
 }
 
 impl Coverage {
-    fn of(evaluated: &Evaluated, column: usize, bound: f64) -> Self {
+    fn of(evaluated: &Evaluated, column: usize) -> Self {
         let (mut rows, mut runs) = (0, 0);
         let count = evaluated.test.runs.len();
         for run in 0..count {
-            let within = evaluated.rows(run, column).filter(|row| row.error().abs() <= bound).count();
+            let within =
+                evaluated.rows(run, column).filter(|row| evaluated.is_within(column, row) == Some(true)).count();
             rows += within;
             runs += usize::from(within == evaluated.test.runs[run].times.len());
         }

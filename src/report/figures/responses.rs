@@ -46,8 +46,8 @@ pub fn response(evaluated: &Evaluated, run: usize, column: usize, prefix: &str) 
     let (truth, prediction) = curves(evaluated, run, column);
     let mut values: Vec<f64> = truth.iter().chain(&prediction).map(|point| point[1]).collect();
     let mut series = Vec::new();
-    if let Some(bound) = evaluated.bound(column) {
-        let band: Vec<[f64; 3]> = prediction.iter().map(|&[t, y]| [t, y - bound, y + bound]).collect();
+    let band = prediction.iter().map(|&[t, y]| evaluated.bound(column, t).map(|bound| [t, y - bound, y + bound]));
+    if let Some(band) = band.collect::<Option<Vec<[f64; 3]>>>() {
         values.extend(band.iter().flat_map(|&[_, low, high]| [low, high]));
         series.push(Series::named("error bound", Ink::Sky, Shape::Band(band)));
     }

@@ -90,7 +90,9 @@ fn both(error: f64, share: Option<f64>) -> String {
 }
 
 /// How errors grow along roll-outs.
-fn roll_outs(RollOuts { horizons, divergence_time, energy_drift, long_runs: [runs, finite] }: &RollOuts) -> [Block; 2] {
+fn roll_outs(
+    RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite] }: &RollOuts,
+) -> [Block; 2] {
     let headings = ["after", "relative RMS error, median", "90 % of the runs", "start off by 1e-9, median", "90 %"];
     let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] }| {
         let numbers = [median, q90, changed, changed_q90].map(|value| format!("{value:.1e}"));
@@ -103,9 +105,15 @@ fn roll_outs(RollOuts { horizons, divergence_time, energy_drift, long_runs: [run
     let energy = energy_drift.map_or(String::new(), |drift| {
         format!(", and without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
     });
+    let residual = constraint_residual.map_or(String::new(), |residual| {
+        format!(
+            " Positions are within {residual:.1e} of their ranges of those that the mechanism has at the surrogate's coordinates: so well are \
+             its closed loops closed."
+        )
+    });
     let text = format!(
         "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. What a start that is off \
-         by 1e-9 changes is the motion's own sensitivity. {diverges}{energy}. {finite} of {runs} runs are finite after ten times their \
+         by 1e-9 changes is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
          length."
     );
     [table(&headings, rows), paragraph(&text)]

@@ -293,13 +293,13 @@ pub enum FormatError {
     BoundCount {
         /// Number of bounds.
         found: usize,
-        /// Number of outputs.
+        /// Number of outputs, and of times if bounds depend on them.
         expected: usize,
     },
-    /// A coverage that is no share, or a bound that is negative or not finite.
+    /// A coverage that is no share, times that do not increase from zero, or a bound that is negative or not finite.
     #[error("error bounds: {what} {found} makes no sense")]
     Bound {
-        /// `coverage` or `half-width`.
+        /// `coverage`, `time` or `half-width`.
         what: &'static str,
         /// What stands there.
         found: f64,

@@ -207,7 +207,7 @@ fn arrays_that_make_no_sense_are_refused_by_name() {
 #[test]
 fn error_bounds_that_make_no_sense_are_refused() {
     let refused = |coverage: f64, half_widths: &[f64]| {
-        let bounds = Bounds { coverage, runs: 100, half_widths: half_widths.into() };
+        let bounds = Bounds { coverage, runs: 100, times: Vec::new(), half_widths: half_widths.into() };
         changed(|metadata| metadata.bounds = Some(bounds)).unwrap_err().to_string()
     };
     assert_eq!(refused(0.9, &[0.1]), "1 error bounds, expected 2: one for each output");

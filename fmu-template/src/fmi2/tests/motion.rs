@@ -248,3 +248,39 @@ fn what_leaves_the_domain_or_cannot_be_computed_is_said() {
     assert_eq!(host.step(0.0, 1e9), Status::Error);
     assert!(host.message().contains("takes more than ten million steps of the solver"));
 }
+
+#[test]
+fn error_bounds_grow_with_the_time_since_the_start() {
+    let bounds = [25, 26];
+    let at_start = 5.0;
+    for kind in [CO_SIMULATION, MODEL_EXCHANGE] {
+        let host = Host::of_kind(&example::with_growing_bounds(), kind);
+        host.set_up(at_start);
+        assert_eq!((host.enter(), host.exit()), (Status::Ok, Status::Ok));
+        assert_eq!(host.try_get(bounds), Ok([0.125, 0.25]));
+        // what the time is, the bounds, and the first one's derivative
+        for (elapsed, expected, slope) in
+            [(0.5, [0.125, 0.25], 0.0), (1.5, [0.25, 0.5], 0.25), (7.0, [0.375, 0.75], 0.0)]
+        {
+            let host = Host::of_kind(&example::with_growing_bounds(), kind);
+            host.set_up(at_start);
+            assert_eq!((host.enter(), host.exit()), (Status::Ok, Status::Ok));
+            if kind == CO_SIMULATION {
+                assert_eq!(host.step(at_start, elapsed), Status::Ok);
+                let mut rate = f64::NAN;
+                assert_eq!(unsafe { fmi2GetRealOutputDerivatives(host.c, &bounds[0], 1, &1, &mut rate) }, Status::Ok);
+                assert_eq!(rate, slope, "{elapsed}");
+            } else {
+                assert_eq!(
+                    (host.go_on(), unsafe { fmi2SetTime(host.c, at_start + elapsed) }),
+                    (Status::Ok, Status::Ok)
+                );
+            }
+            assert_eq!(host.try_get(bounds), Ok(expected), "{elapsed}");
+            let mut change = f64::NAN;
+            let status =
+                unsafe { fmi2GetDirectionalDerivative(host.c, &bounds[0], 1, &STATES[0], 1, &1.0, &mut change) };
+            assert_eq!((status, change), (Status::Ok, 0.0));
+        }
+    }
+}

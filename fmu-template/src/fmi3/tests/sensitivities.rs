@@ -179,3 +179,14 @@ fn derivatives_by_encoded_inputs_are_those_of_differences() {
     assert_eq!(host.set(&[LENGTH], &[0.11]), Status::Warning);
     assert_eq!(host.in_domain(), 0);
 }
+
+#[test]
+fn a_bound_that_grows_has_a_derivative_with_respect_to_the_time_only() {
+    let (force, time, bounds) = (5, 24, [25, 26]);
+    let host = Host::of(&example::with_growing_bounds(), Use::Steps);
+    assert_eq!((host.enter(0.0), host.exit(), host.step(0.0, 1.5)), (Status::Ok, Status::Ok, Status::Ok));
+    assert_eq!(host.try_get(bounds), Ok([0.25, 0.5]));
+    assert_eq!(host.directional(&bounds, &[force, time], &[3.0, 2.0]), [0.5, 1.0]);
+    assert_eq!(host.adjoint(&bounds, &[force, time], &[1.0, 2.0]), [0.0, 1.25]);
+    assert_eq!(host.dependencies(bounds[0]), [] as [u32; 0]);
+}

@@ -1,0 +1,57 @@
+//! Positions of a mechanism at coordinates that a surrogate has come to.
+
+use super::{Region, labels::Labels, outputs::Outputs};
+use crate::multibody::{Mechanism, reduced::Reduced};
+use metafmu_runtime::Shown;
+use nalgebra::DVector;
+
+/// A mechanism that is put together at given independent coordinates: its closed loops are closed.
+pub struct Assembly<'a>(Labels<'a>);
+
+/// The same with values for the parameters.
+pub struct Assembled<'a> {
+    reduced: Reduced,
+    outputs: &'a Outputs,
+}
+
+impl<'a> Assembly<'a> {
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+        Labels::new(mechanism, region).map(Self)
+    }
+
+    /// With values of the region's parameters.
+    ///
+    /// # Errors
+    /// A sentence: what [`Mechanism::reduced`] says.
+    pub fn with(&self, parameters: &[f64]) -> Result<Assembled<'_>, String> {
+        let Self(labels) = self;
+        let point: Vec<f64> =
+            std::iter::repeat_n(0.0, labels.coordinates()).chain(parameters.iter().copied()).collect();
+        Ok(Assembled { reduced: labels.reduced(&point)?, outputs: labels.outputs() })
+    }
+}
+
+impl Assembled<'_> {
+    /// Outputs that are positions, each by its number, at independent coordinates `s`; the configuration is followed from that of the call
+    /// before.
+    ///
+    /// # Errors
+    /// A sentence that names the constraint that is singular on the way.
+    pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, String> {
+        let q = self.reduced.configuration(&DVector::from_column_slice(s))?;
+        let turned = |position: usize| -> f64 {
+            let windings = &self.outputs.windings[position * s.len()..][..s.len()];
+            windings.iter().zip(s).map(|(winding, s)| winding * s).sum()
+        };
+        let unturned: Vec<f64> = self.outputs.labels(&q, s).collect();
+        let positions = self.outputs.shown.iter().enumerate();
+        Ok(positions
+            .filter_map(|(output, shown)| match *shown {
+                Shown::Position(position) => Some((output, unturned[position] + turned(position))),
+                _ => None,
+            })
+            .collect())
+    }
+}
