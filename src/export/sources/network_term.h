@@ -49,14 +49,14 @@ static void OF(activated)(TermActivation activation, NUMBER x, NUMBER *value, NU
 }
 
 /*
- * Adds to y at x and, unless the gradient is null, to y's derivatives with respect to the coordinates, which are the
- * first columns. The working memory holds two layers, each with its derivatives.
+ * Adds to y at x and to y's derivatives with respect to the first columns, so many: gradient[output * first + column].
+ * The working memory holds two layers, each with its derivatives.
  */
-static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y, NUMBER *gradient, NUMBER *memory)
+static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y, NUMBER *gradient, size_t first,
+                            NUMBER *memory)
 {
-    const size_t directions = gradient == NULL ? 0 : COORDINATE_COUNT;
     NUMBER *current = memory;
-    NUMBER *next = memory + (1 + directions) * NETWORK_WIDTH;
+    NUMBER *next = memory + (1 + first) * NETWORK_WIDTH;
     for (size_t i = 0; i < term->column_count; i++) {
         const TermColumn *column = &term->columns[i];
         NUMBER value = x[column->of];
@@ -69,14 +69,14 @@ static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y,
             slope = column->kind == TERM_OF_SINE ? cosine : OF(scaled)(sine, -1.0);
         }
         current[i] = OF(scaled)(OF(difference)(value, OF(constant)(column->mean)), column->scale);
-        for (size_t k = 0; k < directions; k++) {
+        for (size_t k = 0; k < first; k++) {
             current[(1 + k) * NETWORK_WIDTH + i] =
                 column->of == k ? OF(scaled)(slope, column->scale) : OF(constant)(0.0);
         }
     }
     for (size_t l = 0; l < term->layer_count; l++) {
         const TermLayer *layer = &term->layers[l];
-        for (size_t order = 0; order <= directions; order++) {
+        for (size_t order = 0; order <= first; order++) {
             const NUMBER *from = current + order * NETWORK_WIDTH;
             NUMBER *to = next + order * NETWORK_WIDTH;
             for (size_t row = 0; row < layer->outputs; row++) {
@@ -92,7 +92,7 @@ static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y,
         for (size_t row = 0; row < layer->outputs; row++) {
             NUMBER slope;
             OF(activated)(layer->activation, next[row], &next[row], &slope);
-            for (size_t k = 1; k <= directions; k++) {
+            for (size_t k = 1; k <= first; k++) {
                 NUMBER *tangent = &next[k * NETWORK_WIDTH + row];
                 *tangent = OF(product)(*tangent, slope);
             }
@@ -105,8 +105,8 @@ static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y,
         const TermOutput *output = &term->outputs[i];
         const NUMBER value = OF(sum)(OF(scaled)(current[i], output->scale), OF(constant)(output->mean));
         y[output->of] = OF(sum)(y[output->of], value);
-        for (size_t k = 0; k < directions; k++) {
-            NUMBER *to = &gradient[output->of * COORDINATE_COUNT + k];
+        for (size_t k = 0; k < first; k++) {
+            NUMBER *to = &gradient[output->of * first + k];
             *to = OF(sum)(*to, OF(scaled)(current[(1 + k) * NETWORK_WIDTH + i], output->scale));
         }
     }

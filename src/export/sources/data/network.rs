@@ -24,7 +24,7 @@ pub fn part(surrogate: &Surrogate, network: &ScaledNetwork) -> Part {
     let features = Encoder::of(surrogate.inputs()).width();
     let width = slopes.iter().copied().fold(padded(features), usize::max);
     Part {
-        names: NAMES,
+        names: NAMES.into(),
         sizes: vec![
             ("FEATURE_COUNT", features, "columns of the network"),
             ("BLOCK", BLOCK, "rows of a layer that are computed together"),
