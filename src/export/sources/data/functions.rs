@@ -159,17 +159,19 @@ pub(super) fn width<'a>(terms: impl IntoIterator<Item = &'a Term<'a>>) -> usize 
     layers.map(|layer| layer.outputs.max(layer.inputs)).max().unwrap_or(1)
 }
 
-/// What is said of the operations of a step of `time_step`: numbers of them, of sines and cosines, and of nodes of networks.
-pub(super) fn remark(operations: f64, sines: f64, tangents: f64, file: &str) -> String {
-    let tangents = if tangents == 0.0 {
-        String::new()
-    } else {
-        format!(" and {tangents} hyperbolic\n * tangents or sines and cosines of nodes")
-    };
-    format!(
-        "\n/*\n * A step of model_time_step takes {operations} multiplications, additions and divisions, and {sines} sines or\n \
-         * cosines{tangents}; {file} has the formula.\n */\n"
-    )
+/// What is said of a step: numbers of operations, of sines and cosines, and of nodes of networks with an activation.
+pub(super) fn remark(operations: f64, sines: f64, nodes: f64, file: &str) -> String {
+    let mut text = String::from("\n/*\n * A step of model_time_step takes at worst\n *\n");
+    for (count, what) in [
+        (operations, "multiplications, additions and divisions"),
+        (sines, "sines and cosines"),
+        (nodes, "hyperbolic tangents, or sines and cosines, of a network's nodes"),
+    ] {
+        if count > 0.0 {
+            push(&mut text, format_args!(" *     {count} {what}\n"));
+        }
+    }
+    text + &format!(" *\n * and {file} has the formula.\n */\n")
 }
 
 /// A network that adds to functions; without layers if there is none.
