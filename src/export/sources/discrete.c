@@ -7,8 +7,8 @@
  * takes, in N,
  *
  *     2 for a column,
- *     2 i o for a layer of i inputs and o outputs,
- *     14 at most for a node, besides a hyperbolic tangent, or a sine and a cosine,
+ *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
+ *       operations of activation.c for a node,
  *     3 for an output.
  *
  * model_data.h has the number for a step of model_time_step. Numbers that are remembered are moved by one sample, which

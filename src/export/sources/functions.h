@@ -5,6 +5,7 @@
 #ifndef FUNCTIONS_H
 #define FUNCTIONS_H
 
+#include "activation.h"
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -52,22 +53,16 @@ typedef struct {
     double scale; /* what a difference from the mean is multiplied by */
 } TermColumn;
 
-typedef enum {
-    TERM_TANH,
-    TERM_SIGMOID,
-    TERM_RELU,
-    TERM_GELU,
-    TERM_SILU,
-    TERM_SINE,
-    TERM_IDENTITY
-} TermActivation;
-
+/*
+ * A layer, the activation of W x + b. Its rows are padded with zeros to whole blocks of BLOCK rows;
+ * weights[(block * inputs + column) * BLOCK + row], so that a product reads them from first to last.
+ */
 typedef struct {
     size_t inputs;
-    size_t outputs;
-    const double *weights; /* column by column */
+    size_t rows;
+    const double *weights;
     const double *bias;
-    TermActivation activation;
+    Activation activation;
 } TermLayer;
 
 typedef struct {

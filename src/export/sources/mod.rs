@@ -36,16 +36,16 @@ const COMMON: [(&str, &str); 5] = [
     ("README.txt", include_str!("README.txt")),
 ];
 
-const NETWORK: [(&str, &str); 4] = [
-    ("activation.c", include_str!("activation.c")),
-    ("activation.h", include_str!("activation.h")),
-    ("network.c", include_str!("network.c")),
-    ("network.h", include_str!("network.h")),
-];
+/// Of networks and of functions that networks add to.
+const ACTIVATION: [(&str, &str); 2] =
+    [("activation.c", include_str!("activation.c")), ("activation.h", include_str!("activation.h"))];
+
+const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("network.h", include_str!("network.h"))];
 
 /// Of models with functions that were learned.
-const FUNCTIONS: [(&str, &str); 3] = [
+const FUNCTIONS: [(&str, &str); 4] = [
     ("functions.h", include_str!("functions.h")),
+    ("jet_activation.h", include_str!("jet_activation.h")),
     ("jets.h", include_str!("jets.h")),
     ("network_term.h", include_str!("network_term.h")),
 ];
@@ -175,7 +175,7 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
         Model::Discrete(_) => &[&FUNCTIONS, &DISCRETE],
         Model::Response(_) | Model::PerInstant { .. } => &[&NETWORK],
     };
-    COMMON.into_iter().chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
+    COMMON.into_iter().chain(ACTIVATION).chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
 }
 
 #[cfg(test)]

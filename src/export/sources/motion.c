@@ -14,8 +14,8 @@
  * Networks take, in N, with d = n derivatives in the law and none in the forces,
  *
  *     2 + d                for a column, besides a sine and a cosine of an angle,
- *     2 (1 + d) i o        for a layer of i inputs and o outputs,
- *     14 + d at most       for a node, besides a hyperbolic tangent, or a sine and a cosine,
+ *     2 (1 + d) i o        for a layer of i inputs and o nodes, rounded up to whole blocks of 16,
+ *     d                    for a node, besides its activation: with its slope at most 70 operations of activation.c,
  *     3 + 2 d              for an output.
  *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
@@ -42,6 +42,7 @@ static size_t entry(size_t i, size_t j)
 #define NUMBER Jet
 #define OF(name) jet_##name
 #include "dictionary.h"
+#include "jet_activation.h"
 #include "network_term.h"
 #undef NUMBER
 #undef OF
@@ -49,6 +50,7 @@ static size_t entry(size_t i, size_t j)
 #define NUMBER Nested
 #define OF(name) nested_##name
 #include "dictionary.h"
+#include "jet_activation.h"
 #include "network_term.h"
 #undef NUMBER
 #undef OF

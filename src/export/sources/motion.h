@@ -61,7 +61,7 @@ enum { FORCE_COLUMNS = DICTIONARY_COLUMNS + COORDINATE_COUNT + INPUT_COUNT - FIR
         Number force_columns[FORCE_COLUMNS];                          \
         Number atoms[ATOM_COUNT];                                     \
         Number slopes[ATOM_COUNT];                                    \
-        Number network[2 * (1 + COORDINATE_COUNT) * NETWORK_WIDTH];   \
+        Number network[(3 + 2 * COORDINATE_COUNT) * NETWORK_WIDTH];   \
         Number law[LAW_COUNT];                                        \
         Number gradient[LAW_COUNT * COORDINATE_COUNT];                \
         Number factors[COORDINATE_COUNT * COORDINATE_COUNT];          \

@@ -14,8 +14,8 @@
  *
  *     5 for an angle, besides rounding down,
  *     2 for a column, besides a sine and a cosine of an angle,
- *     2 i o for a layer of i inputs and o outputs,
- *     14 at most for a node, besides a hyperbolic tangent, or a sine and a cosine,
+ *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
+ *       operations of activation.c for a node,
  *     3 for an output.
  *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
@@ -40,6 +40,7 @@ static const double TAU = 6.283185307179586476925286766559;
 #define OF(name) jet_##name
 #define WORK JetWork
 #include "dictionary.h"
+#include "jet_activation.h"
 #include "network_term.h"
 #include "state_equations.h"
 #undef NUMBER

@@ -3,6 +3,7 @@
 use super::{
     Part, array,
     functions::{Cost, Term, remark, width, write_network},
+    network::{ACTIVATIONS, BLOCK_SIZE},
     real,
 };
 use metafmu_runtime::{
@@ -20,7 +21,7 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
     let cost = Cost::of(network.as_ref(), 0);
     let samples = samples(surrogate, discrete);
     Part {
-        names: NAMES.into(),
+        names: [&ACTIVATIONS[..], &NAMES].concat(),
         sizes: vec![
             ("PARAMETER_COUNT", parameters, ""),
             ("DRIVEN_COUNT", driven, "inputs that are neither parameter nor start"),
@@ -28,12 +29,13 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
             ("PAST_OUTPUTS", past_outputs.max(1) * outputs, "numbers that are remembered of outputs"),
             ("PAST_INPUTS", past_inputs * driven, "and of inputs"),
             ("FED_BACK", past_outputs * outputs, "of the outputs' those that count"),
+            BLOCK_SIZE,
             ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
         ],
         remark: remark(
             operations(discrete, &cost, samples),
             2.0 * samples * cost.angles as f64,
-            samples * cost.tangents as f64,
+            samples * cost.activations as f64,
             "discrete.c",
         ),
         data: data(discrete, network.as_ref()),
@@ -79,8 +81,8 @@ mod tests {
         let recorded = example::recorded();
         let Model::Discrete(discrete) = recorded.model() else { panic!("it is discrete") };
         assert_eq!(samples(&recorded, discrete), 1.0);
-        // six columns, layers of 6 to 5 to 1, five nodes, an output
-        let of_network = 6 * 2 + 2 * (30 + 5) + 5 * 14 + 3;
+        // six columns, layers of 6 to 5 to 1, in blocks of 16, an output
+        let of_network = 6 * 2 + 2 * (6 + 5) * 16 + 3;
         let cost = Cost::of(network(discrete).as_ref(), 0);
         assert_eq!(operations(discrete, &cost, 3.0), f64::from(3 * (of_network + (2 * 6 + 2) + 5 + 5) + 8));
     }

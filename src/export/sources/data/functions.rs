@@ -1,6 +1,10 @@
 //! Functions that were learned: dictionaries, and networks that add to them.
 
-use super::{array, push, real};
+use super::{
+    array,
+    network::{activation, in_blocks, padded, padded_to_block},
+    push, real,
+};
 use metafmu_runtime::{
     Activation, ScaledNetwork,
     dictionary::{self, Dictionary, Factor},
@@ -128,12 +132,12 @@ impl<'a> From<&'a NetworkTerm> for Term<'a> {
 /// What an evaluation of a network takes.
 #[derive(Default)]
 pub(super) struct Cost {
-    /// Multiplications, additions and divisions.
+    /// Multiplications, additions and divisions but for activations.
     pub operations: usize,
     /// Columns of which a sine and a cosine are computed.
     pub angles: usize,
-    /// Nodes with an activation.
-    pub tangents: usize,
+    /// Activations of nodes.
+    pub activations: usize,
 }
 
 impl Cost {
@@ -143,29 +147,29 @@ impl Cost {
         let d = derivatives;
         let layers = &network.layers;
         let active = layers.iter().filter(|layer| layer.activation != Activation::Identity);
-        let tangents = active.map(|layer| layer.outputs).sum();
-        let products: usize = layers.iter().map(|layer| 2 * (1 + d) * layer.inputs * layer.outputs).sum();
+        let activations = active.map(|layer| padded(layer.outputs)).sum();
+        let products: usize = layers.iter().map(|layer| 2 * (1 + d) * layer.inputs * padded(layer.outputs)).sum();
         Self {
-            operations: (2 + d) * columns.len() + products + (14 + d) * tangents + (3 + 2 * d) * outputs.len(),
+            operations: (2 + d) * columns.len() + products + d * activations + (3 + 2 * d) * outputs.len(),
             angles: columns.iter().filter(|column| column.kind != ColumnKind::Plain).count(),
-            tangents,
+            activations,
         }
     }
 }
 
-/// Numbers of the widest layer of some networks, one at least.
+/// Numbers of the widest layer of some networks, in whole blocks, one at least.
 pub(super) fn width<'a>(terms: impl IntoIterator<Item = &'a Term<'a>>) -> usize {
     let layers = terms.into_iter().flat_map(|term| &term.network.layers);
-    layers.map(|layer| layer.outputs.max(layer.inputs)).max().unwrap_or(1)
+    layers.map(|layer| padded(layer.outputs.max(layer.inputs))).max().unwrap_or(1)
 }
 
-/// What is said of a step: numbers of operations, of sines and cosines, and of nodes of networks with an activation.
-pub(super) fn remark(operations: f64, sines: f64, nodes: f64, file: &str) -> String {
+/// What is said of a step: numbers of operations, of sines and cosines, and of activations of networks.
+pub(super) fn remark(operations: f64, sines: f64, activations: f64, file: &str) -> String {
     let mut text = String::from("\n/*\n * A step of model_time_step takes at worst\n *\n");
     for (count, what) in [
         (operations, "multiplications, additions and divisions"),
         (sines, "sines and cosines"),
-        (nodes, "hyperbolic tangents, or sines and cosines, of a network's nodes"),
+        (activations, "activations of a network's nodes, by activation.c"),
     ] {
         if count > 0.0 {
             push(&mut text, format_args!(" *     {count} {what}\n"));
@@ -196,27 +200,15 @@ pub(super) fn write_network(text: &mut String, name: &str, term: Option<&Term>) 
     table(text, &format!("static const TermOutput {name}_network_outputs"), rows, "0, 0.0, 0.0");
     let layers = &network.layers;
     for (index, layer) in layers.iter().enumerate() {
-        let of_column = |column: usize| (0..layer.outputs).map(move |row| row * layer.inputs + column);
-        let by_columns = (0..layer.inputs).flat_map(of_column).map(|place| layer.weight.get(place));
-        let mut weights: Vec<f64> = by_columns.collect();
+        let mut weights = in_blocks(layer);
         // C has no empty arrays
         weights.resize(weights.len().max(1), 0.0);
-        let bias: Vec<f64> = layer.bias.iter().collect();
         array(text, &format!("static const double {name}_network_weights_{index}"), &weights);
-        array(text, &format!("static const double {name}_network_bias_{index}"), &bias);
+        array(text, &format!("static const double {name}_network_bias_{index}"), &padded_to_block(&layer.bias));
     }
     let rows = layers.iter().enumerate().map(|(index, layer)| {
-        let activation = match layer.activation {
-            Activation::Tanh => "TERM_TANH",
-            Activation::Sigmoid => "TERM_SIGMOID",
-            Activation::Relu => "TERM_RELU",
-            Activation::Gelu => "TERM_GELU",
-            Activation::Silu => "TERM_SILU",
-            Activation::Sine => "TERM_SINE",
-            Activation::Identity => "TERM_IDENTITY",
-        };
-        let (inputs, outputs) = (layer.inputs, layer.outputs);
-        format!("{inputs}, {outputs}, {name}_network_weights_{index}, {name}_network_bias_{index}, {activation}")
+        let (inputs, rows, activation) = (layer.inputs, padded(layer.outputs), activation(layer.activation));
+        format!("{inputs}, {rows}, {name}_network_weights_{index}, {name}_network_bias_{index}, {activation}")
     });
     table(text, &format!("static const TermLayer {name}_network_layers"), rows, "");
     let [columns, layers, outputs] = [columns.len(), layers.len(), outputs.len()];

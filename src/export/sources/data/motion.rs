@@ -3,6 +3,7 @@
 use super::{
     Part, array,
     functions::{Cost, Laid, Term, remark, width, write_network},
+    network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
 use metafmu_runtime::{Motion, Shown, Surrogate};
@@ -27,19 +28,20 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
     let sub_steps = states::sub_steps(surrogate, motion.step);
     let stages = |count: usize| 4.0 * sub_steps * count as f64;
     Part {
-        names: [&states::NAMES[..], &NAMES].concat(),
+        names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("COORDINATE_COUNT", n, ""),
             ("FIRST_DRIVEN", dynamics.parameters() + 2 * n, "the first input that is neither parameter nor start"),
             ("DICTIONARY_COLUMNS", dynamics.law().dictionary().columns(), "coordinates and parameters"),
             ("ATOM_COUNT", law.atoms().max(positions.atoms()).max(1), "functions of the columns"),
+            BLOCK_SIZE,
             ("NETWORK_WIDTH", width, "of the widest layer of a network"),
             ("POSITION_SIZE", positions.outputs.max(1), "number of positions, but C has no empty arrays"),
         ],
         remark: remark(
             states::operations(sub_steps, stage(&law, n, m) + of_law.operations + of_forces.operations, 2 * n, m),
             stages(2 * (law.angles() + of_law.angles + of_forces.angles)),
-            stages(of_law.tangents + of_forces.tangents),
+            stages(of_law.activations + of_forces.activations),
             "motion.c",
         ),
         data: data(motion, &law, &positions, &networks),

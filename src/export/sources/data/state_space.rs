@@ -3,6 +3,7 @@
 use super::{
     Part,
     functions::{Cost, Laid, Term, remark, table, width, write_network},
+    network::{ACTIVATIONS, BLOCK_SIZE},
     states,
 };
 use metafmu_runtime::{
@@ -21,18 +22,19 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
     let stages = |count: usize| 4.0 * sub_steps * count as f64;
     let cost = Cost::of(network.as_ref(), 0);
     Part {
-        names: [&states::NAMES[..], &NAMES].concat(),
+        names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
             ("DICTIONARY_COLUMNS", space.functions.columns(), "parameters, driven inputs and states"),
             ("ATOM_COUNT", functions.atoms().max(1), "functions of the columns"),
+            BLOCK_SIZE,
             ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
             ("FUNCTION_SIZE", functions.outputs.max(1), "number of functions, but C has no empty arrays"),
         ],
         remark: remark(
             states::operations(sub_steps, stage(space, &functions, &cost), states, driven),
             stages(2 * (functions.angles() + cost.angles)),
-            stages(cost.tangents),
+            stages(cost.activations),
             "state_space.c",
         ),
         data: data(space, &functions, network.as_ref()),
@@ -83,8 +85,8 @@ mod tests {
     fn operations_are_those_of_a_count_by_hand() {
         for (surrogate, of_network) in [
             (example::oscillator(None), 0),
-            // four columns, layers of 4 to 6 to 1, six nodes, an output
-            (example::oscillator(Some(example::residual_network())), 4 * 2 + 2 * (24 + 6) + 6 * 14 + 3),
+            // four columns, layers of 4 to 6 to 1, in blocks of 16, an output
+            (example::oscillator(Some(example::residual_network())), 4 * 2 + 2 * (4 + 6) * 16 + 3),
         ] {
             let Model::StateSpace(space) = surrogate.model() else { panic!("it has states") };
             // mu, force and v with one power each, x with two; mu v, mu x^2 v, x, force, each in one function
