@@ -1,6 +1,6 @@
 /*
- * Functions that were learned: sums of products of sines, cosines and powers of some columns, a dictionary, and networks
- * that add to them. They are evaluated by the templates dictionary.h and network_term.h.
+ * Functions that were learned: sums of products of sines, cosines and powers of some columns, a dictionary, and
+ * networks that add to them. They are evaluated by the templates dictionary.h and network_term.h.
  */
 #ifndef FUNCTIONS_H
 #define FUNCTIONS_H
@@ -52,6 +52,9 @@ typedef struct {
     double mean;
     double scale; /* what a difference from the mean is multiplied by */
 } TermColumn;
+
+/* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
+enum { GROUP = 4 };
 
 /*
  * A layer, the activation of W x + b. Its rows are padded with zeros to whole blocks of BLOCK rows;

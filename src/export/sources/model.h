@@ -39,7 +39,7 @@ typedef enum {
     ROLE_TUNABLE_PARAMETER,
     ROLE_TIME,
     ROLE_INPUT,
-    /* a fixed parameter: what a state, or what is remembered, is until the simulation runs; in the order of the states */
+    /* a fixed parameter: what a state, or what is remembered, is until the simulation runs; in the same order */
     ROLE_START,
     ROLE_STATE
 } Role;

@@ -12,7 +12,18 @@ static void OF(multiply)(const TermLayer *layer, const NUMBER *x, NUMBER *y, boo
         for (size_t row = 0; row < BLOCK; row++) {
             sums[row] = OF(constant)(biased ? layer->bias[block + row] : 0.0);
         }
-        for (size_t column = 0; column < layer->inputs; column++) {
+        size_t column = 0;
+        for (; column + GROUP <= layer->inputs; column += GROUP) {
+            const double *w = weights + column * BLOCK;
+            for (size_t row = 0; row < BLOCK; row++) {
+                const NUMBER a = OF(scaled)(x[column], w[row]);
+                const NUMBER b = OF(scaled)(x[column + 1], w[BLOCK + row]);
+                const NUMBER c = OF(scaled)(x[column + 2], w[2 * BLOCK + row]);
+                const NUMBER d = OF(scaled)(x[column + 3], w[3 * BLOCK + row]);
+                sums[row] = OF(sum)(sums[row], OF(sum)(OF(sum)(a, b), OF(sum)(c, d)));
+            }
+        }
+        for (; column < layer->inputs; column++) {
             for (size_t row = 0; row < BLOCK; row++) {
                 sums[row] = OF(sum)(sums[row], OF(scaled)(x[column], weights[column * BLOCK + row]));
             }

@@ -1,6 +1,6 @@
 /*
- * A template, without a guard: the functions and results of a state space in one kind of numbers. Before it is included,
- * NUMBER is their type, OF(name) the name of a function of them and WORK their working memory.
+ * A template, without a guard: the functions and results of a state space in one kind of numbers. Before it is
+ * included, NUMBER is their type, OF(name) the name of a function of them and WORK their working memory.
  */
 
 /* The functions at a point. */

@@ -4,8 +4,8 @@
  *     xd = f(p, u, x)
  *     y = g(p, u, x)
  *
- * The inputs of a point are p, the starts of x, u; its states are x. Each of the results y, xd is a state itself, as the
- * derivative of a position is, or one of the functions that were learned: a dictionary of the columns (p, u, x), to
+ * The inputs of a point are p, the starts of x, u; its states are x. Each of the results y, xd is a state itself, as
+ * the derivative of a position is, or one of the functions that were learned: a dictionary of the columns (p, u, x), to
  * which a network may add.
  */
 #ifndef STATE_SPACE_H

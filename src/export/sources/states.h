@@ -1,6 +1,6 @@
 /*
- * What all models with continuous states have in common (states.c): derivatives of the results by jets, and the solver. A
- * model gives its results at the point of its scratch, in real numbers and in jets, and the rates of its states.
+ * What all models with continuous states have in common (states.c): derivatives of the results by jets, and the solver.
+ * A model gives its results at the point of its scratch, in real numbers and in jets, and the rates of its states.
  */
 #ifndef STATES_H
 #define STATES_H
