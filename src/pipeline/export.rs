@@ -56,8 +56,7 @@ impl Plan {
     /// # Errors
     /// [`Error::NoSources`], [`Error::Io`] of a library, the error of an unknown platform.
     pub fn new(project: &Project, options: &ExportOptions) -> Result<Self> {
-        let has_none = project.study.network.structure == Structure::Fixed || project.study.is_discrete();
-        if options.sources && has_none {
+        if options.sources && project.study.network.structure == Structure::Fixed {
             return Err(Error::NoSources);
         }
         let choice = options.fmi.unwrap_or(project.study.export.fmi);

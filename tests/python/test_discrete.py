@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import subprocess
 from ctypes import c_double, c_int, c_uint32, create_string_buffer
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OTHER_THREADS, fmu_of, metafmu
+from conftest import METAFMU, OTHER_THREADS, compiled_from_sources, fmu_of, metafmu
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.simulation import instantiate_fmu
 from fmpy.validation import validate_fmu
@@ -252,8 +253,30 @@ def test_it_is_for_cosimulation_only(built, version):
     names = {variable.name: variable for variable in description.modelVariables}
     assert (names["force"].causality, names["gain"].causality, names["force_start"].causality) == ("input", "parameter", "parameter")
     assert metafmu("validate", built.fmu(version)).returncode == 0
-    refused = metafmu("export", built.study, "--out", built.folder, "--sources", check=False)
-    assert refused.returncode == 2 and "source code is written of a single network or of equations of motion only" in refused.stderr
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_sources_compute_what_the_library_does(built, version, tmp_path, monkeypatch):
+    folder = shutil.copytree(built.folder, tmp_path / "out")
+    metafmu("export", built.study, "--out", folder, "--sources", "--fmi", version)
+    packed = str(fmu_of(folder, "plant", version))
+    assert validate_fmu(packed) == []
+    unpacked = compiled_from_sources(packed, monkeypatch)
+    assert "discrete.c has the formula" in (unpacked / "sources" / "model_data.h").read_text()
+    force = forces(99)
+    signal = np.array(list(zip(np.arange(ROWS) * STEP, force)), dtype=[("time", float), ("force", float)])
+    # whole samples, parts of them, and more than one
+    for step in (STEP, 0.3 * STEP, 1.7 * STEP):
+        found, expected = (
+            simulate_fmu(
+                fmu, fmi_type="CoSimulation", stop_time=1, step_size=step, output_interval=step, input=signal,
+                start_values={"gain": 1.1, "position_start": 0.1},
+            )
+            for fmu in (str(unpacked), packed)
+        )
+        assert np.ptp(expected["position"]) > 0.1
+        for column in expected.dtype.names:
+            np.testing.assert_allclose(found[column].astype(float), expected[column].astype(float), rtol=1e-12, atol=1e-12)
 
 
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):

@@ -1,13 +1,14 @@
 """Surrogates of other tools' FMUs for model exchange, with their states and inputs."""
 
 import json
+import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import METAFMU, ROOT, fmu_of, metafmu
+from conftest import METAFMU, ROOT, compiled_from_sources, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
@@ -222,3 +223,35 @@ def test_a_network_learns_what_is_no_polynomial(pendulum):
     assert metrics["roll_outs"]["horizons"][-1]["median"] < 0.15
     for version in (2, 3):
         assert validate_fmu(str(fmu_of(pendulum, "friction-pendulum", version))) == []
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    "built, name, driver, starts, output",
+    [
+        ("relaxation", "relaxation", "u", {"k": 1.3, "x_start": -0.8}, "x"),
+        ("pendulum", "friction-pendulum", "torque", {"length": 0.9, "angle_start": 0.4}, "height"),
+    ],
+)
+def test_the_sources_compute_what_the_library_does(built, name, driver, starts, output, version, request, tmp_path, monkeypatch):
+    folder = request.getfixturevalue(built)
+    out = shutil.copytree(folder, tmp_path / "out")
+    metafmu("export", folder.parent / "study.toml", "--out", out, "--sources", "--fmi", version)
+    packed = str(fmu_of(out, name, version))
+    assert validate_fmu(packed) == []
+    unpacked = compiled_from_sources(packed, monkeypatch)
+    text = (unpacked / "sources" / "model_data.h").read_text()
+    assert "state_space.c has the formula" in text
+    signal = np.array([(0.0, 0.5), (1.0, -0.9), (2.0, 0.7)], dtype=[("time", float), (driver, float)])
+    # by equal steps, by steps with a tolerance, and by a solver of fmpy whose steps do not depend on rounding
+    for interface, tolerance in [("CoSimulation", None), ("CoSimulation", 1e-8), ("ModelExchange", None)]:
+        found, expected = (
+            simulate_fmu(
+                fmu, fmi_type=interface, stop_time=2, step_size=0.01, output_interval=0.02, input=signal, start_values=starts,
+                relative_tolerance=tolerance, solver="Euler",
+            )
+            for fmu in (str(unpacked), packed)
+        )
+        assert np.ptp(expected[output]) > 0.01
+        for column in expected.dtype.names:
+            np.testing.assert_allclose(found[column], expected[column], rtol=1e-12, atol=1e-12, err_msg=interface)

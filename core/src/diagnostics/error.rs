@@ -183,8 +183,8 @@ pub enum Error {
     },
     /// A surrogate that is not written as C source code.
     #[error(
-        "source code is written of a single network or of equations of motion only: one network for each instant \
-         (`network.structure = \"fixed\"`) would be hundreds of times as long, and other models have no C code yet"
+        "source code is not written of this model: one network for each instant (`network.structure = \"fixed\"`) would be \
+         hundreds of times as long, and regressions and networks whose last layer is not linear have no C code"
     )]
     NoSources,
     /// A baseline that could not be fitted or cannot be exported.

@@ -1,5 +1,6 @@
 #include "activation.h"
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 /*
@@ -321,5 +322,17 @@ void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK]
     default:
         identity_series(slope, curvature);
         break;
+    }
+}
+
+void real_activate(Activation activation, double x[], double *slopes, size_t count)
+{
+    for (size_t block = 0; block < count; block += BLOCK) {
+        if (slopes == NULL) {
+            activate(activation, x + block);
+        } else {
+            double curvature[BLOCK];
+            activate_series(activation, x + block, slopes + block, curvature);
+        }
     }
 }

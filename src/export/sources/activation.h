@@ -7,12 +7,29 @@
 #ifndef ACTIVATION_H
 #define ACTIVATION_H
 
-#include "network.h"
+#include "model_data.h"
+#include <stddef.h>
+
+typedef enum {
+    ACTIVATION_TANH,
+    ACTIVATION_SIGMOID,
+    ACTIVATION_RELU,
+    ACTIVATION_GELU,
+    ACTIVATION_SILU,
+    ACTIVATION_SINE,
+    ACTIVATION_IDENTITY
+} Activation;
 
 /* x becomes the activation of x. */
 void activate(Activation activation, double x[BLOCK]);
 
 /* x becomes the activation of x; its first and second derivative go to slope and curvature. */
 void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK], double curvature[BLOCK]);
+
+/*
+ * x becomes the activation of x, and unless the pointer is null, their slopes go there: so many numbers, in whole
+ * blocks. As the template jet_activation.h does of jets.
+ */
+void real_activate(Activation activation, double x[], double *slopes, size_t count);
 
 #endif

@@ -1,11 +1,17 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use super::Kind;
-use metafmu_runtime::{BuiltIn, Encoding, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable};
+use metafmu_runtime::{
+    BuiltIn, Encoding, Evaluator, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable,
+};
 use std::fmt::Write;
 
+mod discrete;
+mod functions;
 mod motion;
 mod network;
+mod state_space;
+mod states;
 
 /// External names of the C code that all models have, but the FMI functions.
 const EXTERNAL_NAMES: &[&str] = &[
@@ -66,7 +72,7 @@ const NOTICE: &str = "/* Generated. */\n";
 /// What is generated of one kind of model.
 struct Part {
     /// External names.
-    names: &'static [&'static str],
+    names: Vec<&'static str>,
     /// Sizes, with a comment each where it takes one.
     sizes: Vec<(&'static str, usize, &'static str)>,
     /// A comment at the end of the sizes.
@@ -80,6 +86,8 @@ impl Part {
         match kind {
             Kind::Network(network) => network::part(surrogate, network),
             Kind::Motion(motion) => motion::part(surrogate, motion),
+            Kind::StateSpace(space) => state_space::part(surrogate, space),
+            Kind::Discrete(discrete) => discrete::part(surrogate, discrete),
         }
     }
 }
@@ -87,13 +95,14 @@ impl Part {
 /// `model_data.h`
 pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
     let Part { names, sizes, remark, .. } = Part::of(surrogate, kind);
+    let columns = Evaluator::new(surrogate).columns();
     let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
     let (inputs, outputs, states) = (surrogate.inputs().len(), surrogate.outputs().len(), surrogate.states().len());
     let mut text = format!(
         "{NOTICE}#ifndef MODEL_DATA_H\n#define MODEL_DATA_H\n\n\
          /* External names begin with the model identifier, so that several FMUs can be linked into one program. */\n"
     );
-    for name in EXTERNAL_NAMES.iter().chain(names) {
+    for name in EXTERNAL_NAMES.iter().chain(&names) {
         push(&mut text, format_args!("#define {name} {identifier}_{name}\n"));
     }
     let common = [
@@ -101,12 +110,20 @@ pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
         ("POLICY_REFERENCE", policy.expect("every surrogate has it") as usize, "value reference of domain_policy"),
         ("INPUT_COUNT", inputs, ""),
         ("STATE_COUNT", states, ""),
-        ("COLUMN_COUNT", inputs + states, "of a point: inputs and states"),
+        ("NAMED_COUNT", inputs + states, "columns that are variables: inputs and states"),
+        ("COLUMN_COUNT", columns, "of a point: inputs, and states or what is remembered"),
         ("OUTPUT_COUNT", outputs, ""),
         ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
         ("BOUND_TIME_COUNT", bounds(surrogate).0.len(), "times of error bounds"),
     ];
-    push(&mut text, format_args!("\n#define MODEL_HAS_STATES {}\n\nenum {{\n", u8::from(states > 0)));
+    for (name, value) in [
+        ("MODEL_HEADER", format!("\"{}.h\"", kind.file())),
+        ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
+        ("MODEL_HAS_STATES", u8::from(states > 0).to_string()),
+    ] {
+        push(&mut text, format_args!("{}#define {name} {value}\n", if name == "MODEL_HEADER" { "\n" } else { "" }));
+    }
+    text.push_str("\nenum {\n");
     let count = common.len() + sizes.len();
     for (index, (name, size, comment)) in common.into_iter().chain(sizes).enumerate() {
         let comma = if index + 1 < count { "," } else { "" };
@@ -171,7 +188,7 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
             array(text, &format!("static const double values_{index}"), values);
         }
     }
-    text.push_str("\nconst Column model_columns[COLUMN_COUNT] = {\n");
+    text.push_str("\nconst Column model_columns[NAMED_COUNT] = {\n");
     let everywhere = [f64::NEG_INFINITY, f64::INFINITY, 1.0];
     let valid = |[min, max]: [f64; 2]| [min, max, range_width(min, max)];
     let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64, values: &str| {

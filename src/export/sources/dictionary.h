@@ -37,12 +37,9 @@ static void OF(atoms)(const DictionaryColumn *column, NUMBER x, NUMBER values[],
     }
 }
 
-/*
- * y at x and, unless the gradient is null, y's derivatives with respect to the coordinates, which are the first
- * columns: gradient[output * COORDINATE_COUNT + column].
- */
-static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER *y, NUMBER *gradient, NUMBER *values,
-                           NUMBER *slopes)
+/* y at x, and y's derivatives with respect to the first columns, so many: gradient[output * first + column]. */
+static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER *y, NUMBER *gradient, size_t first,
+                           NUMBER *values, NUMBER *slopes)
 {
     const Factor *factors = dictionary->factors;
     const Coefficient *coefficients = dictionary->coefficients;
@@ -54,8 +51,8 @@ static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER
     }
     for (size_t i = 0; i < dictionary->outputs; i++) {
         y[i] = OF(constant)(0.0);
-        for (size_t k = 0; gradient != NULL && k < COORDINATE_COUNT; k++) {
-            gradient[i * COORDINATE_COUNT + k] = OF(constant)(0.0);
+        for (size_t k = 0; k < first; k++) {
+            gradient[i * first + k] = OF(constant)(0.0);
         }
     }
     for (size_t p = 0; p < dictionary->product_count; p++) {
@@ -68,8 +65,8 @@ static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER
             NUMBER *to = &y[coefficients[c].output];
             *to = OF(sum)(*to, OF(scaled)(value, coefficients[c].value));
         }
-        for (size_t f = 0; gradient != NULL && f < product.factors; f++) {
-            if (factors[f].column >= COORDINATE_COUNT) {
+        for (size_t f = 0; first > 0 && f < product.factors; f++) {
+            if (factors[f].column >= first) {
                 continue;
             }
             NUMBER slope = slopes[factors[f].atom];
@@ -79,7 +76,7 @@ static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER
                 }
             }
             for (size_t c = 0; c < product.coefficients; c++) {
-                NUMBER *to = &gradient[coefficients[c].output * COORDINATE_COUNT + factors[f].column];
+                NUMBER *to = &gradient[coefficients[c].output * first + factors[f].column];
                 *to = OF(sum)(*to, OF(scaled)(slope, coefficients[c].value));
             }
         }

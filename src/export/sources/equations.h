@@ -60,8 +60,8 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         work->columns[i] = i < n ? columns[INPUT_COUNT + i] : columns[i - n];
     }
-    OF(dictionary)(&model_law, work->columns, work->law, work->gradient, work->atoms, work->slopes);
-    OF(add_network)(&model_law_network, work->columns, work->law, work->gradient, work->network);
+    OF(dictionary)(&model_law, work->columns, work->law, work->gradient, n, work->atoms, work->slopes);
+    OF(add_network)(&model_law_network, work->columns, work->law, work->gradient, n, work->network);
     for (size_t i = 0; i < n; i++) {
         NUMBER side = OF(difference)(law[LAW_FORCE + i], gradient[LAW_POTENTIAL * COORDINATE_COUNT + i]);
         for (size_t j = 0; j < n; j++) {
@@ -88,7 +88,7 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
         for (size_t u = FIRST_DRIVEN; u < INPUT_COUNT; u++) {
             of_velocities[n + u - FIRST_DRIVEN] = columns[u];
         }
-        OF(add_network)(&model_forces_network, work->force_columns, work->accelerations, NULL, work->network);
+        OF(add_network)(&model_forces_network, work->force_columns, work->accelerations, NULL, 0, work->network);
     }
     OF(factorise)(law, work->factors);
     OF(substitute)(work->factors, work->accelerations);
@@ -117,8 +117,9 @@ static void OF(respond)(WORK *work)
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         work->along[i] = i < n ? (ALONG){q[i], v[i], work->accelerations[i]} : (ALONG){work->point[i - n], zero, zero};
     }
-    OF_ALONG(dictionary)(&model_positions, work->along, work->positions, NULL, work->along_atoms, work->along_slopes);
-    OF_ALONG(add_network)(&model_positions_network, work->along, work->positions, NULL, work->along_network);
+    OF_ALONG(dictionary)(&model_positions, work->along, work->positions, NULL, 0, work->along_atoms,
+                         work->along_slopes);
+    OF_ALONG(add_network)(&model_positions_network, work->along, work->positions, NULL, 0, work->along_network);
     for (size_t i = 0; i < model_positions.outputs * COORDINATE_COUNT; i++) {
         if (fabs(model_windings[i]) > 0.0) {
             ALONG *to = &work->positions[i / n];

@@ -1,6 +1,7 @@
 /*
- * What computes the surrogate: a network (network.c) or equations of motion (motion.c). A point has one value for each
- * input and, after them, one for each state; results are the outputs and, after them, the states' derivatives with
+ * What computes the surrogate: a network (network.c), equations of motion (motion.c), other functions of states
+ * (state_space.c) or of past samples (discrete.c). A point has one value for each input and, after them, one for each
+ * state, or what a model of samples remembers; results are the outputs and, after them, the states' derivatives with
  * respect to time. Nothing here allocates or keeps anything between two calls but in the scratch.
  */
 #ifndef EVALUATOR_H
@@ -8,11 +9,7 @@
 
 #include "model.h"
 
-#if MODEL_HAS_STATES
-#include "motion.h"
-#else
-#include "network.h"
-#endif
+#include MODEL_HEADER
 
 /* Results at a point. */
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT]);
@@ -29,5 +26,58 @@ void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const
 /* Adjoint derivative: J^T weights. With states it takes as long as a directional derivative for each column. */
 void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                    double gradient[COLUMN_COUNT]);
+
+#if MODEL_GOES_ON
+
+/* Gives the states of a point, or what is remembered, the values that its inputs have for the start. */
+void model_start(double point[COLUMN_COUNT]);
+
+typedef enum {
+    ADVANCE_DONE,
+    ADVANCE_NOT_FINITE,    /* the model diverged, or a mass matrix is not positive definite */
+    ADVANCE_TOO_MANY_STEPS /* more than MAX_STEPS */
+} Advance;
+
+/* Steps of the solver, or from sample to sample, in one communication step at most. */
+enum { MAX_STEPS = 10000000 };
+
+/* What a step is to do. */
+typedef struct {
+    double size;                /* s */
+    double tolerance;           /* relative to each state and to its nominal value; zero for steps of fixed size */
+    const double *rates;        /* of the inputs at the beginning, per s */
+    const double *second_rates; /* per s^2 */
+    bool clamp;                 /* whether inputs are clamped to their ranges on the way */
+} Step;
+
+/*
+ * Goes on from a point. Continuous states are integrated: in equal steps of the classical Runge-Kutta method, none
+ * longer than model_solver_step, or, with a tolerance, in steps of the method of Dormand and Prince, whose local error
+ * is at most the tolerance. A model of samples goes on to the next ones. If that fails, the point is as before, and
+ * *after is how far it came, in s.
+ */
+Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after);
+
+/* An input of a point, `since` seconds after the beginning of a step. */
+static inline double driven(const Step *step, const double point[COLUMN_COUNT], size_t input, double since)
+{
+    const double value = point[input] + since * (step->rates[input] + 0.5 * since * step->second_rates[input]);
+    return step->clamp ? clamped(&model_columns[input], value) : value;
+}
+
+#endif
+
+#if MODEL_HAS_STATES
+
+/* Puts the results at the point of scratch->real there. */
+void model_respond(Scratch *scratch);
+
+/* The same in scratch->jet, with derivatives along the curve that the point's jets are. */
+void model_follow(Scratch *scratch);
+
+/* The rates of the states at a point. */
+void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT]);
+
+#endif
 
 #endif

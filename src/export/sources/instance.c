@@ -48,19 +48,22 @@ bool instance_initialize(Instance *instance, const char *function, const char *n
         instance->results[i] = 0.0;
     }
     instance_reset(instance);
-    if (!is_blank(name) && token != NULL && strcmp(token, model_token) == 0) {
-        instance_tell(instance, STATUS_OK, "%s", model_description);
-        return true;
-    }
+    const bool only_co_simulation = MODEL_GOES_ON && !MODEL_HAS_STATES;
     if (is_blank(name)) {
         instance_tell(instance, STATUS_ERROR, "the instance name is empty");
     } else if (token == NULL) {
         instance_tell(instance, STATUS_ERROR, "the GUID or instantiation token is a null pointer");
-    } else {
+    } else if (strcmp(token, model_token) != 0) {
         instance_tell(instance, STATUS_ERROR,
                       "the GUID or instantiation token is `%.100s`, expected `%s`: modelDescription.xml and the "
                       "sources do not belong together",
                       token, model_token);
+    } else if (only_co_simulation && instance->interface == MODEL_EXCHANGE) {
+        instance_tell(instance, STATUS_ERROR,
+                      "this FMU goes on from sample to sample: it is for co-simulation, not for model exchange");
+    } else {
+        instance_tell(instance, STATUS_OK, "%s", model_description);
+        return true;
     }
     return false;
 }
@@ -264,14 +267,14 @@ static bool contains(const Column *column, double value)
     return least_valid(column, value) - margin <= value && value <= largest_valid(column, value) + margin;
 }
 
-/* The column that is farthest from its range. */
+/* The column that is farthest from its range; of several the last. */
 static size_t farthest_column(const Instance *instance)
 {
     size_t farthest = 0;
     double distance = 0.0;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < NAMED_COUNT; i++) {
         const double found = column_distance(&model_columns[i], instance->now.columns[i]);
-        if (found > distance) {
+        if (found >= distance) {
             farthest = i;
             distance = found;
         }
@@ -309,7 +312,7 @@ static bool is_trial(const Instance *instance)
 
 static bool time_is_column(void)
 {
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_TIME) {
             return true;
         }
@@ -367,7 +370,7 @@ static bool forbids(Instance *instance, size_t index, double value, double time,
 /* The same for all values as they are; the time counts once it is known. */
 static bool forbids_point(Instance *instance, Policy policy)
 {
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < NAMED_COUNT; i++) {
         const bool known = model_columns[i].role != ROLE_TIME || instance->now.experiment;
         if (known && forbids(instance, i, instance->now.columns[i], instance->now.time, policy, STATUS_ERROR)) {
             return true;
@@ -424,7 +427,7 @@ static Status note_value(Instance *instance, size_t index)
                          value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
 }
 
-/* States are what they are: they cannot be clamped. */
+/* States and what is remembered are what they are: they cannot be clamped. */
 static void update_point(Instance *instance)
 {
     const bool clamp = instance->now.policy == POLICY_CLAMP;
@@ -442,7 +445,7 @@ static Status update_results(Instance *instance)
     update_point(instance);
     model_evaluate(&instance->scratch, instance->point, instance->results);
     /* a network is finite at every finite point */
-    for (size_t i = 0; STATE_COUNT > 0 && i < RESULT_COUNT; i++) {
+    for (size_t i = 0; MODEL_GOES_ON && i < RESULT_COUNT; i++) {
         if (!is_finite(instance->results[i])) {
             /* not an error: a solver tries again with a smaller step */
             return instance_tell(instance, STATUS_DISCARD,
@@ -462,28 +465,28 @@ static bool is_starting(const Instance *instance)
     return instance->now.state == STATE_INSTANTIATED || instance->now.state == STATE_INITIALIZATION;
 }
 
-/* Gives the states their values at the start, until the simulation runs. */
+/* Gives the states, or what is remembered, their values at the start, until the simulation runs. */
 static void initialize_states(Instance *instance)
 {
-    double *columns = instance->now.columns;
-    size_t state = INPUT_COUNT;
-    for (size_t i = 0; i < INPUT_COUNT && state < COLUMN_COUNT && is_starting(instance); i++) {
-        if (model_columns[i].role == ROLE_START) {
-            columns[state++] = columns[i];
-        }
+#if MODEL_GOES_ON
+    if (is_starting(instance)) {
+        model_start(instance->now.columns);
     }
+#else
+    (void)instance;
+#endif
 }
 
 void instance_get_states(const Instance *instance, double states[])
 {
-    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         states[i - INPUT_COUNT] = instance->now.columns[i];
     }
 }
 
 void instance_get_nominals(double nominals[])
 {
-    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         nominals[i - INPUT_COUNT] = model_columns[i].nominal;
     }
 }
@@ -499,20 +502,23 @@ Status instance_get_derivatives(Instance *instance, double derivatives[])
 
 Status instance_set_states(Instance *instance, const double states[])
 {
-    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         if (!is_finite(states[i - INPUT_COUNT])) {
             return not_finite(instance, "continuousStates", states[i - INPUT_COUNT]);
         }
     }
-    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         instance->now.columns[i] = states[i - INPUT_COUNT];
     }
     instance->stale = true;
     return STATUS_OK;
 }
 
-#if MODEL_HAS_STATES
-/* Integrates the states over a communication step that ends at `time`. Inputs follow the derivatives the host gave. */
+#if MODEL_GOES_ON
+/*
+ * Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow
+ * the derivatives the host gave.
+ */
 static Status advance_states(Instance *instance, double time, double size, Status refused)
 {
     Snapshot *now = &instance->now;
@@ -527,13 +533,16 @@ static Status advance_states(Instance *instance, double time, double size, Statu
             instance->point[i] = now->columns[i]; /* clamped on the way */
         }
     }
-    switch (motion_advance(&instance->scratch, instance->point, &step, &after)) {
+    switch (model_advance(&instance->scratch, instance->point, &step, &after)) {
     case ADVANCE_DONE:
         break;
     case ADVANCE_NOT_FINITE:
         return instance_tell(instance, refused,
-                             "the states are not finite %.10g s after the beginning of the step: the motion diverges, "
-                             "or reaches a configuration where the mass matrix is not positive definite",
+                             MODEL_HAS_STATES
+                                 ? "the states are not finite %.10g s after the beginning of the step: the motion "
+                                   "diverges, or reaches a configuration where the mass matrix is not positive definite"
+                                 : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
+                                   "the model diverges",
                              after);
     case ADVANCE_TOO_MANY_STEPS:
         return instance_tell(instance, STATUS_ERROR,
@@ -541,13 +550,15 @@ static Status advance_states(Instance *instance, double time, double size, Statu
                              "a smaller one",
                              size);
     }
-    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         if (forbids(instance, i, instance->point[i], time, now->policy, refused)) {
             return refused;
         }
     }
     for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
         now->columns[i] = instance->point[i];
+    }
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         status = worse(status, note_value(instance, i));
     }
     return status;
@@ -559,7 +570,7 @@ static Status advance_states(Instance *instance, double time, double size, Statu
 static Status set_time(Instance *instance, double time, Status refused)
 {
     Status status = STATUS_OK;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role != ROLE_TIME) {
             continue;
         }
@@ -587,7 +598,7 @@ static double extrapolated(const Instance *instance, size_t index, double size)
 
 static bool forbids_inputs(Instance *instance, double size, Status status)
 {
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT &&
             forbids(instance, i, extrapolated(instance, i, size), instance->now.time + size, instance->now.policy,
                     status)) {
@@ -600,7 +611,7 @@ static bool forbids_inputs(Instance *instance, double size, Status status)
 static Status advance_inputs(Instance *instance, double size)
 {
     Status status = STATUS_OK;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT) {
             instance->now.columns[i] = extrapolated(instance, i, size);
             instance->now.rates[0][i] += size * instance->now.rates[1][i];
@@ -643,7 +654,7 @@ Status instance_do_step(Instance *instance, double from, double size)
         return refused;
     }
     Status status = STATUS_OK;
-#if MODEL_HAS_STATES
+#if MODEL_GOES_ON
     status = advance_states(instance, time, size, refused);
     if (status > STATUS_WARNING) {
         return status;
@@ -676,7 +687,7 @@ Status instance_accept_point(Instance *instance)
     if (forbids_point(instance, instance->now.policy)) {
         return STATUS_ERROR;
     }
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < NAMED_COUNT; i++) {
         status = worse(status, note_value(instance, i));
     }
     return status;
@@ -759,7 +770,7 @@ void instance_reset(Instance *instance)
     now->earliest = 0.0;
     now->tolerance = 0.0;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        now->columns[i] = model_columns[i].role == ROLE_TIME ? 0.0 : model_columns[i].start;
+        now->columns[i] = i < INPUT_COUNT && model_columns[i].role != ROLE_TIME ? model_columns[i].start : 0.0;
         now->rates[0][i] = 0.0;
         now->rates[1][i] = 0.0;
     }
@@ -930,7 +941,7 @@ Status instance_get_boolean(Instance *instance, const uint32_t references[], siz
     }
     const Snapshot *now = &instance->now;
     *value = !now->changed;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+    for (size_t i = 0; i < NAMED_COUNT; i++) {
         *value = *value && contains(&model_columns[i], now->columns[i]) &&
                  !is_changed(instance, i, now->columns[i], now->time);
     }
@@ -1062,16 +1073,16 @@ Status instance_count_dependencies(Instance *instance, uint32_t reference, size_
     size_t result = 0;
     *count = 0;
     if (is_result(instance, reference, &result)) {
-        *count = COLUMN_COUNT + 1;
+        *count = NAMED_COUNT + 1;
     } else if (is(instance, reference, VARIABLE_IN_DOMAIN) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
-        *count = COLUMN_COUNT;
+        *count = NAMED_COUNT;
     }
     return STATUS_OK;
 }
 
 uint32_t instance_dependency(size_t i)
 {
-    if (i >= COLUMN_COUNT) {
+    if (i >= NAMED_COUNT) {
         return POLICY_REFERENCE;
     }
     /* outputs are between the inputs and the states */
@@ -1276,7 +1287,7 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
         }
     }
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        rates[0][i] = model_columns[i].role == ROLE_TIME ? 1.0 : instance->now.rates[0][i];
+        rates[0][i] = i < INPUT_COUNT && model_columns[i].role == ROLE_TIME ? 1.0 : instance->now.rates[0][i];
         rates[1][i] = instance->now.rates[1][i];
     }
     update_point(instance);

@@ -56,7 +56,7 @@ typedef struct {
     double stop_time;  /* s; infinite if none is defined */
     double earliest;   /* s; where a solver may go back to: the start time or the last event */
     double tolerance;  /* of the solver inside the FMU; zero for steps of fixed size */
-    double columns[COLUMN_COUNT]; /* inputs, then states */
+    double columns[COLUMN_COUNT]; /* inputs, then states or what is remembered */
     double at_start[COLUMN_COUNT]; /* what the columns were when the run began to go on from its start time */
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT]; /* time derivatives of inputs, per s and per s^2 */
 } Snapshot;
@@ -75,7 +75,7 @@ struct Instance {
     bool log_everything;
     const char *function; /* the call at hand, for messages */
     Snapshot now;
-    double point[COLUMN_COUNT]; /* where the model is evaluated: inputs, clamped if that is the policy, and states */
+    double point[COLUMN_COUNT]; /* where the model is evaluated: inputs, clamped if that is the policy, and the rest */
     double results[RESULT_COUNT]; /* outputs, then derivatives of states; valid unless stale */
     bool stale; /* whether something changed since the results were computed; they are, when somebody asks */
     bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */

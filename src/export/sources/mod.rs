@@ -18,7 +18,7 @@ mod data;
 
 use crate::fmi::FmiVersion;
 use crate::{Error, Result};
-use metafmu_runtime::{Activation, Model, Motion, ScaledNetwork, Surrogate};
+use metafmu_runtime::{Activation, Discrete, Model, Motion, ScaledNetwork, StateSpace, Surrogate};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -36,21 +36,41 @@ const COMMON: [(&str, &str); 5] = [
     ("README.txt", include_str!("README.txt")),
 ];
 
-const NETWORK: [(&str, &str); 4] = [
-    ("activation.c", include_str!("activation.c")),
-    ("activation.h", include_str!("activation.h")),
-    ("network.c", include_str!("network.c")),
-    ("network.h", include_str!("network.h")),
-];
+/// Of networks and of functions that networks add to.
+const ACTIVATION: [(&str, &str); 2] =
+    [("activation.c", include_str!("activation.c")), ("activation.h", include_str!("activation.h"))];
 
-const MOTION: [(&str, &str); 6] = [
-    ("dictionary.h", include_str!("dictionary.h")),
-    ("equations.h", include_str!("equations.h")),
+const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("network.h", include_str!("network.h"))];
+
+/// Of models with functions that were learned.
+const FUNCTIONS: [(&str, &str); 4] = [
+    ("functions.h", include_str!("functions.h")),
+    ("jet_activation.h", include_str!("jet_activation.h")),
     ("jets.h", include_str!("jets.h")),
-    ("motion.c", include_str!("motion.c")),
-    ("motion.h", include_str!("motion.h")),
     ("network_term.h", include_str!("network_term.h")),
 ];
+
+/// Of models with continuous states.
+const STATES: [(&str, &str); 3] = [
+    ("dictionary.h", include_str!("dictionary.h")),
+    ("states.c", include_str!("states.c")),
+    ("states.h", include_str!("states.h")),
+];
+
+const MOTION: [(&str, &str); 3] = [
+    ("equations.h", include_str!("equations.h")),
+    ("motion.c", include_str!("motion.c")),
+    ("motion.h", include_str!("motion.h")),
+];
+
+const STATE_SPACE: [(&str, &str); 3] = [
+    ("state_equations.h", include_str!("state_equations.h")),
+    ("state_space.c", include_str!("state_space.c")),
+    ("state_space.h", include_str!("state_space.h")),
+];
+
+const DISCRETE: [(&str, &str); 2] =
+    [("discrete.c", include_str!("discrete.c")), ("discrete.h", include_str!("discrete.h"))];
 
 const FMI2: [(&str, &str); 2] = [("fmi2.c", include_str!("fmi2.c")), ("fmi2.h", include_str!("fmi2.h"))];
 
@@ -65,6 +85,37 @@ const FMI3: [(&str, &str); 3] = [
 enum Kind<'a> {
     Network(&'a ScaledNetwork),
     Motion(&'a Motion),
+    StateSpace(&'a StateSpace),
+    Discrete(&'a Discrete),
+}
+
+impl<'a> Kind<'a> {
+    /// # Errors
+    /// [`Error::NoSources`] if the C code has no such model.
+    fn of(surrogate: &'a Surrogate) -> Result<Self> {
+        // the C code has a linear last layer, as all networks trained here
+        let is_linear = |network: &&ScaledNetwork| {
+            network.layers.last().is_some_and(|layer| layer.activation == Activation::Identity)
+        };
+        match surrogate.model() {
+            Model::Motion(motion) => Ok(Self::Motion(motion)),
+            Model::StateSpace(space) => Ok(Self::StateSpace(space)),
+            Model::Discrete(discrete) => Ok(Self::Discrete(discrete)),
+            Model::Response(_) | Model::PerInstant { .. } => {
+                surrogate.network().filter(is_linear).map(Self::Network).ok_or(Error::NoSources)
+            }
+        }
+    }
+
+    /// Name of its header and its code.
+    fn file(self) -> &'static str {
+        match self {
+            Self::Network(_) => "network",
+            Self::Motion(_) => "motion",
+            Self::StateSpace(_) => "state_space",
+            Self::Discrete(_) => "discrete",
+        }
+    }
 }
 
 /// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The
@@ -73,15 +124,9 @@ enum Kind<'a> {
 /// `identifier` is the model identifier of the FMU.
 ///
 /// # Errors
-/// [`Error::NoSources`] if the surrogate is neither a single network with a linear last layer nor a motion.
+/// [`Error::NoSources`] if the surrogate has a network for each instant, a regression, or a network whose last layer is not linear.
 pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
-    // the C code has a linear last layer, as all networks trained here
-    let is_linear =
-        |network: &&ScaledNetwork| network.layers.last().is_some_and(|layer| layer.activation == Activation::Identity);
-    let kind = match surrogate.model() {
-        Model::Motion(motion) => Kind::Motion(motion),
-        _ => Kind::Network(surrogate.network().filter(is_linear).ok_or(Error::NoSources)?),
-    };
+    let kind = Kind::of(surrogate)?;
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, kind, identifier).into_bytes()));
@@ -124,11 +169,13 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
         FmiVersion::V2 => &FMI2,
         FmiVersion::V3 => &FMI3,
     };
-    let model: &[_] = match surrogate.model() {
-        Model::Motion(_) => &MOTION,
-        _ => &NETWORK,
+    let model: &[&[_]] = match surrogate.model() {
+        Model::Motion(_) => &[&FUNCTIONS, &STATES, &MOTION],
+        Model::StateSpace(_) => &[&FUNCTIONS, &STATES, &STATE_SPACE],
+        Model::Discrete(_) => &[&FUNCTIONS, &DISCRETE],
+        Model::Response(_) | Model::PerInstant { .. } => &[&NETWORK],
     };
-    COMMON.into_iter().chain(model.iter().copied()).chain(adapter.iter().copied())
+    COMMON.into_iter().chain(ACTIVATION).chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 /*
  * The surrogate as data. model_data.h has the sizes, model_data.c the numbers; both are generated, everything else is
- * the same in every FMU of its kind. What the numbers of a network or of equations of motion mean is in network.h or
- * motion.h.
+ * the same in every FMU of its kind. What the numbers of a model mean is in network.h, motion.h,
+ * state_space.h or discrete.h.
  */
 #ifndef MODEL_H
 #define MODEL_H
@@ -39,7 +39,8 @@ typedef enum {
     ROLE_TUNABLE_PARAMETER,
     ROLE_TIME,
     ROLE_INPUT,
-    ROLE_START, /* a fixed parameter: what a state is until the simulation runs; they are in the order of the states */
+    /* a fixed parameter: what a state, or what is remembered, is until the simulation runs; in the same order */
+    ROLE_START,
     ROLE_STATE
 } Role;
 
@@ -63,7 +64,7 @@ extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in
 extern const char model_description[]; /* for the log */
 extern const double model_time_step;   /* s; what hosts are told to step by */
 extern const Variable model_variables[VARIABLE_COUNT];
-extern const Column model_columns[COLUMN_COUNT];
+extern const Column model_columns[NAMED_COUNT];
 /* Error bounds, where there are variables for them: at times since the start, between which they are linear; one, 0, if they do not grow. */
 extern const double model_bound_times[BOUND_TIME_COUNT];
 extern const double model_bounds[BOUND_TIME_COUNT * OUTPUT_COUNT];

@@ -4,6 +4,7 @@
 #ifndef NETWORK_H
 #define NETWORK_H
 
+#include "activation.h"
 #include "model.h"
 
 /* (x - mean) / scale goes into the network; mean + scale * y is what comes out. */
@@ -20,16 +21,6 @@ typedef struct {
     double start;
     double period;
 } Turn;
-
-typedef enum {
-    ACTIVATION_TANH,
-    ACTIVATION_SIGMOID,
-    ACTIVATION_RELU,
-    ACTIVATION_GELU,
-    ACTIVATION_SILU,
-    ACTIVATION_SINE,
-    ACTIVATION_IDENTITY
-} Activation;
 
 /*
  * A hidden layer, the activation of W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows;

@@ -10,7 +10,10 @@ use crate::{
     surrogate::seal,
 };
 use metafmu_runtime::{
-    Domain, Drive, Dynamics, Evaluator, Map, Model, Motion, Quantity, Shown, StepError, dictionary::Dictionary, example,
+    BuiltIn, Domain, Drive, Dynamics, Evaluator, Given, Input, Layer, Map, Metadata, Model, Motion, Quantity, Role,
+    Scaling, Shown, StepError,
+    dictionary::{Dictionary, Factor, Term},
+    example,
 };
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::{
@@ -121,7 +124,9 @@ fn run_with(
 fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs().iter().map(|input| [input.min, input.max]);
     let states = surrogate.states().iter().map(|state| state.range.unwrap_or([-3.0, 3.0]));
-    let ranges: Vec<[f64; 2]> = inputs.chain(states).collect();
+    let mut ranges: Vec<[f64; 2]> = inputs.chain(states).collect();
+    // what is remembered
+    ranges.resize(Evaluator::new(surrogate).columns(), [-3.0, 3.0]);
     let point = |index: usize| {
         let column = |(column, [min, max]): (usize, &[f64; 2])| {
             let share = (0.5 + index as f64 * 0.618_033_988_749_895 * (1.0 + 0.37 * column as f64)).fract();
@@ -249,69 +254,289 @@ fn pushed_by_nothing() -> Surrogate {
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).unwrap()
 }
 
-/// Two hundred steps of a crane by each method with a force that changes, and steps that fail, in C and in Rust.
 #[test]
-fn the_steps_of_a_motion_are_those_of_the_evaluator() {
-    let surrogate = example::crane();
-    let evaluator = Evaluator::new(&surrogate);
-    let mut scratch = evaluator.scratch();
-    let domain = Domain::new(surrogate.inputs(), surrogate.states());
-    let start = [1.4, 0.0, 0.0, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
-    let mut input = String::new();
-    let mut expected = Vec::new();
-    let mut step = |anew: bool, point: &mut [f64; 10], size: f64, tolerance: f64, clamp: bool, rates: [f64; 2]| {
+fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
+    for surrogate in [
+        example::oscillator(None),
+        example::oscillator(Some(example::residual_network())),
+        turning(Activation::Tanh),
+        turning(Activation::Gelu),
+        left_alone(),
+    ] {
+        compare(&surrogate, [1.0, 1.0], &SANITIZERS);
+    }
+    compare(&turning(Activation::Silu), [1.0, 1.0], &["-O3", "-march=native"]);
+}
+
+#[test]
+fn the_outputs_of_a_model_of_samples_are_those_of_the_evaluator() {
+    for surrogate in [example::recorded(), window(), two_by_two()] {
+        compare(&surrogate, [1.0, 1.0], &SANITIZERS);
+    }
+}
+
+/// A wheel whose angle and speed are the states, by a network from sine and cosine of the angle, and from the rest: the outputs are the
+/// angle and a function.
+fn turning(activation: Activation) -> Surrogate {
+    let oscillator = example::oscillator(None);
+    let mut metadata = oscillator.metadata().clone();
+    metadata.states[0].range = None;
+    metadata.outputs.push(metadata.outputs[0].clone());
+    metadata.outputs[1].name = "torque".into();
+    let plain = Factor::Power { middle: 0.5, half: 2.0 };
+    let term = |exponents: [i16; 4], coefficients: [f64; 2]| Term {
+        exponents: exponents.to_vec(),
+        coefficients: coefficients.to_vec(),
+    };
+    // of mu, force, angle, speed
+    let terms = [term([1, 0, -2, 0], [-1.0, 0.5]), term([0, 1, 0, 0], [1.0, 0.0]), term([0, 0, 1, 1], [0.25, -0.125])];
+    let number = |index: usize| ((index as f64 * 0.618).fract() - 0.5) as f32;
+    let layer = |inputs: usize, outputs: usize, activation| Layer {
+        inputs,
+        outputs,
+        weight: (0..inputs * outputs).map(number).collect::<Vec<f32>>().into(),
+        bias: (0..outputs).map(|index| number(7 + index)).collect::<Vec<f32>>().into(),
+        activation,
+    };
+    let network = ScaledNetwork {
+        scaling: Scaling {
+            input_mean: vec![1.0, 0.0, 0.1, -0.1, 0.5],
+            input_scale: vec![0.5, 1.0, 0.7, 0.7, 2.0],
+            output_mean: vec![0.1, -0.2],
+            output_scale: vec![0.25, 0.5],
+        },
+        layers: vec![layer(5, 9, activation), layer(9, 6, activation), layer(6, 2, Activation::Identity)],
+    };
+    let space = StateSpace {
+        counts: [1, 1, 2],
+        functions: Dictionary::new(&[plain, plain, Factor::Angle, plain], 2, &terms).unwrap(),
+        network: Some(network),
+        results: vec![Given::State(0), Given::Function(1), Given::State(1), Given::Function(0)],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+}
+
+/// A state that is its own derivative: no parameter, no input, no function.
+fn left_alone() -> Surrogate {
+    let oscillator = example::oscillator(None);
+    let mut metadata = oscillator.metadata().clone();
+    metadata.inputs = vec![metadata.inputs[1].clone()];
+    metadata.states.truncate(1);
+    let factors = [Factor::Power { middle: 0.0, half: 1.0 }];
+    let space = StateSpace {
+        counts: [0, 0, 1],
+        functions: Dictionary::new(&factors, 0, &[]).unwrap(),
+        network: None,
+        results: vec![Given::State(0), Given::State(0)],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+}
+
+/// A discrete model of the same inputs, or without their parameter.
+fn of_samples(change: impl FnOnce(&mut Metadata, &mut Discrete)) -> Surrogate {
+    let recorded = example::recorded();
+    let Model::Discrete(discrete) = recorded.model() else { panic!("it is discrete") };
+    let (mut metadata, mut discrete) = (recorded.metadata().clone(), discrete.clone());
+    change(&mut metadata, &mut discrete);
+    Surrogate::new(metadata, Model::Discrete(discrete)).unwrap()
+}
+
+/// Nothing is fed back, and there is no parameter and no network.
+fn window() -> Surrogate {
+    of_samples(|metadata, discrete| {
+        metadata.inputs.remove(0);
+        (discrete.counts, discrete.history) = ([0, 1, 1], [0, 4]);
+        (discrete.weights, discrete.network) = (vec![0.4, 0.3, -0.2, 0.1], None);
+    })
+}
+
+/// Two inputs and two outputs, of which one past sample each counts.
+fn two_by_two() -> Surrogate {
+    of_samples(|metadata, discrete| {
+        let again = |input: &Input, name: &str| Input { name: name.into(), ..input.clone() };
+        let [position, force, driven] = [1, 2, 3].map(|index| metadata.inputs[index].clone());
+        metadata.inputs.insert(2, again(&position, "speed_start"));
+        metadata.inputs.insert(4, again(&force, "wind_start"));
+        metadata.inputs.push(again(&driven, "wind"));
+        metadata.outputs.push(metadata.outputs[0].clone());
+        metadata.outputs[1].name = "speed".into();
+        (discrete.counts, discrete.history) = ([1, 2, 2], [1, 1]);
+        discrete.weights = vec![0.9, 0.2, 0.1, -0.1, 0.02, -0.3, 0.8, 0.05, 0.2, -0.01];
+        (discrete.constants, discrete.network) = (vec![0.01, -0.02], None);
+    })
+}
+
+/// The one that diverges at its second sample.
+fn diverging() -> Surrogate {
+    of_samples(|_, discrete| discrete.weights[0] = 1e200)
+}
+
+/// Steps as `tests/steps.c` reads them, with what the evaluator says of each.
+struct Steps<'a> {
+    surrogate: &'a Surrogate,
+    evaluator: Evaluator,
+    input: String,
+    expected: Vec<Vec<f64>>,
+}
+
+impl<'a> Steps<'a> {
+    fn of(surrogate: &'a Surrogate) -> Self {
+        Self { surrogate, evaluator: Evaluator::new(surrogate), input: String::new(), expected: Vec::new() }
+    }
+
+    /// A point with these inputs at the start.
+    fn start(&self, inputs: &[f64]) -> Vec<f64> {
+        let mut point = inputs.to_vec();
+        point.resize(self.evaluator.columns(), 0.0);
+        self.evaluator.start(&mut point);
+        point
+    }
+
+    /// The first input that is driven.
+    fn driven(&self) -> usize {
+        self.surrogate.inputs().iter().position(|input| input.role == Role::Input).unwrap()
+    }
+
+    /// A step with rates of the first driven input.
+    fn step(&mut self, anew: bool, point: &mut [f64], size: f64, tolerance: f64, clamp: bool, rates: [f64; 2]) {
         let method = [size, tolerance, f64::from(u8::from(clamp))];
         let words = point.iter().chain(&method).chain(&rates);
         let words: Vec<String> = words.map(|value| format!("{value:e}")).collect();
-        input += &format!("{} {}\n", u8::from(anew), words.join(" "));
-        let of_force = rates.map(|rate| {
-            let mut rates = [0.0; 10];
-            rates[5] = rate;
+        self.input += &format!("{} {}\n", u8::from(anew), words.join(" "));
+        let of_columns = rates.map(|rate| {
+            let mut rates = vec![0.0; point.len()];
+            rates[self.driven()] = rate;
             rates
         });
-        let drive = Drive { rates: [&of_force[0], &of_force[1]], clamp: clamp.then_some(&domain) };
-        let method = (size, Some(tolerance).filter(|tolerance| *tolerance > 0.0), &[1.0; 4][..]);
-        let (result, after) = match evaluator.advance(point, method, drive, &mut scratch) {
+        let domain = Domain::new(self.surrogate.inputs(), self.surrogate.states());
+        let drive = Drive { rates: [&of_columns[0], &of_columns[1]], clamp: clamp.then_some(&domain) };
+        let nominals: Vec<f64> = self.surrogate.states().iter().map(|state| state.nominal).collect();
+        let method = (size, Some(tolerance).filter(|tolerance| *tolerance > 0.0), &nominals[..]);
+        let (result, after) = match self.evaluator.advance(point, method, drive, &mut self.evaluator.scratch()) {
             Ok(()) => (0.0, 0.0),
             Err(StepError::NotFinite { after }) => (1.0, after),
             Err(StepError::TooManySteps) => (2.0, 0.0),
         };
-        expected.push([&[result, after], &point[6..]].concat());
-    };
+        self.expected.push([&[result, after], &point[self.surrogate.inputs().len()..]].concat());
+    }
+
+    /// Whether the C code does the same: how steps ended, in order.
+    fn compare(self, flags: &[&str]) -> Vec<f64> {
+        let found = numbers(&run_evaluator(self.surrogate, include_str!("tests/steps.c"), flags, &self.input));
+        assert_eq!(found.len(), self.expected.len());
+        for (index, (found, expected)) in found.iter().zip(&self.expected).enumerate() {
+            assert_close(found, expected, 1.0, &format!("step {index}"));
+        }
+        self.expected.iter().map(|row| row[0]).collect()
+    }
+}
+
+/// Two hundred steps of a crane by each method with a force that changes, and steps that fail, in C and in Rust.
+#[test]
+fn the_steps_of_a_motion_are_those_of_the_evaluator() {
+    let surrogate = example::crane();
+    let mut steps = Steps::of(&surrogate);
+    let start = steps.start(&[1.4, 0.4, 0.9, -1.2, 2.0, 3.0]);
     for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
-        let mut point = start;
+        let mut point = start.clone();
         for index in 0..200 {
             let rates = [30.0 - 10.0 * f64::from(index % 7), 40.0 * f64::from(index % 3 - 1)];
-            step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
+            steps.step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
             point[5] += 0.02 * (rates[0] + 0.01 * rates[1]);
         }
     }
     for tolerance in [0.0, 1e-6] {
         for (rope, size) in [(0.0, 0.1), (1.4, 1e9), (1.4, 0.0), (-1.0, 0.3)] {
-            let mut point = start;
+            let mut point = start.clone();
             point[0] = rope;
             // ten million steps take too long by the other method
             if size < 1.0 || tolerance == 0.0 {
-                step(true, &mut point, size, tolerance, false, [0.0; 2]);
+                steps.step(true, &mut point, size, tolerance, false, [0.0; 2]);
             }
         }
     }
-    let text = run_evaluator(&surrogate, include_str!("tests/steps.c"), &[], &input);
-    let found = numbers(&text);
-    assert_eq!(found.len(), 807);
-    for (index, (found, expected)) in found.iter().zip(&expected).enumerate() {
-        assert_close(found, expected, 1.0, &format!("step {index}"));
-    }
-    assert!(expected[800..].iter().any(|row| row[0] == 1.0) && expected[800..].iter().any(|row| row[0] == 2.0));
+    let ends = steps.compare(&SANITIZERS);
+    assert_eq!(ends.len(), 807);
+    assert!(ends[..800].iter().all(|end| *end == 0.0) && ends[800..].contains(&1.0) && ends[800..].contains(&2.0));
 }
 
-/// A surrogate's FMU with the library of its sources and with the packed one, for each version and interface.
+#[test]
+fn the_steps_of_a_state_space_are_those_of_the_evaluator() {
+    for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
+        let mut steps = Steps::of(&surrogate);
+        let start = steps.start(&[1.2, 0.8, -0.5, 0.4]);
+        for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
+            let mut point = start.clone();
+            for index in 0..200 {
+                let rates = [3.0 - f64::from(index % 7), 4.0 * f64::from(index % 3 - 1)];
+                steps.step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
+                point[3] += 0.02 * (rates[0] + 0.01 * rates[1]);
+            }
+        }
+        for tolerance in [0.0, 1e-6] {
+            for (speed, size) in [(1e300, 1e5), (1.0, 0.0), (1.0, 0.3)] {
+                let mut point = start.clone();
+                point[5] = speed;
+                steps.step(true, &mut point, size, tolerance, false, [0.0; 2]);
+            }
+        }
+        steps.step(true, &mut start.clone(), 1e9, 0.0, false, [0.0; 2]);
+        let ends = steps.compare(&SANITIZERS);
+        assert_eq!((ends.len(), ends[806]), (807, 2.0));
+        assert!(ends[..800].iter().all(|end| *end == 0.0) && ends[800..806].contains(&1.0), "{:?}", &ends[800..]);
+    }
+}
+
+/// Whole samples, parts of them, several, and such that miss samples a little.
+#[test]
+fn the_steps_of_a_model_of_samples_are_those_of_the_evaluator() {
+    for (surrogate, inputs) in [
+        (example::recorded(), &[1.3, 0.4, 0.25, 1.0][..]),
+        (window(), &[0.4, 0.25, 1.0]),
+        (two_by_two(), &[1.3, 0.4, -0.2, 0.25, 0.5, 1.0, -2.0]),
+    ] {
+        let mut steps = Steps::of(&surrogate);
+        let start = steps.start(inputs);
+        let driven = steps.driven();
+        for (sizes, clamp) in [
+            (&[0.1][..], false),
+            (&[0.05], true),
+            (&[0.1 / 3.0], false),
+            (&[0.25, 0.37, 0.02, 0.1, 1.7], true),
+            (&[0.1 * (1.0 + 1e-7), 0.1 * (1.0 - 3e-7)], false),
+            (&[0.0, 1e-9, 0.1], false),
+        ] {
+            let mut point = start.clone();
+            for (index, size) in (0..60).zip(sizes.iter().cycle()) {
+                let rates = [30.0 - 10.0 * f64::from(index % 7), 40.0 * f64::from(index % 3 - 1)];
+                steps.step(index == 0, &mut point, *size, 0.0, clamp, rates);
+                point[driven] = 4.0 * (0.37 * f64::from(index)).sin();
+            }
+        }
+        steps.step(true, &mut start.clone(), 2e6, 0.0, false, [0.0; 2]);
+        let ends = steps.compare(&SANITIZERS);
+        assert!(ends[..360].iter().all(|end| *end == 0.0) && ends[360..] == [2.0]);
+    }
+    let surrogate = diverging();
+    let mut steps = Steps::of(&surrogate);
+    let start = steps.start(&[1.3, 0.4, 0.25, 1.0]);
+    for size in [0.1, 0.15, 1.0] {
+        steps.step(true, &mut start.clone(), size, 0.0, false, [0.0; 2]);
+    }
+    assert_eq!(steps.compare(&SANITIZERS), [0.0, 1.0, 1.0]);
+}
+
+/// A surrogate's FMU with the library of its sources and with the packed one, for each version and interface that it has.
 fn in_c_and_rust(surrogate: &Surrogate) -> Vec<[Fmu; 2]> {
     let folder = tempfile::tempdir().unwrap();
     let mut pairs = Vec::new();
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let paths = [c_fmu(folder.path(), surrogate, version), rust_fmu(folder.path(), surrogate, version)];
-        for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
+        let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
+        let interfaces = [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange];
+        for interface in interfaces.into_iter().filter(|kind| !is_discrete || *kind == InterfaceKind::CoSimulation) {
             pairs.push(paths.each_ref().map(|path| Fmu::open_for(path, interface).unwrap()));
         }
     }
@@ -338,28 +563,29 @@ fn a_whole_run_is_that_of_the_packed_library() {
     }
 }
 
-#[test]
-fn a_whole_motion_is_that_of_the_packed_library() {
-    let surrogate = seal(example::crane()).unwrap();
+/// A run with a force that jumps, by each policy that goes on.
+fn compare_run(surrogate: Surrogate, starts: &[(&str, f64)], record: &[&str], step: f64) {
+    let surrogate = seal(surrogate).unwrap();
     for fmus in in_c_and_rust(&surrogate) {
         for policy in [0.0, 1.0] {
-            let start_values = [("rope", 1.3), ("rope.angle_start", 0.8), ("domain_policy", policy)];
+            let start_values = starts.iter().copied().chain([("domain_policy", policy)]);
             let options = SimulationOptions {
-                start_values: start_values.map(|(name, value)| (name.to_owned(), value)).into(),
+                start_values: start_values.map(|(name, value)| (name.to_owned(), value)).collect(),
                 stop: Some(2.0),
-                step: Some(0.013),
+                step: Some(step),
                 inputs: Inputs {
                     names: vec!["force".into()],
                     times: vec![0.0, 0.5, 0.5, 2.0],
                     rows: vec![vec![-4.0], vec![12.0], vec![3.0], vec![-14.0]],
                 },
-                record: vec!["rope.angular_velocity".into(), "der(rope.angular_velocity)".into()],
+                record: record.iter().map(|name| (*name).to_owned()).collect(),
                 ..SimulationOptions::default()
             };
             let [found, expected] =
                 fmus.each_ref().map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
             assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
-            assert_eq!((found.rows.len(), found.columns.len()), (155, 11));
+            let outputs = surrogate.outputs().len();
+            assert!(found.rows.len() > 100 && found.columns.len() >= outputs + record.len(), "{:?}", found.columns);
             for (found, expected) in found.rows.iter().zip(&expected.rows) {
                 assert_close(found, expected, 10.0, "run");
             }
@@ -367,50 +593,133 @@ fn a_whole_motion_is_that_of_the_packed_library() {
     }
 }
 
-/// What an instance says in the middle of a run of a crane: states as bytes and derivatives.
-fn said_of_a_motion(instance: &Instance) -> (Vec<u8>, Vec<f64>) {
-    let (rope, starts, force, states) = (0, [1, 2, 3, 4], 5, [13, 14, 15, 16]);
-    let unknowns: Vec<u32> = (6..21).chain([23]).collect();
-    instance.set_real(&starts, &[4.5, 0.5, 1.5, 0.3]).unwrap();
+#[test]
+fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
+    let record = ["rope.angular_velocity", "der(rope.angular_velocity)"];
+    compare_run(example::crane(), &[("rope", 1.3), ("rope.angle_start", 0.8)], &record, 0.013);
+    for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
+        compare_run(surrogate, &[("mu", 1.3), ("x_start", 0.8)], &["v", "der(v)"], 0.013);
+    }
+    compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
+    compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
+}
+
+/// What an instance says in the middle of a run: states as bytes and derivatives. Policy 1 clamps the inputs.
+fn said_in_a_run(instance: &Instance, surrogate: &Surrogate, starts: &[f64]) -> (Vec<u8>, Vec<f64>) {
+    let of_inputs = |wanted: fn(Role) -> bool| -> Vec<u32> {
+        let indexed = (0..).zip(surrogate.inputs());
+        indexed.filter(|(_, input)| wanted(input.role)).map(|(index, _)| index).collect()
+    };
+    let (parameters, start, driven) = (
+        of_inputs(|role| matches!(role, Role::Parameter(_))),
+        of_inputs(|role| role == Role::Start),
+        of_inputs(|role| role == Role::Input),
+    );
+    let references = |wanted: fn(&Quantity) -> bool| -> Vec<u32> {
+        let variables = surrogate.variables().iter();
+        variables.filter(|(_, variable)| wanted(&variable.quantity)).map(|(reference, _)| reference).collect()
+    };
+    let states = references(|quantity| matches!(quantity, Quantity::State(_)));
+    let unknowns = references(|quantity| {
+        let distance = Quantity::BuiltIn(BuiltIn::DomainDistance);
+        *quantity == distance || matches!(quantity, Quantity::Output(_) | Quantity::State(_) | Quantity::Derivative(_))
+    });
+    let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)).unwrap();
+    instance.set_real(&start, starts).unwrap();
     instance.enter_initialization_mode(0.0, Some(9.0)).unwrap();
     instance.exit_initialization_mode().unwrap();
-    instance.set_integer(&[21], &[1]).unwrap();
-    instance.set_real(&[force], &[11.0]).unwrap();
-    // beyond the rail
-    for step in 0..10 {
-        instance.do_step(0.1 * f64::from(step), 0.1).unwrap();
+    instance.set_integer(&[policy], &[1]).unwrap();
+    for reference in &driven {
+        instance.set_real(&[*reference], &[11.0]).unwrap();
     }
-    let knowns = [&[rope, force], &states[..], &starts].concat();
+    for step in 0..10 {
+        instance.do_step(0.13 * f64::from(step), 0.13).unwrap();
+    }
+    let knowns = [parameters, driven, states, start].concat();
     let seed: Vec<f64> = (0..knowns.len()).map(|k| 0.25 + k as f64).collect();
     let mut values = instance.directional_derivative(&unknowns, &knowns, &seed).unwrap();
     for order in [1, 2] {
         values.extend(instance.output_derivatives(&unknowns, &vec![order; unknowns.len()]).unwrap());
     }
-    let mut read = vec![0.0; 22];
-    instance.get_real(&(0..21).chain([23]).collect::<Vec<u32>>(), &mut read).unwrap();
+    let all = references(|quantity| {
+        !matches!(quantity, Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::Time))
+    });
+    let mut read = vec![0.0; all.len()];
+    instance.get_real(&all, &mut read).unwrap();
     values.extend(read);
     (instance.state().unwrap().to_bytes().unwrap(), values)
 }
 
 #[test]
-fn the_states_and_derivatives_of_a_motion_are_those_of_the_packed_library() {
-    let surrogate = seal(example::crane()).unwrap();
-    for version in [FmiVersion::V2, FmiVersion::V3] {
-        let folder = tempfile::tempdir().unwrap();
-        let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
-        let [c, rust] = fmus.map(|path| Fmu::open(path).unwrap());
-        let [(found, values), (expected, expected_values)] =
-            [&c, &rust].map(|fmu| said_of_a_motion(&fmu.instantiate("run", false).unwrap()));
-        assert_close(&values, &expected_values, 1.0, &format!("{version:?}"));
-        assert_eq!(values.len(), expected_values.len());
-        // after magic, fingerprint and state, whose numbers are others, and before the checksum
-        let end = found.len() - 8;
-        assert_eq!((found.len(), &found[17..20]), (expected.len(), &expected[17..20]));
-        let numbers = |bytes: &[u8]| -> Vec<f64> {
-            bytes[20..end].as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
-        };
-        assert_close(&numbers(&found), &numbers(&expected), 1.0, "snapshot");
-        assert_eq!((found[7], expected[7]), (3, 3), "version of the layout");
+fn states_and_derivatives_in_a_run_are_those_of_the_packed_library() {
+    for (surrogate, starts) in [
+        // beyond the rail
+        (example::crane(), &[4.5, 0.5, 1.5, 0.3][..]),
+        (turning(Activation::Tanh), &[3.5, 0.8]),
+        (example::recorded(), &[0.5, -0.25]),
+        (two_by_two(), &[0.5, -0.25, 0.1, 0.2]),
+    ] {
+        let surrogate = seal(surrogate).unwrap();
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let folder = tempfile::tempdir().unwrap();
+            let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+            let [c, rust] = fmus.map(|path| Fmu::open(path).unwrap());
+            let [(found, values), (expected, expected_values)] =
+                [&c, &rust].map(|fmu| said_in_a_run(&fmu.instantiate("run", false).unwrap(), &surrogate, starts));
+            assert_close(&values, &expected_values, 1.0, &format!("{version:?}"));
+            assert_eq!(values.len(), expected_values.len());
+            // after magic, fingerprint and state, whose numbers are others, and before the checksum
+            let end = found.len() - 8;
+            assert_eq!((found.len(), &found[17..20]), (expected.len(), &expected[17..20]));
+            let numbers = |bytes: &[u8]| -> Vec<f64> {
+                bytes[20..end].as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+            };
+            assert_close(&numbers(&found), &numbers(&expected), 1.0, "snapshot");
+            assert_eq!((found[7], expected[7]), (3, 3), "version of the layout");
+        }
+    }
+}
+
+/// Steps that cannot be made: what is said, and what the outputs are afterwards if the host may go on.
+#[test]
+fn steps_that_fail_say_what_the_library_says() {
+    for (surrogate, starts, size, says) in [
+        (
+            diverging(),
+            &[0.4, 0.25][..],
+            1.0,
+            "the outputs are not finite at the sample 0.2 s after the beginning of the step",
+        ),
+        (example::recorded(), &[0.4, 0.25], 2e6, "communication step size 2000000 takes more than ten million steps"),
+        (
+            example::oscillator(None),
+            &[1e100, 1.0],
+            0.25,
+            "the states are not finite 0.005 s after the beginning of the step",
+        ),
+        (example::oscillator(None), &[1.0, 1.0], 1e9, "takes more than ten million steps of the solver"),
+    ] {
+        let surrogate = seal(surrogate).unwrap();
+        for version in [FmiVersion::V2, FmiVersion::V3] {
+            let folder = tempfile::tempdir().unwrap();
+            let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
+            let [found, expected] = fmus.map(|path| {
+                let fmu = Fmu::open(path).unwrap();
+                let instance = fmu.instantiate("run", true).unwrap();
+                instance.set_real(&[1, 2], starts).unwrap();
+                instance.enter_initialization_mode(0.0, None).unwrap();
+                instance.exit_initialization_mode().unwrap();
+                instance.take_messages();
+                let refused = instance.do_step(0.0, size).unwrap_err().to_string();
+                let said: String = instance.take_messages().into_iter().map(|said| said.text).collect();
+                let mut output = [0.0];
+                instance.get_real(&[surrogate.inputs().len() as u32], &mut output).unwrap();
+                (refused + &said, output)
+            });
+            assert_eq!(found, expected);
+            assert_eq!(found.1, [starts[0]]);
+            assert!(found.0.contains(says), "{}", found.0);
+        }
     }
 }
 
@@ -450,7 +759,13 @@ fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
 
 #[test]
 fn the_validator_finds_nothing() {
-    for surrogate in [example::with_input(), example::crane(), example::encoded(&example::with_input())] {
+    for surrogate in [
+        example::with_input(),
+        example::crane(),
+        example::encoded(&example::with_input()),
+        turning(Activation::Tanh),
+        example::recorded(),
+    ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let folder = tempfile::tempdir().unwrap();
             let report = validate(c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version)).unwrap();
@@ -536,6 +851,11 @@ fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
     let surrogate = seal(example::crane()).unwrap();
     run(&surrogate, FmiVersion::V2, include_str!("tests/fmi2_motion.c"));
     run(&surrogate, FmiVersion::V3, include_str!("tests/fmi3_motion.c"));
+}
+
+#[test]
+fn the_functions_of_fmi_2_answer_as_the_library_does_of_samples() {
+    run(&seal(example::recorded()).unwrap(), FmiVersion::V2, include_str!("tests/fmi2_samples.c"));
 }
 
 /// What tests/hosts/strict.c prints with the library of a surrogate, by each version and interface: the outputs at the end.
@@ -631,6 +951,10 @@ fn several_fmus_can_be_linked_into_one_library() {
         ("three", example::surrogate(), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=three_"),
         ("four", example::crane(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=four_"),
         ("five", example::crane(), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=five_"),
+        ("six", example::oscillator(None), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=six_"),
+        ("seven", turning(Activation::Tanh), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=seven_"),
+        ("eight", example::recorded(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=eight_"),
+        ("nine", window(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=nine_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();
@@ -652,7 +976,12 @@ fn several_fmus_can_be_linked_into_one_library() {
 
 #[test]
 fn the_files_are_sorted_reproducible_and_listed() {
-    for surrogate in [example::surrogate(), example::crane()] {
+    for (surrogate, model) in [
+        (example::surrogate(), "network.c"),
+        (example::crane(), "motion.c"),
+        (example::oscillator(None), "state_space.c"),
+        (example::recorded(), "discrete.c"),
+    ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let found = files(&surrogate, "example", version).unwrap();
             assert_eq!(found, files(&surrogate, "example", version).unwrap());
@@ -662,8 +991,8 @@ fn the_files_are_sorted_reproducible_and_listed() {
             for name in &compiled {
                 assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
             }
-            let moves = !surrogate.states().is_empty();
-            assert_eq!((compiled.contains(&"motion.c"), compiled.contains(&"network.c")), (moves, !moves));
+            let models = ["network.c", "motion.c", "state_space.c", "discrete.c"];
+            assert_eq!(compiled.iter().filter(|name| models.contains(name)).collect::<Vec<_>>(), [&model]);
             assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }
     }

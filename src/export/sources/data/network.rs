@@ -4,11 +4,15 @@ use super::{Part, array, push, real};
 use metafmu_runtime::{Activation, Encoder, Encoding, Input, Layer, Numbers, ScaledNetwork, Scaling, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
-const BLOCK: usize = 16;
+pub(super) const BLOCK: usize = 16;
 
-const NAMES: &[&str] = &[
-    "activate",
-    "activate_series",
+/// The same among the sizes of a model.
+pub(super) const BLOCK_SIZE: (&str, usize, &str) = ("BLOCK", BLOCK, "rows of a layer that are computed together");
+
+/// External names of the activations.
+pub(super) const ACTIVATIONS: [&str; 3] = ["activate", "activate_series", "real_activate"];
+
+const NAMES: [&str; 7] = [
     "model_hidden",
     "model_hidden_count",
     "model_input_scaling",
@@ -24,10 +28,10 @@ pub fn part(surrogate: &Surrogate, network: &ScaledNetwork) -> Part {
     let features = Encoder::of(surrogate.inputs()).width();
     let width = slopes.iter().copied().fold(padded(features), usize::max);
     Part {
-        names: NAMES,
+        names: [&ACTIVATIONS[..], &NAMES].concat(),
         sizes: vec![
             ("FEATURE_COUNT", features, "columns of the network"),
-            ("BLOCK", BLOCK, "rows of a layer that are computed together"),
+            BLOCK_SIZE,
             ("WIDTH", width, "of the widest layer, in whole blocks"),
             ("SLOPE_COUNT", slopes.iter().sum::<usize>().max(1), "of all hidden layers, in whole blocks"),
             ("LAST_COLUMNS", padded(last.inputs), "of the last layer, in whole blocks"),
@@ -84,7 +88,7 @@ fn data(network: &ScaledNetwork) -> String {
     text
 }
 
-fn activation(activation: Activation) -> &'static str {
+pub(super) fn activation(activation: Activation) -> &'static str {
     match activation {
         Activation::Tanh => "ACTIVATION_TANH",
         Activation::Sigmoid => "ACTIVATION_SIGMOID",
@@ -102,7 +106,7 @@ fn split(ScaledNetwork { layers, .. }: &ScaledNetwork) -> (&Layer, &[Layer]) {
 }
 
 /// `weights[(block * inputs + column) * BLOCK + row]`
-fn in_blocks(layer: &Layer) -> Vec<f64> {
+pub(super) fn in_blocks(layer: &Layer) -> Vec<f64> {
     let mut weights = vec![0.0; padded(layer.outputs) * layer.inputs];
     for (index, value) in layer.weight.iter().enumerate() {
         let (row, column) = (index / layer.inputs, index % layer.inputs);
@@ -120,7 +124,7 @@ fn in_rows(layer: &Layer) -> Vec<f64> {
     weights
 }
 
-fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
+pub(super) fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
     let mut padded_values: Vec<f64> = numbers.iter().map(flushed).collect();
     padded_values.resize(padded(numbers.len()), 0.0);
     padded_values
@@ -131,6 +135,6 @@ fn flushed(value: f64) -> f64 {
     if value.abs() < 1e-100 { 0.0 } else { value }
 }
 
-fn padded(count: usize) -> usize {
+pub(super) fn padded(count: usize) -> usize {
     count.next_multiple_of(BLOCK)
 }

@@ -159,7 +159,7 @@ static void steps(void)
         first[FORCE] = rates[0];
         second[FORCE] = rates[1];
         const Step step = {0.05, i == 0 ? 0.0 : 1e-9, first, second, false};
-        check(motion_advance(&scratch, expected, &step, &after) == ADVANCE_DONE, __LINE__);
+        check(model_advance(&scratch, expected, &step, &after) == ADVANCE_DONE, __LINE__);
         check(set(c, force, 2.0) == STATUS_OK, __LINE__);
         check(fmi2SetRealInputDerivatives(c, forces, 2, orders, rates) == STATUS_OK, __LINE__);
         check(fmi2DoStep(c, 0.0, 0.05, 1) == STATUS_OK && get_four(c, STATES, found) == STATUS_OK, __LINE__);

@@ -1,7 +1,7 @@
 /*
- * Reads steps of a motion: whether it begins anew, the point, then size, tolerance, whether inputs are clamped, and the
- * first and second rate of the first driven input. Prints how each ends, how far it came if it failed, and the states.
- * A step that does not begin anew goes on from the states before.
+ * Reads steps: whether it begins anew, the point, then size, tolerance, whether inputs are clamped, and the first and
+ * second rate of the first driven input. Prints how each ends, how far it came if it failed, and the columns after the
+ * inputs, which are states or what is remembered. A step that does not begin anew goes on from those before.
  */
 #include "evaluator.h"
 #include <stdio.h>
@@ -9,7 +9,7 @@
 int main(void)
 {
     static Scratch scratch;
-    double states[STATE_COUNT] = {0.0};
+    double rest[COLUMN_COUNT] = {0.0};
     double anew;
     while (scanf("%lf", &anew) == 1) {
         double point[COLUMN_COUNT];
@@ -24,7 +24,7 @@ int main(void)
                 return 1;
             }
             if (i >= INPUT_COUNT && !(anew > 0.0)) {
-                point[i] = states[i - INPUT_COUNT];
+                point[i] = rest[i];
             }
         }
         if (scanf("%lf %lf %lf %lf %lf", &size, &tolerance, &clamp, &rates[FIRST_DRIVEN],
@@ -32,11 +32,11 @@ int main(void)
             return 1;
         }
         const Step step = {size, tolerance, rates, second_rates, clamp > 0.0};
-        const Advance result = motion_advance(&scratch, point, &step, &after);
+        const Advance result = model_advance(&scratch, point, &step, &after);
         printf("%d %.17g", (int)result, result == ADVANCE_NOT_FINITE ? after : 0.0);
-        for (size_t i = 0; i < STATE_COUNT; i++) {
-            states[i] = point[INPUT_COUNT + i];
-            printf(" %.17g", states[i]);
+        for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+            rest[i] = point[i];
+            printf(" %.17g", rest[i]);
         }
         printf("\n");
     }

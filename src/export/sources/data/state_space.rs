@@ -1,0 +1,100 @@
+//! Functions and results of a state space.
+
+use super::{
+    Part,
+    functions::{Cost, Laid, Term, remark, table, width, write_network},
+    network::{ACTIVATIONS, BLOCK_SIZE},
+    states,
+};
+use metafmu_runtime::{
+    Given, StateSpace, Surrogate,
+    dictionary::Factor,
+    law::{ColumnKind, NetworkColumn},
+};
+
+const NAMES: [&str; 3] = ["model_functions", "model_functions_network", "model_given"];
+
+pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
+    let [parameters, driven, states] = space.counts;
+    let functions = Laid::out(&space.functions);
+    let network = network(space);
+    let sub_steps = states::sub_steps(surrogate, space.step);
+    let stages = |count: usize| 4.0 * sub_steps * count as f64;
+    let cost = Cost::of(network.as_ref(), 0);
+    Part {
+        names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
+        sizes: vec![
+            ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
+            ("DICTIONARY_COLUMNS", space.functions.columns(), "parameters, driven inputs and states"),
+            ("ATOM_COUNT", functions.atoms().max(1), "functions of the columns"),
+            BLOCK_SIZE,
+            ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
+            ("FUNCTION_SIZE", functions.outputs.max(1), "number of functions, but C has no empty arrays"),
+        ],
+        remark: remark(
+            states::operations(sub_steps, stage(space, &functions, &cost), states, driven),
+            stages(2 * (functions.angles() + cost.angles)),
+            stages(cost.activations),
+            "state_space.c",
+        ),
+        data: data(space, &functions, network.as_ref()),
+    }
+}
+
+/// Multiplications, additions and divisions of an evaluation; the formula is in `state_space.c`.
+fn stage(space: &StateSpace, functions: &Laid, network: &Cost) -> usize {
+    let angles = space.functions.factors().filter(|factor| *factor == Factor::Angle).count();
+    let turned = if space.network.is_some() { 5 * angles } else { 0 };
+    functions.operations(0) + turned + network.operations
+}
+
+/// The network, whose columns are those of the functions, an angle being two of them, its sine and cosine.
+fn network(space: &StateSpace) -> Option<Term<'_>> {
+    let columns = |(of, factor): (usize, Factor)| {
+        let kinds: &[ColumnKind] = match factor {
+            Factor::Angle => &[ColumnKind::Sine, ColumnKind::Cosine],
+            Factor::Power { .. } => &[ColumnKind::Plain],
+        };
+        kinds.iter().map(move |&kind| NetworkColumn { of, kind })
+    };
+    space.network.as_ref().map(|network| Term {
+        columns: space.functions.factors().enumerate().flat_map(columns).collect(),
+        outputs: (0..space.functions.outputs()).collect(),
+        network,
+    })
+}
+
+fn data(space: &StateSpace, functions: &Laid, network: Option<&Term>) -> String {
+    let mut text = states::data(space.step);
+    functions.write(&mut text, "functions");
+    write_network(&mut text, "functions", network);
+    let given = space.results.iter().map(|given| match given {
+        Given::State(state) => format!("true, {state}"),
+        Given::Function(function) => format!("false, {function}"),
+    });
+    table(&mut text, "const Given model_given", given, "");
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::{Model, example};
+
+    #[test]
+    fn operations_are_those_of_a_count_by_hand() {
+        for (surrogate, of_network) in [
+            (example::oscillator(None), 0),
+            // four columns, layers of 4 to 6 to 1, in blocks of 16, an output
+            (example::oscillator(Some(example::residual_network())), 4 * 2 + 2 * (4 + 6) * 16 + 3),
+        ] {
+            let Model::StateSpace(space) = surrogate.model() else { panic!("it has states") };
+            // mu, force and v with one power each, x with two; mu v, mu x^2 v, x, force, each in one function
+            let functions = 3 * (3 + 2) + (6 + 2) + (2 + 2) + (3 + 2) + 2 * (1 + 2);
+            let (laid, network) = (Laid::out(&space.functions), network(space));
+            assert_eq!(stage(space, &laid, &Cost::of(network.as_ref(), 0)), functions + of_network);
+        }
+        // two steps of four stages, two states, a force
+        assert_eq!(states::operations(2.0, 100, 2, 1), f64::from(2 * (400 + 60 + 20 + 9) + 3));
+    }
+}

@@ -1,0 +1,193 @@
+/*
+ * How long a step takes at worst, in multiplications, additions and divisions:
+ *
+ *     K (N + o (2 c + 2) + 5 m + 5) + 8
+ *
+ * with o outputs, m inputs, c columns of z and K = ceil(size of the step / model_sample_time) samples. The network
+ * takes, in N,
+ *
+ *     2 for a column,
+ *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
+ *       operations of activation.c for a node,
+ *     3 for an output.
+ *
+ * model_data.h has the number for a step of model_time_step. Numbers that are remembered are moved by one sample, which
+ * takes as long as there are numbers. Outputs between two samples take three operations each when a host asks for them.
+ */
+#include "evaluator.h"
+#include "jets.h"
+#include <string.h>
+
+#define NUMBER double
+#define OF(name) real_##name
+#include "network_term.h"
+#undef NUMBER
+#undef OF
+
+/* Part of a sample time by which a communication point may miss a sample. */
+static const double SAME = 1e-6;
+
+void model_start(double point[COLUMN_COUNT])
+{
+    const double *outputs = point + PARAMETER_COUNT;
+    const double *inputs = outputs + OUTPUT_COUNT;
+    /* a past in which nothing moved */
+    for (size_t i = MEMORY; i < MEMORY_INPUTS; i++) {
+        point[i] = outputs[(i - MEMORY) % OUTPUT_COUNT];
+    }
+    for (size_t i = MEMORY_INPUTS; i < MEMORY_NEXT; i++) {
+        point[i] = inputs[(i - MEMORY_INPUTS) % DRIVEN_COUNT];
+    }
+    memcpy(point + MEMORY_NEXT, outputs, OUTPUT_COUNT * sizeof *point);
+    point[MEMORY_PHASE] = 0.0;
+}
+
+/* ---- Outputs and their derivatives: they depend on what is remembered only ---- */
+
+/* The share of the next sample in the outputs. */
+static double share_of_next(const double point[COLUMN_COUNT])
+{
+    const double phase = point[MEMORY_PHASE];
+    /* a sample that was missed a little is that sample */
+    if (phase <= SAME) {
+        return 0.0;
+    }
+    return phase > 1.0 ? 1.0 : phase;
+}
+
+static void blend(double share, const double columns[COLUMN_COUNT], double outputs[OUTPUT_COUNT])
+{
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        const double now = columns[MEMORY + i];
+        outputs[i] = now + share * (columns[MEMORY_NEXT + i] - now);
+    }
+}
+
+void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT])
+{
+    (void)scratch;
+    blend(share_of_next(point), point, results);
+}
+
+void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
+                       double derivative[RESULT_COUNT])
+{
+    (void)scratch;
+    blend(share_of_next(point), direction, derivative);
+}
+
+void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
+                       const double second_rates[COLUMN_COUNT], double first[RESULT_COUNT],
+                       double second[RESULT_COUNT])
+{
+    (void)scratch;
+    blend(share_of_next(point), rates, first);
+    blend(share_of_next(point), second_rates, second);
+}
+
+void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
+                   double gradient[COLUMN_COUNT])
+{
+    const double share = share_of_next(point);
+    (void)scratch;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        gradient[i] = 0.0;
+    }
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        gradient[MEMORY + i] = (1.0 - share) * weights[i];
+        gradient[MEMORY_NEXT + i] = share * weights[i];
+    }
+}
+
+/* ---- From sample to sample ---- */
+
+/* Puts the inputs, `since` seconds after the beginning of the step, before those that are remembered. */
+static void take_inputs(double point[COLUMN_COUNT], const Step *step, double since)
+{
+    double *past = point + MEMORY_INPUTS;
+    memmove(past + DRIVEN_COUNT, past, (PAST_INPUTS - DRIVEN_COUNT) * sizeof *past);
+    for (size_t i = 0; i < DRIVEN_COUNT; i++) {
+        past[i] = driven(step, point, FIRST_DRIVEN + i, since);
+    }
+}
+
+/* The next outputs from what is remembered; whether they are finite. */
+static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
+{
+    double *z = scratch->regressors;
+    bool finite = true;
+    memcpy(z, point + MEMORY, FED_BACK * sizeof *z);
+    memcpy(z + FED_BACK, point + MEMORY_INPUTS, PAST_INPUTS * sizeof *z);
+    memcpy(z + FED_BACK + PAST_INPUTS, point, PARAMETER_COUNT * sizeof *z);
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        scratch->added[i] = 0.0;
+    }
+    real_add_network(&model_samples_network, z, scratch->added, NULL, 0, scratch->network);
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        const double *weights = model_weights + i * REGRESSOR_COUNT;
+        double linear = 0.0;
+        for (size_t k = 0; k < REGRESSOR_COUNT; k++) {
+            linear += weights[k] * z[k];
+        }
+        const double next = model_constants[i] + linear + scratch->added[i];
+        point[MEMORY_NEXT + i] = next;
+        finite = finite && fabs(next) < HUGE_VAL;
+    }
+    return finite;
+}
+
+/* Makes the next sample the last one. */
+static void pass_sample(double point[COLUMN_COUNT])
+{
+    double *past = point + MEMORY;
+    memmove(past + OUTPUT_COUNT, past, (PAST_OUTPUTS - OUTPUT_COUNT) * sizeof *past);
+    memcpy(past, point + MEMORY_NEXT, OUTPUT_COUNT * sizeof *past);
+    point[MEMORY_PHASE] = 0.0;
+}
+
+/* A time since the beginning of a step, not before it and not after it. */
+static double within(double since, double size)
+{
+    if (since < 0.0) {
+        return 0.0;
+    }
+    return since > size ? size : since;
+}
+
+static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+{
+    const double begin = point[MEMORY_PHASE];
+    const double end = begin + step->size / model_sample_time;
+    double passed = 0.0;
+    if (end - begin > MAX_STEPS) {
+        return ADVANCE_TOO_MANY_STEPS;
+    }
+    /* at a sample that the step does not just touch */
+    while (end - passed > SAME) {
+        if (point[MEMORY_PHASE] <= SAME) {
+            const double since = within((passed - begin) * model_sample_time, step->size);
+            take_inputs(point, step, since);
+            if (!compute_next(scratch, point)) {
+                *after = since + model_sample_time;
+                return ADVANCE_NOT_FINITE;
+            }
+        }
+        if (end - passed < 1.0 - SAME) {
+            break;
+        }
+        passed += 1.0;
+        pass_sample(point);
+    }
+    point[MEMORY_PHASE] = end - passed;
+    return ADVANCE_DONE;
+}
+
+Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+{
+    memcpy(scratch->before, point + MEMORY, sizeof scratch->before);
+    const Advance result = go_on(scratch, point, step, after);
+    if (result != ADVANCE_DONE) {
+        memcpy(point + MEMORY, scratch->before, sizeof scratch->before);
+    }
+    return result;
+}

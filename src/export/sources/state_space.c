@@ -1,0 +1,66 @@
+/*
+ * How long a step takes at worst, without a tolerance, in multiplications, additions and divisions:
+ *
+ *     S (4 (L + N) + 30 n + 20 m + 9) + 3
+ *
+ * with n states, m inputs that are driven and S = ceil(size of the step / model_solver_step) steps of four stages, of
+ * which each evaluates the functions. The dictionary takes, in L,
+ *
+ *     8 k        for an angle with the multiples up to k, besides one sine and one cosine,
+ *     3 k + 2    for a column with the powers up to k > 0,
+ *     f + 2 c    for a product of f factors in c functions.
+ *
+ * The network takes, in N,
+ *
+ *     5 for an angle, besides rounding down,
+ *     2 for a column, besides a sine and a cosine of an angle,
+ *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
+ *       operations of activation.c for a node,
+ *     3 for an output.
+ *
+ * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
+ * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
+ * another stage.
+ */
+#include "evaluator.h"
+
+static const double TAU = 6.283185307179586476925286766559;
+
+#define NUMBER double
+#define OF(name) real_##name
+#define WORK RealWork
+#include "dictionary.h"
+#include "network_term.h"
+#include "state_equations.h"
+#undef NUMBER
+#undef OF
+#undef WORK
+
+#define NUMBER Jet
+#define OF(name) jet_##name
+#define WORK JetWork
+#include "dictionary.h"
+#include "jet_activation.h"
+#include "network_term.h"
+#include "state_equations.h"
+#undef NUMBER
+#undef OF
+#undef WORK
+
+void model_respond(Scratch *scratch)
+{
+    real_respond(&scratch->real);
+}
+
+void model_follow(Scratch *scratch)
+{
+    jet_respond(&scratch->jet);
+}
+
+void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT])
+{
+    real_compute(point, &scratch->real);
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        rates[i] = real_result(OUTPUT_COUNT + i, point, &scratch->real);
+    }
+}
