@@ -117,10 +117,13 @@ study's surrogate of the same variables is measured on the same test runs.")]
     /// Package NAME.safetensors as NAME.fmu
     #[command(after_help = "Examples:
   metafmu export examples/single-pendulum.toml
+  metafmu export out/single-pendulum/single-pendulum.safetensors --fmi 3 --sources
   metafmu export examples/single-pendulum.toml --fmi both --binary aarch64-linux=libfmu_template.so
   metafmu export examples/single-pendulum.toml --model ridge
 
-The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise.")]
+The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model
+file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards
+do not say what was measured.")]
     Export(ExportModelArgs),
     /// Print the JSON schema of study or mechanism files, with which editors complete and check them
     #[command(after_help = "Examples:

@@ -3,17 +3,19 @@
 use super::{Outcome, print, print_json, project};
 use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
-    Result,
-    pipeline::export::{ExportOptions, Plan, export_baseline, export_network},
+    Error, Result,
+    pipeline::{
+        export::{ExportOptions, Plan, Written, export_baseline, export_file, export_network},
+        predict::is_surrogate,
+    },
     study::FmiChoice,
 };
+use std::path::Path;
 
 pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
-    let project = project(&args.export.study)?;
-    let plan = Plan::new(&project, &args.export.options())?;
-    let written = match args.model {
-        None => export_network(&project, &plan)?,
-        Some(kind) => export_baseline(&project, &plan, kind)?,
+    let written = match is_surrogate(&args.export.study.study) {
+        true => of_file(args)?,
+        false => of_study(args)?,
     };
     match written.as_slice() {
         [one] if args.export.study.json => print_json(one)?,
@@ -21,6 +23,24 @@ pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
         all => all.iter().try_for_each(|written| print(&format!("{}\n", written.fmu.display())))?,
     }
     Ok(Outcome::Fine)
+}
+
+fn of_file(args: &ExportModelArgs) -> Result<Vec<Written>> {
+    if let Some(kind) = args.model {
+        let problem = "is fitted to the runs of a study: expected a study file".into();
+        return Err(Error::Baseline { model: kind.name(), problem });
+    }
+    let folder = args.export.study.out.as_deref().unwrap_or(Path::new("."));
+    export_file(&args.export.study.study, folder, &args.export.options())
+}
+
+fn of_study(args: &ExportModelArgs) -> Result<Vec<Written>> {
+    let project = project(&args.export.study)?;
+    let plan = Plan::new(&project, &args.export.options())?;
+    match args.model {
+        None => export_network(&project, &plan),
+        Some(kind) => export_baseline(&project, &plan, kind),
+    }
 }
 
 impl ExportArgs {

@@ -66,6 +66,11 @@ pub enum FmiVersion {
     V3,
 }
 
+impl FmiVersion {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::V2, Self::V3];
+}
+
 /// How variable names are built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamingConvention {

@@ -1,6 +1,6 @@
 //! Packages the surrogate, or a baseline, as FMUs.
 
-use super::{compare, prepare::baseline_rows, project::Project};
+use super::{compare, predict::load_file, prepare::baseline_rows, project::Project};
 use crate::{
     Error, Result, acceptance,
     baseline::{self, BaselineKind, Fitted, choose_rows},
@@ -10,7 +10,7 @@ use crate::{
     files,
     fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
-    study::{FmiChoice, Structure},
+    study::{self, FmiChoice, Structure},
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -59,7 +59,12 @@ impl Plan {
         if options.sources && project.study.network.structure == Structure::Fixed {
             return Err(Error::NoSources);
         }
-        let choice = options.fmi.unwrap_or(project.study.export.fmi);
+        Self::of(options, project.study.export.fmi)
+    }
+
+    /// `choice`: the versions unless the options say otherwise.
+    fn of(options: &ExportOptions, choice: FmiChoice) -> Result<Self> {
+        let choice = options.fmi.unwrap_or(choice);
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
         let added = added.collect::<Result<Vec<Binary>>>()?;
         let mut binaries = if options.platforms.is_empty() {
@@ -71,6 +76,16 @@ impl Plan {
         binaries.retain(|binary| added.iter().all(|added| added.platform != binary.platform));
         binaries.extend(added);
         Ok(Self { choice, binaries, sources: options.sources })
+    }
+
+    /// The versions to write.
+    fn wanted(&self) -> impl Iterator<Item = FmiVersion> {
+        let choice = self.choice;
+        let is_wanted = move |version: &FmiVersion| match version {
+            FmiVersion::V2 => choice != FmiChoice::V3,
+            FmiVersion::V3 => choice != FmiChoice::V2,
+        };
+        FmiVersion::ALL.into_iter().filter(is_wanted)
     }
 }
 
@@ -101,6 +116,25 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
     stage(project, plan, &surrogate, accuracy.as_ref(), &figures)
 }
 
+/// The FMUs of a surrogate that is a file, of metafmu's model files or FMUs, in a folder: NAME.fmu and NAME-fmi3.fmu, NAME being the
+/// surrogate's. What was measured of it is not known here, so their model cards do not say it.
+///
+/// # Errors
+/// Those of [`load_file`], [`Error::NoSources`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
+/// the place of the file itself.
+pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
+    let plan = Plan::of(options, FmiChoice::default())?;
+    let surrogate = load_file(file)?;
+    files::writable_folder(folder)?;
+    let target = Target { folder, name: &surrogate.metadata().name, about: &study::ExportOptions::default() };
+    let same =
+        |path: &PathBuf| path.canonicalize().is_ok_and(|path| file.canonicalize().is_ok_and(|file| file == path));
+    if let Some(path) = plan.wanted().map(|version| target.fmu(version)).find(same) {
+        return Err(Error::SameFile { path });
+    }
+    write(&target, &plan, &surrogate, None, &[])
+}
+
 /// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.
 ///
 /// # Errors
@@ -124,7 +158,7 @@ pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Re
     // the network's own: a baseline is not compared with baselines
     let verdict = Verdict::of(acceptance::problems(study, &surrogate, &evaluated.accuracy, None, "test runs"));
     let accuracy = with_verdict(project, evaluated.accuracy.clone(), verdict);
-    write(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
+    write_of_project(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
 }
 
 /// An FMU of a rejected surrogate is written nevertheless, and says so.
@@ -141,10 +175,11 @@ pub(super) fn stage(
     accuracy: Option<&Accuracy>,
     figures: &[Drawn],
 ) -> Result<Vec<Written>> {
-    write(project, plan, surrogate, accuracy, figures, "")
+    write_of_project(project, plan, surrogate, accuracy, figures, "")
 }
 
-fn write(
+/// `model`: what follows the study's name in those of the files.
+fn write_of_project(
     project: &Project,
     plan: &Plan,
     surrogate: &Surrogate,
@@ -152,31 +187,48 @@ fn write(
     figures: &[Drawn],
     model: &str,
 ) -> Result<Vec<Written>> {
-    let (wanted, others) = match plan.choice {
-        FmiChoice::V2 => (vec![FmiVersion::V2], vec![FmiVersion::V3]),
-        FmiChoice::V3 => (vec![FmiVersion::V3], vec![FmiVersion::V2]),
-        FmiChoice::Both => (vec![FmiVersion::V2, FmiVersion::V3], vec![]),
-    };
-    let path = |version| {
-        let suffix = if version == FmiVersion::V3 { "-fmi3" } else { "" };
-        project.fmu(&format!("{model}{suffix}"))
-    };
-    let write = |version| {
-        let Plan { binaries, sources, .. } = plan;
-        let contents =
-            Contents { version, about: &project.study.export, binaries, accuracy, figures, sources: *sources };
-        let (path, bytes) = (path(version), pack(surrogate, &contents)?);
-        files::write_whole(&path, &bytes)?;
-        Ok(Written { fmu: path, bytes: bytes.len(), version })
-    };
-    let written = wanted.into_iter().map(write).collect::<Result<_>>()?;
-    for path in others.into_iter().map(path) {
+    let name = format!("{}{model}", project.study.name);
+    let target = Target { folder: project.folder(), name: &name, about: &project.study.export };
+    let written = write(&target, plan, surrogate, accuracy, figures)?;
+    let others = FmiVersion::ALL.into_iter().filter(|version| plan.wanted().all(|wanted| wanted != *version));
+    for path in others.map(|version| target.fmu(version)) {
         if path.exists() && !is_of(surrogate, &path) {
             files::remove(&path)?;
             project.say(format_args!("removed {}, which an earlier export made of another model", path.display()));
         }
     }
     Ok(written)
+}
+
+/// Where FMUs are written, and what they say about themselves.
+struct Target<'a> {
+    folder: &'a Path,
+    name: &'a str,
+    about: &'a study::ExportOptions,
+}
+
+impl Target<'_> {
+    fn fmu(&self, version: FmiVersion) -> PathBuf {
+        let suffix = if version == FmiVersion::V3 { "-fmi3" } else { "" };
+        self.folder.join(format!("{}{suffix}.fmu", self.name))
+    }
+}
+
+fn write(
+    target: &Target,
+    plan: &Plan,
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    figures: &[Drawn],
+) -> Result<Vec<Written>> {
+    let write = |version| {
+        let Plan { binaries, sources, .. } = plan;
+        let contents = Contents { version, about: target.about, binaries, accuracy, figures, sources: *sources };
+        let (path, bytes) = (target.fmu(version), pack(surrogate, &contents)?);
+        files::write_whole(&path, &bytes)?;
+        Ok(Written { fmu: path, bytes: bytes.len(), version })
+    };
+    plan.wanted().map(write).collect()
 }
 
 /// Whether an FMU was made of this surrogate.

@@ -104,12 +104,31 @@ impl Found {
 /// # Errors
 /// Those of [`read_surrogate`], [`surrogate::load`] and [`Project::load_model`]; [`Error::NoSurrogate`] for other files.
 pub fn load(path: &Path, control: Control<'_>) -> Result<Surrogate> {
-    match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
+    match extension(path).as_deref() {
+        Some("toml") => Project::open(path, None, control)?.load_model(),
+        _ => load_file(path),
+    }
+}
+
+/// Reads a surrogate that is a file: that of an FMU made by metafmu (`.fmu`) or of a model file (`.safetensors`).
+///
+/// # Errors
+/// Those of [`read_surrogate`] and [`surrogate::load`]; [`Error::NoSurrogate`] for other files.
+pub fn load_file(path: &Path) -> Result<Surrogate> {
+    match extension(path).as_deref() {
         Some("fmu") => read_surrogate(path),
         Some("safetensors") => surrogate::load(path),
-        Some("toml") => Project::open(path, None, control)?.load_model(),
         _ => Err(Error::NoSurrogate { path: path.to_owned() }),
     }
+}
+
+/// Whether a file is a surrogate by its name.
+pub fn is_surrogate(path: &Path) -> bool {
+    matches!(extension(path).as_deref(), Some("fmu" | "safetensors"))
+}
+
+fn extension(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_string_lossy().to_lowercase())
 }
 
 /// Predicts all rows of a table and writes them in the same order, with the columns `run` and `time` if the table has them, the

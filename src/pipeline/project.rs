@@ -269,11 +269,6 @@ impl<'a> Project<'a> {
         self.folder.join("report.html")
     }
 
-    /// The FMU whose name ends so, for instance `-fmi3`.
-    pub fn fmu(&self, suffix: &str) -> PathBuf {
-        self.folder.join(format!("{}{suffix}.fmu", self.study.name))
-    }
-
     /// Reads the record of the sampled tables and checks that they are this study's.
     ///
     /// # Errors

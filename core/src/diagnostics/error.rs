@@ -109,6 +109,12 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// An output would take the place of the file that it is made of.
+    #[error("{}: is the surrogate itself: expected another folder, by --out", path.display())]
+    SameFile {
+        /// The file.
+        path: PathBuf,
+    },
     /// The parts of a surrogate do not fit each other.
     #[error("surrogate: {source}")]
     Surrogate {
