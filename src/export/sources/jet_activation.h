@@ -1,6 +1,6 @@
 /*
- * A template, without a guard: activations in one kind of jets. Before it is included, NUMBER is their type and OF(name)
- * the name of a function of them.
+ * A template, without a guard: activations in one kind of jets. Before it is included, NUMBER is their type and
+ * OF(name) the name of a function of them.
  */
 
 /* The activation of x, and its derivative. */

@@ -235,6 +235,17 @@ pub(super) fn table(text: &mut String, declaration: &str, rows: impl Iterator<It
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metafmu_runtime::{Model, example};
+
+    #[test]
+    fn operations_of_a_network_with_derivatives_are_those_of_a_count_by_hand() {
+        let crane = example::crane_with_networks();
+        let Model::Motion(motion) = crane.model() else { panic!("the crane moves") };
+        let cost = Cost::of(motion.dynamics.law().network().map(Term::from).as_ref(), 2);
+        // four columns, two of an angle; layers of 4 to 9 to 6 to 6 in blocks of 16, of which the last is linear; six outputs
+        let expected = 4 * (2 + 2) + 2 * 3 * (4 + 9 + 6) * 16 + 2 * 32 + 6 * (3 + 2 * 2);
+        assert_eq!((cost.operations, cost.angles, cost.activations), (expected, 2, 32));
+    }
 
     #[test]
     fn what_there_is_none_of_is_still_an_array() {

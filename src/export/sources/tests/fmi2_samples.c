@@ -167,7 +167,8 @@ static void domain(void)
     c = stepping(2);
     check(fmi2SetRealInputDerivatives(c, &force, 1, &order, &rate) == STATUS_OK, __LINE__);
     check(fmi2DoStep(c, 0.0, 0.2, 1) == STATUS_ERROR && same(get(c, POSITION), 0.5), __LINE__);
-    said("fmi2DoStep: variable `force`: 20 is outside the training range from -3 to 3, and domain_policy is 2", __LINE__);
+    said("fmi2DoStep: variable `force`: 20 is outside the training range from -3 to 3, and domain_policy is 2",
+         __LINE__);
     fmi2FreeInstance(c);
 }
 
