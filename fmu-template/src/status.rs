@@ -90,11 +90,13 @@ pub(crate) enum Refusal {
     BackInTime { time: f64, earliest: f64 },
     #[error("tolerance {found} is negative or not finite")]
     Tolerance { found: f64 },
-    #[error("the equations of motion have no solution in this state: the mass matrix is not positive definite")]
+    #[error(
+        "the equations have no finite solution in this state: a mass matrix is not positive definite, or a value too large"
+    )]
     NotComputable,
     #[error(
-        "the states are not finite {after} s after the beginning of the step: the motion diverges, or reaches a configuration \
-         where the mass matrix is not positive definite"
+        "the states are not finite {after} s after the beginning of the step: the motion diverges, or reaches a state \
+         in which the equations have no finite solution"
     )]
     Diverged { after: f64, status: Status },
     #[error("the outputs are not finite at the sample {after} s after the beginning of the step: the model diverges")]

@@ -449,8 +449,8 @@ static Status update_results(Instance *instance)
         if (!is_finite(instance->results[i])) {
             /* not an error: a solver tries again with a smaller step */
             return instance_tell(instance, STATUS_DISCARD,
-                                 "the equations of motion have no solution in this state: the mass matrix is not "
-                                 "positive definite");
+                                 "the equations have no finite solution in this state: a mass matrix is not positive "
+                                 "definite, or a value too large");
         }
     }
     instance->stale = false;
@@ -540,7 +540,7 @@ static Status advance_states(Instance *instance, double time, double size, Statu
         return instance_tell(instance, refused,
                              MODEL_HAS_STATES
                                  ? "the states are not finite %.10g s after the beginning of the step: the motion "
-                                   "diverges, or reaches a configuration where the mass matrix is not positive definite"
+                                   "diverges, or reaches a state in which the equations have no finite solution"
                                  : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
                                    "the model diverges",
                              after);

@@ -350,11 +350,11 @@ static void what_cannot_be_computed(void)
     check(set(c, ROPE, 0.0) == STATUS_WARNING && fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
     messages = 0;
     check(get_four(c, RATES, rates) == STATUS_DISCARD, __LINE__);
-    said("fmi2GetReal: the equations of motion have no solution in this state: the mass matrix is not positive "
-         "definite", __LINE__);
+    said("fmi2GetReal: the equations have no finite solution in this state: a mass matrix is not positive "
+         "definite, or a value too large", __LINE__);
     check(fmi2DoStep(c, 0.0, 0.1, 1) == STATUS_ERROR, __LINE__);
     said("the states are not finite 0.005 s after the beginning of the step: the motion diverges, or reaches a "
-         "configuration where the mass matrix is not positive definite", __LINE__);
+         "state in which the equations have no finite solution", __LINE__);
     fmi2FreeInstance(c);
     c = stepping(0.0);
     check(fmi2DoStep(c, 0.0, 1e9, 1) == STATUS_ERROR, __LINE__);
