@@ -350,7 +350,7 @@ SECTIONS = {
         "an input for a parameter": dynamics(("[outputs]", "force = { min = 0, max = 1 }\n[outputs]")),
         "a method": dynamics(("[sampling]\n", '[sampling]\nmethod = "sobol"\n')),
         "no test runs": dynamics(("test_runs = 2", "test_runs = 0")),
-        "a system": dynamics(('mechanism = "crane.toml"', 'system = "single-pendulum"')),
+        "coordinates that a system has not": dynamics(('mechanism = "crane.toml"', 'system = "single-pendulum"')),
         "states without the structure": dynamics(('structure = "dynamics"\n', "")),
         "another structure": dynamics(('"dynamics"', '"dynamic"')),
         "an output that is not there": dynamics(("theta = {}", "omega = {}")),

@@ -27,6 +27,7 @@ pub enum Command {
     /// Write a commented study file
     #[command(after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum
+  metafmu new my-component --system double-pendulum --structure dynamics    # with states, of its equations of motion
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
@@ -181,15 +182,9 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism, of an
-    /// FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by columns of a table
-    #[arg(
-        long,
-        value_name = "STRUCTURE",
-        default_value = "response",
-        conflicts_with = "system",
-        requires_if("discrete", "table")
-    )]
+    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a system or mechanism,
+    /// of an FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by columns of a table
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "table"))]
     #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics", "discrete"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool

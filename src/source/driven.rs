@@ -154,7 +154,8 @@ impl Driven {
                     let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
                     let is_force = message.contains("force");
                     let key = output.map(|name| format!("outputs.{name}"));
-                    let other = if is_force { "source.mechanism" } else { "states" };
+                    let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
+                    let other = if is_force { source } else { "states" };
                     problems.add(key.unwrap_or_else(|| other.into()), message);
                 }
             }

@@ -82,6 +82,7 @@ use crate::{
     },
     files,
     multibody::Mechanism,
+    systems::System,
     table::Table,
 };
 pub use accept::AcceptOptions;
@@ -264,7 +265,7 @@ impl Draft {
         let has = |section: &str| root.get_ref().contains_key(section);
         let [has_network, has_training] = ["network", "training"].map(has);
         let mut study: Study = origin.deserialize(root)?;
-        if study.structure == StudyStructure::Dynamics && study.source.mechanism.is_some() {
+        if study.structure == StudyStructure::Dynamics && study.source.is_of_equations() {
             study.network = if has_network { study.network } else { NetworkOptions::of_equations() };
             study.training = if has_training { study.training } else { TrainingOptions::of_equations() };
         }
@@ -386,7 +387,7 @@ impl Study {
     /// Reads the mechanism, or the digest of other files of the source. False if that failed: problems of a mechanism are in its own
     /// file.
     fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>) -> bool {
-        let Some((key, file)) = self.source.file() else { return true };
+        let Some((key, file)) = self.source.file() else { return self.load_system(found) };
         let (key, path) = (format!("source.{key}"), self.beside(file));
         let loaded = if self.source.mechanism.is_some() {
             Mechanism::load(&path).map(|mechanism| self.mechanism = Some(Arc::new(mechanism)))
@@ -399,6 +400,18 @@ impl Study {
             Err(other) => found.add(key, other.to_string()),
         }
         false
+    }
+
+    /// With states, a built-in system is the mechanism that describes it; one of an unknown name is refused elsewhere.
+    fn load_system(&mut self, found: &mut Problems) -> bool {
+        let Some(system) = self.source.system.as_deref().and_then(System::of).filter(|_| self.has_states()) else {
+            return true;
+        };
+        match Mechanism::parse(system.mechanism, Path::new(system.name)) {
+            Ok(mechanism) => self.mechanism = Some(Arc::new(mechanism)),
+            Err(error) => found.add("source.system", error.to_string()),
+        }
+        self.mechanism.is_some()
     }
 
     /// Takes ranges of states that are not given from the study's table. False if that failed.
@@ -452,7 +465,7 @@ impl Study {
         Ok(digest::digest(&digests))
     }
 
-    /// The mechanism that the study's source names.
+    /// The mechanism that the study's source names, or that describes its built-in system if the study has states.
     pub fn mechanism(&self) -> Option<&Arc<Mechanism>> {
         self.mechanism.as_ref()
     }
