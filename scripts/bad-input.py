@@ -164,6 +164,11 @@ def motions(*changes, rows=("", "")):
     return texts
 
 
+def recording(rows, name="recorded.csv", options=""):
+    """The crane driven by a recorded force."""
+    return {**dynamics(('bandwidth = 1.0, excitation = ["steps"]', f'recording = "recorded.csv"{options}')), name: rows}
+
+
 def runs(old, new):
     assert old in RUNS, old
     return {"study.toml": RECORDED, "runs.csv": RUNS.replace(old, new, 1)}
@@ -329,6 +334,15 @@ SECTIONS = {
         "a signal that is not there": dynamics(('["steps"]', '["step"]')),
         "no signal": dynamics(('["steps"]', "[]")),
         "a signal that is no list": dynamics(('["steps"]', '"steps"')),
+        "a recording that is not there": recording("time,force\n0,1\n1,2\n", name="r.csv"),
+        "a recording of something else": recording("time,torque\n0,1\n1,2\n"),
+        "a recording without times": recording("t,force\n0,1\n1,2\n"),
+        "a recording in another unit": recording("time,force [kN]\n0,1\n1,2\n"),
+        "a recording with a gap": recording("time,force\n0,1\n0.5,nan\n1,2\n"),
+        "a recording that goes back in time": recording("time,force\n0,1\n1,2\n0.5,3\n"),
+        "a recording shorter than a run": recording("time,force\n0,1\n0.9,2\n"),
+        "a recording outside the input's range": recording("time,force\n0,1\n1,12\n"),
+        "a bandwidth of a recording": recording("time,force\n0,1\n1,2\n", options=", bandwidth = 1.0"),
         "networks for each instant": dynamics(more='[network]\nstructure = "fixed"\n'),
         "a model that is not there": dynamics(more='[dynamics]\nmodel = "forest"\n'),
         "a comparison that is no truth value": dynamics(more="[dynamics]\ncompare = 1\n"),

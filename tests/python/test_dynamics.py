@@ -409,6 +409,33 @@ def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
     assert "crane" in (crane.folder / "report.html").read_text()
 
 
+def test_recorded_forces_drive_the_runs(tmp_path):
+    times = np.arange(1000.0, 1030.0, 0.13)
+    recorded = 8 * np.sin(0.05 * (times - 1000) ** 2)
+    pd.DataFrame({"time": times, "force": recorded}).to_csv(tmp_path / "duty.csv", index=False)
+    crane = write(tmp_path, ('bandwidth = 1.0, excitation = ["multisine", "steps", "chirp", "spline"]', 'recording = "duty.csv"'))
+    metafmu("sample", crane.study, "--out", crane.folder)
+    table = pd.read_csv(crane.folder / "test.csv")
+    begins = np.linspace(times[0], times[-1] - STOP, 20001)
+    for _, run in table.groupby("run"):
+        # the stretch that it is, to the resolution of the places
+        first = np.argsort(np.abs(np.interp(begins, times, recorded) - run["force"].iloc[0]))[:400]
+        errors = [np.abs(np.interp(begins[k] + ROWS, times, recorded) - run["force"]).max() for k in first]
+        assert min(errors) < 0.02
+        force = lambda t, _: np.interp(t, ROWS, run["force"])
+        start = run.iloc[0]
+        parameters, begin = start[list(PARAMETERS)], start[list(STARTS)].to_list()
+        truth = solve_ivp(lambda t, y: rates(y, force(t, 0), parameters), (0, STOP), begin, "DOP853", ROWS, max_step=STEP, rtol=1e-10, atol=1e-11)
+        # the force has a kink at every row
+        assert np.abs(run["x"] - truth.y[0]).max() < 1e-4
+    assert table.groupby("run")["force"].first().nunique() == 4
+    # another recording makes other runs
+    before = (crane.folder / "test.csv").read_bytes()
+    pd.DataFrame({"time": times, "force": -recorded}).to_csv(tmp_path / "duty.csv", index=False)
+    metafmu("sample", crane.study, "--out", crane.folder)
+    assert (crane.folder / "test.csv").read_bytes() != before
+
+
 def test_the_model_card_has_the_errors_of_the_roll_outs(crane):
     horizons = json.loads((crane.folder / "metrics.json").read_text())["roll_outs"]["horizons"]
     with ZipFile(crane.fmu(2)) as archive:

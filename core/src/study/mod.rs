@@ -64,6 +64,7 @@ mod network;
 mod outputs;
 mod parameters;
 mod points;
+mod recording;
 mod sampling;
 mod search;
 mod size;
@@ -98,6 +99,7 @@ pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
 pub use parameters::{ParameterOptions, Variability};
 pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
+pub use recording::Recording;
 pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
 pub use search::set;
@@ -192,6 +194,9 @@ pub struct Study {
     /// The points of the method "list".
     #[serde(skip)]
     points: Option<Arc<Vec<Vec<f64>>>>,
+    /// The recorded signals, by the inputs that have one.
+    #[serde(skip)]
+    recordings: IndexMap<String, Arc<Recording>>,
     /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
@@ -295,6 +300,7 @@ impl Draft {
         if !sampling {
             is_complete &= study.load_points(&mut found);
         }
+        is_complete &= study.load_recordings(&mut found);
         if is_complete {
             found.extend(study.problems_beside());
         }
@@ -449,6 +455,28 @@ impl Study {
         false
     }
 
+    /// Reads the recorded signals. False if that failed.
+    fn load_recordings(&mut self, found: &mut Problems) -> bool {
+        let files: Vec<(String, PathBuf)> = self
+            .inputs
+            .iter()
+            .filter_map(|(name, input)| Some((name.clone(), self.beside(input.recording.as_ref()?))))
+            .collect();
+        let mut are_read = true;
+        for (name, file) in files {
+            match Recording::read(&file, &name) {
+                Ok(recording) => {
+                    self.recordings.insert(name, Arc::new(recording));
+                }
+                Err(error) => {
+                    found.add(format!("inputs.{name}.recording"), error.to_string());
+                    are_read = false;
+                }
+            }
+        }
+        are_read
+    }
+
     /// SHA-256 of the FMU or of the tables of recorded runs, of which `path` is the first file.
     fn digest_source_files(&self, path: &Path) -> Result<String> {
         let first = files::digest(path)?;
@@ -473,6 +501,11 @@ impl Study {
     /// The points of the method "list".
     pub fn points(&self) -> Option<&[Vec<f64>]> {
         self.points.as_ref().map(|points| points.as_slice())
+    }
+
+    /// The recorded signal of an input, if it has one.
+    pub fn recording(&self, input: &str) -> Option<&Arc<Recording>> {
+        self.recordings.get(input)
     }
 
     /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
