@@ -144,6 +144,17 @@ def discrete(*changes, more="", rows="a,0,0,1\na,0.5,1,1\na,1,0,1\n"):
     return {"study.toml": text + more, "runs.csv": "run,time,force,y\n" + rows}
 
 
+def discrete_fmu(*changes, fmu_of=None):
+    """The same of an FMU that has the input, with parts of the study or of the FMU replaced."""
+    text = DISCRETE.replace('table = "runs.csv"', 'fmu = "model.fmu"').replace("y = {}", "x0 = {}")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    force = '<ScalarVariable name="force" valueReference="9" causality="input" variability="continuous"><Real start="0"/></ScalarVariable>'
+    description = OSCILLATOR.replace("</ModelVariables>", f"{force}</ModelVariables>").replace(*(fmu_of or ("", "")))
+    return {"study.toml": text, "model.fmu": {"modelDescription.xml": description, **BINARY}}
+
+
 def dynamics(*changes, more="", **of_mechanism):
     """A study with states, some lines changed, and of its mechanism."""
     texts = {"study.toml": DYNAMICS + more, "crane.toml": TROLLEY}
@@ -426,6 +437,16 @@ SECTIONS = {
         "no history": discrete(more="[discrete]\nhistory = 0\n"),
         "a model that is not there": discrete(more='[discrete]\nmodel = "narx"\n'),
         "a simulated source": discrete(('table = "runs.csv"', 'system = "single-pendulum"')),
+        "an FMU for model exchange only": discrete_fmu(fmu_of=("CoSimulation modelIdentifier", "ModelExchange modelIdentifier")),
+        "an input that the FMU has not": discrete_fmu(("force = {", "torque = {")),
+        "an input without a range": discrete_fmu((" min = -2, max = 2 ", "")),
+        "an output as an input": discrete_fmu(("force = {", "x1 = {")),
+        "a start outside the input's range of an FMU": discrete_fmu(("max = 2", "max = 2, start = 4")),
+        "a constant that is an input": discrete_fmu(('fmu"\n', 'fmu"\nconstants = { force = 1 }\n')),
+        "a tolerance of co-simulation": discrete_fmu(('fmu"\n', 'fmu"\ntolerance = 1e-6\n')),
+        "a margin": discrete_fmu(("step = 0.5", "step = 0.5\nmargin = 0.1")),
+        "a plan": discrete_fmu(("test_runs = 1", 'test_runs = 1\nmethod = "mesh"\nlevels = 3')),
+        "one run": discrete_fmu(("test_runs = 1", "test_runs = 1\nruns = 1")),
         "states": discrete(more="[states]\nx = { min = 0, max = 1 }\n"),
         "no hidden layer": discrete(more="[network]\nhidden = []\n"),
         "an option without the structure": discrete(('structure = "discrete"\n', ""), ("[inputs]\nforce = { min = -2, max = 2 }\n", "[parameters]\nL = { min = 0, max = 1 }\n"), more="[discrete]\nhistory = 3\n"),

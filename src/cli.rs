@@ -31,6 +31,7 @@ pub enum Command {
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
+  metafmu new my-component --fmu model.fmu --structure discrete    # from sample to sample, for co-simulation
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
@@ -171,7 +172,7 @@ none, and the time of a step.")]
 }
 
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true)))]
+#[command(group(ArgGroup::new("source").required(true)), group(ArgGroup::new("samples")))]
 pub struct NewArgs {
     /// Name of the study; the file is NAME.toml, which may be given as well
     pub name: String,
@@ -183,15 +184,16 @@ pub struct NewArgs {
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
     /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a system or mechanism,
-    /// of an FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by columns of a table
-    #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "table"))]
+    /// of an FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by inputs of an FMU for co-simulation
+    /// or by columns of a table
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "samples"))]
     #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics", "discrete"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
-    #[arg(long, value_name = "FILE.fmu", group = "source")]
+    #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
     pub fmu: Option<PathBuf>,
     /// Table of recorded runs: CSV or Parquet with a row for each time of each run
-    #[arg(long, value_name = "FILE", group = "source")]
+    #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]

@@ -32,6 +32,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(name, file)?,
         (Some(file), _, _) => of_mechanism(name, file)?,
         (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(name, file)?,
+        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(name, file)?,
         (None, Some(file), _) => fmu::study(name, file)?,
         (None, None, Some(file)) if args.structure == "dynamics" => motions::study(name, file, args)?,
         (None, None, Some(file)) => table::study(name, file, args)?,
@@ -126,6 +127,18 @@ test_runs = 200             # random runs that are never part of training
 "
     )
 }
+
+/// The end of a study of the structure "discrete".
+const DISCRETE: &str = "[discrete]
+history = 8                 # past samples of outputs and inputs that the next outputs follow from
+stretch = 64                # samples that are predicted in a row in the training
+
+[network]
+hidden = [32, 32]           # beside what is linear
+
+[training]
+epochs = 300
+";
 
 /// Optimizer steps of a training, at the most: half a minute to a minute with the network of the examples.
 const STEPS: f64 = 40_000.0;

@@ -1,4 +1,4 @@
-//! Learns models of recorded runs that go on from sample to sample.
+//! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
 use super::{
     learned::Candidate,
@@ -14,7 +14,6 @@ use crate::{
     files,
     network::Network,
     scaling,
-    source::Source,
     study::{DiscreteModel, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Recurrence, Rows, StopReason, write_history},
@@ -24,7 +23,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::{sync::atomic::Ordering, time::Instant};
 
-/// What was learned of recorded runs with inputs.
+/// What was learned of runs with inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DiscreteRecord {
     /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
@@ -66,10 +65,8 @@ const SHORTER: usize = 8;
 /// Learns the candidates, keeps the one whose simulations of the held-out runs are best, and writes the surrogate.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, TrainingRecord)> {
     let study = &project.study;
-    let Source::Recorded(recorded) = &project.source else {
-        return Err(study.refusal("source", "expected recorded runs"));
-    };
     let began = Instant::now();
+    let drives = project.source.drives();
     let samples = Samples::new(project, dataset);
     let validation = held_out(study, dataset);
     let mut learned: Vec<(Candidate, Surrogate, Learned)> = Vec::new();
@@ -81,7 +78,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<(Surrogate, 
         let one = samples.learn(project, kind)?;
         let model = Model::Discrete(Box::new(one.model.clone()));
         let rows = samples.rows();
-        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &recorded.input_starts(), model)?;
+        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
         let error = error(&Accuracy::of(&surrogate, &validation));
         let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
         let was_interrupted = one.stopped == StopReason::Interrupted;

@@ -1,7 +1,7 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, Point,
+    Journal, Point, before_start,
     driven::Driven,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
@@ -35,9 +35,13 @@ const MAX_FAILED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct Simulation {
     model: Model,
+    /// Of runs that go on from sample to sample, what outputs and inputs were before the start are such, too.
     parameters: Vec<Variable>,
     inputs: Vec<Variable>,
     outputs: Vec<Variable>,
+    /// What the points of a plan have.
+    planned: Vec<String>,
+    is_discrete: bool,
     times: Arc<[f64]>,
     /// Share of the runs that may fail.
     max_failed: f64,
@@ -81,8 +85,14 @@ impl Simulation {
                 (Model::Equations(Box::new(equations)), parameters, outputs)
             }
         };
-        let mut simulation = Self { model, parameters, inputs: Vec::new(), outputs, times, max_failed, source };
+        let planned = study.planned().map(|(name, _)| name.to_owned()).collect();
+        let (inputs, is_discrete) = (Vec::new(), study.is_discrete());
+        let mut simulation =
+            Self { model, parameters, inputs, outputs, planned, is_discrete, times, max_failed, source };
         simulation.inputs = simulation.driven().map_or(Vec::new(), Driven::variables);
+        if is_discrete {
+            simulation.parameters.extend(before_start(simulation.outputs.iter().chain(&simulation.inputs)));
+        }
         Ok(simulation)
     }
 
@@ -91,7 +101,7 @@ impl Simulation {
         &self.inputs
     }
 
-    /// Runs from states, driven by inputs, if the study wants states.
+    /// How runs start and what drives them, if inputs do.
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
             Model::Equations(equations) => equations.driven.as_ref(),
@@ -165,15 +175,22 @@ impl Simulation {
         Error::Run { system: system.into(), values: self.values(parameters), message }
     }
 
-    /// The parameters with their values, for messages.
-    pub fn values(&self, parameters: &[f64]) -> String {
-        list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name)))
+    /// The values of a point of a plan, for messages.
+    pub fn values(&self, point: &[f64]) -> String {
+        list(self.planned.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
     }
 
-    /// A run from its outputs, row by row.
-    pub fn run_of(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
-        let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(parameters, &self.times));
-        Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), inputs, outputs }
+    /// The run of a point of a plan from its outputs, row by row. Before one that goes on from sample to sample outputs were what they are in
+    /// the first row, and inputs have their start values, as before a recorded run.
+    pub fn run_of(&self, point: &[f64], outputs: Vec<f64>) -> Run {
+        let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(point, &self.times));
+        let mut parameters = point.to_vec();
+        if self.is_discrete {
+            parameters.truncate(self.parameters.len() - self.outputs.len() - self.inputs.len());
+            parameters.extend_from_slice(&outputs[..self.outputs.len()]);
+            parameters.extend(self.driven().iter().flat_map(|driven| driven.drivers()).map(|driver| driver.start));
+        }
+        Run { parameters, times: Arc::clone(&self.times), inputs, outputs }
     }
 
     /// The journal of a sampling of the study, in a file.
@@ -182,7 +199,7 @@ impl Simulation {
     /// As [`Journal::open`].
     pub fn journal(&self, path: &Path, study: &Study) -> Result<Journal> {
         let outputs = self.times.len() * self.outputs.len();
-        Journal::open(path, &study.sampling_digest(), self.parameters.len(), outputs)
+        Journal::open(path, &study.sampling_digest(), self.planned.len(), outputs)
     }
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken

@@ -47,7 +47,8 @@
 //! force = { bandwidth = 1.0 }
 //! ```
 //!
-//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs; see [`DiscreteOptions`].
+//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs, or from an FMU; see
+//! [`DiscreteOptions`].
 //!
 //! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
 //! those that it has by itself, its `problems_beside` those that it has beside the others.
@@ -211,12 +212,16 @@ pub enum StudyStructure {
     Response,
     /// Of states, inputs and parameters: equations of motion, learned by their structure from a mechanism.
     Dynamics,
-    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs.
+    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
+    /// runs of an FMU for co-simulation.
     Discrete,
 }
 
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
 const MOTION_RUNS: usize = 8;
+
+/// Runs of an FMU from which a model is learned that goes on from sample to sample, unless given.
+const DISCRETE_RUNS: usize = 30;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
 const MAX_NAME: usize = 100;
@@ -601,6 +606,14 @@ impl Study {
         self.parameters.iter().chain(&self.starts)
     }
 
+    /// What the points of a plan have, in order: what is sampled and, of runs of the structure "discrete", which nothing else may tell apart,
+    /// a number from which their signals follow.
+    pub fn planned(&self) -> impl Iterator<Item = (&str, &ParameterOptions)> {
+        static NUMBER: ParameterOptions = ParameterOptions::range(0.0, 1.0);
+        let sampled = self.sampled().map(|(name, options)| (name.as_str(), options));
+        sampled.chain(self.is_discrete().then_some(("signals", &NUMBER)))
+    }
+
     /// The values of the states at the start: of the coordinates, then of the velocities.
     pub fn starts(&self) -> &IndexMap<String, ParameterOptions> {
         &self.starts
@@ -640,6 +653,7 @@ impl Study {
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
             None if self.has_states() => self.sampling.runs.unwrap_or(MOTION_RUNS) as u64,
+            None if self.is_discrete() => self.sampling.runs.unwrap_or(DISCRETE_RUNS) as u64,
             Some(Method::Mesh) => {
                 let levels = |parameter: &ParameterOptions| match parameter.values.len() {
                     0 => parameter.levels.or(self.sampling.levels).unwrap_or(0),

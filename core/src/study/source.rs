@@ -132,8 +132,9 @@ impl SourceOptions {
                            `system`, `mechanism`, `fmu` or `table`";
             problems.add("source", message);
         }
-        if study.is_discrete() && self.count() == 1 && !self.is_recorded() {
-            let message = "the structure \"discrete\" is learned from recorded runs, expected `table` or `index`";
+        if study.is_discrete() && self.count() == 1 && self.is_of_equations() {
+            let message = "the structure \"discrete\" is learned from recorded runs or an FMU for co-simulation, expected `table`, `index` \
+                           or `fmu`";
             problems.add("source", message);
         }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
