@@ -195,7 +195,7 @@ impl<'a> Samples<'a> {
         })?;
         let solved = |model| Learned { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
         let gains = gains(&seen, &linear);
-        let width = linear.nrows();
+        let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
             DiscreteModel::Linear => Ok(solved(self.model(history, &linear, None))),
@@ -287,8 +287,9 @@ impl<'a> Samples<'a> {
         for output in 0..self.counts[2] {
             let (mean, scale) = (outputs.0[output], outputs.1[output]);
             let row: Vec<f64> =
-                (0..linear.nrows()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
-            constants.push(mean - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
+                (0..scales.len()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
+            let at_means = mean + scale * linear[(scales.len(), output)];
+            constants.push(at_means - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
             weights.extend(row);
         }
         let network = network.map(|(gains, layers)| {
@@ -307,29 +308,30 @@ fn standardised<'a>(values: &'a [f64], (means, scales): &'a Moments) -> impl Ite
     values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
 }
 
-/// Coefficients of least squares, shape `[columns, outputs]`; none if they are not determined.
+/// Coefficients of least squares, and constants below them, shape `[columns + 1, outputs]`; none if they are not determined.
 fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
     let Regressors { inputs, outputs, .. } = regressors;
     let (rows, columns, functions) = (inputs.len(), inputs.first()?.len(), outputs.first()?.len());
     let ridge = (RIDGE * rows as f64).sqrt();
     let element = |row: usize, column: usize| match row.checked_sub(rows) {
-        None => inputs[row][column],
+        None => inputs[row].get(column).copied().unwrap_or(1.0),
         Some(row) => f64::from(u8::from(row == column)) * ridge,
     };
-    let matrix = DMatrix::from_fn(rows + columns, columns, element);
+    let matrix = DMatrix::from_fn(rows + columns, columns + 1, element);
     let mut sides = DMatrix::from_fn(rows + columns, functions, |row, output| {
         outputs.get(row).map_or(0.0, |outputs| outputs[output])
     });
     let decomposition = matrix.qr();
     decomposition.q_tr_mul(&mut sides);
-    let sides = sides.rows(0, columns).into_owned();
+    let sides = sides.rows(0, columns + 1).into_owned();
     let solution = decomposition.r().solve_upper_triangular(&sides)?;
     Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
 }
 
 /// What the linear part gives at a row.
 fn linear_part(linear: &DMatrix<f64>, row: &[f64], output: usize) -> f64 {
-    row.iter().zip(linear.column(output).iter()).map(|(value, weight)| value * weight).sum()
+    row.iter().enumerate().map(|(column, value)| value * linear[(column, output)]).sum::<f64>()
+        + linear[(row.len(), output)]
 }
 
 /// Standard deviation of what the linear part leaves over, of each output.
@@ -349,7 +351,7 @@ fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Resul
         gains.iter().enumerate().map(rest).map(|rest| rest as f32).collect::<Vec<_>>()
     });
     let inputs = regressors.inputs.iter().flatten().map(|value| *value as f32).collect();
-    Ok(Rows::new(linear.nrows(), linear.ncols(), inputs, rest.collect())?)
+    Ok(Rows::new(linear.nrows() - 1, linear.ncols(), inputs, rest.collect())?)
 }
 
 /// Rows of stretches of a length, which begin so many samples after each other.
@@ -361,7 +363,7 @@ fn recurrent(
     (stretch, apart): (usize, usize),
 ) -> Result<Rows> {
     let single = |rows: &[Vec<f64>]| rows.iter().flatten().map(|value| *value as f32).collect();
-    let rows = Rows::new(linear.nrows(), linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
+    let rows = Rows::new(linear.nrows() - 1, linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
     let mut starts = Vec::new();
     let mut first = 0;
     for length in &regressors.lengths {

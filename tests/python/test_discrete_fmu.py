@@ -35,6 +35,7 @@ force = { start = 0.0, bandwidth = 5.0, excitation = ["multisine", "steps", "ram
 "position[3]" = {}
 [discrete]
 model = "linear"
+history = 2
 [sampling]
 runs = 10
 test_runs = 4
@@ -131,8 +132,8 @@ def test_the_fmu_goes_on_as_its_source_does(built, version):
     signal = np.array(list(zip(times, forces)), dtype=[("time", float), ("force", float)])
     found = simulate_fmu(str(fmu), stop_time=times[-1], output_interval=STEP, input=signal, output=POSITIONS, fmi_type="CoSimulation")
     truth = positions(forces)
-    # fmpy gives the input its value at the beginning of the step
-    assert np.abs(np.array([found[name] for name in POSITIONS]).T - truth).max() < 1e-4 * np.ptp(truth)
+    # fmpy gives the input its value at the beginning of the step; three positions at two samples are six states: the chain is linear in them
+    assert np.abs(np.array([found[name] for name in POSITIONS]).T - truth).max() < 1e-5 * np.ptp(truth)
 
 
 def test_shards_and_other_numbers_of_threads_give_the_same_samples(built, tmp_path):
