@@ -144,6 +144,17 @@ def discrete(*changes, more="", rows="a,0,0,1\na,0.5,1,1\na,1,0,1\n"):
     return {"study.toml": text + more, "runs.csv": "run,time,force,y\n" + rows}
 
 
+def discrete_fmu(*changes, fmu_of=None):
+    """The same of an FMU that has the input, with parts of the study or of the FMU replaced."""
+    text = DISCRETE.replace('table = "runs.csv"', 'fmu = "model.fmu"').replace("y = {}", "x0 = {}")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    force = '<ScalarVariable name="force" valueReference="9" causality="input" variability="continuous"><Real start="0"/></ScalarVariable>'
+    description = OSCILLATOR.replace("</ModelVariables>", f"{force}</ModelVariables>").replace(*(fmu_of or ("", "")))
+    return {"study.toml": text, "model.fmu": {"modelDescription.xml": description, **BINARY}}
+
+
 def dynamics(*changes, more="", **of_mechanism):
     """A study with states, some lines changed, and of its mechanism."""
     texts = {"study.toml": DYNAMICS + more, "crane.toml": TROLLEY}
@@ -162,6 +173,11 @@ def motions(*changes, rows=("", "")):
         assert old in MOTIONS, old
         texts["study.toml"] = texts["study.toml"].replace(old, new, 1)
     return texts
+
+
+def recording(rows, name="recorded.csv", options=""):
+    """The crane driven by a recorded force."""
+    return {**dynamics(('bandwidth = 1.0, excitation = ["steps"]', f'recording = "recorded.csv"{options}')), name: rows}
 
 
 def runs(old, new):
@@ -329,6 +345,15 @@ SECTIONS = {
         "a signal that is not there": dynamics(('["steps"]', '["step"]')),
         "no signal": dynamics(('["steps"]', "[]")),
         "a signal that is no list": dynamics(('["steps"]', '"steps"')),
+        "a recording that is not there": recording("time,force\n0,1\n1,2\n", name="r.csv"),
+        "a recording of something else": recording("time,torque\n0,1\n1,2\n"),
+        "a recording without times": recording("t,force\n0,1\n1,2\n"),
+        "a recording in another unit": recording("time,force [kN]\n0,1\n1,2\n"),
+        "a recording with a gap": recording("time,force\n0,1\n0.5,nan\n1,2\n"),
+        "a recording that goes back in time": recording("time,force\n0,1\n1,2\n0.5,3\n"),
+        "a recording shorter than a run": recording("time,force\n0,1\n0.9,2\n"),
+        "a recording outside the input's range": recording("time,force\n0,1\n1,12\n"),
+        "a bandwidth of a recording": recording("time,force\n0,1\n1,2\n", options=", bandwidth = 1.0"),
         "networks for each instant": dynamics(more='[network]\nstructure = "fixed"\n'),
         "a model that is not there": dynamics(more='[dynamics]\nmodel = "forest"\n'),
         "a comparison that is no truth value": dynamics(more="[dynamics]\ncompare = 1\n"),
@@ -350,7 +375,7 @@ SECTIONS = {
         "an input for a parameter": dynamics(("[outputs]", "force = { min = 0, max = 1 }\n[outputs]")),
         "a method": dynamics(("[sampling]\n", '[sampling]\nmethod = "sobol"\n')),
         "no test runs": dynamics(("test_runs = 2", "test_runs = 0")),
-        "a system": dynamics(('mechanism = "crane.toml"', 'system = "single-pendulum"')),
+        "coordinates that a system has not": dynamics(('mechanism = "crane.toml"', 'system = "single-pendulum"')),
         "states without the structure": dynamics(('structure = "dynamics"\n', "")),
         "another structure": dynamics(('"dynamics"', '"dynamic"')),
         "an output that is not there": dynamics(("theta = {}", "omega = {}")),
@@ -412,6 +437,16 @@ SECTIONS = {
         "no history": discrete(more="[discrete]\nhistory = 0\n"),
         "a model that is not there": discrete(more='[discrete]\nmodel = "narx"\n'),
         "a simulated source": discrete(('table = "runs.csv"', 'system = "single-pendulum"')),
+        "an FMU for model exchange only": discrete_fmu(fmu_of=("CoSimulation modelIdentifier", "ModelExchange modelIdentifier")),
+        "an input that the FMU has not": discrete_fmu(("force = {", "torque = {")),
+        "an input without a range": discrete_fmu((" min = -2, max = 2 ", "")),
+        "an output as an input": discrete_fmu(("force = {", "x1 = {")),
+        "a start outside the input's range of an FMU": discrete_fmu(("max = 2", "max = 2, start = 4")),
+        "a constant that is an input": discrete_fmu(('fmu"\n', 'fmu"\nconstants = { force = 1 }\n')),
+        "a tolerance of co-simulation": discrete_fmu(('fmu"\n', 'fmu"\ntolerance = 1e-6\n')),
+        "a margin": discrete_fmu(("step = 0.5", "step = 0.5\nmargin = 0.1")),
+        "a plan": discrete_fmu(("test_runs = 1", 'test_runs = 1\nmethod = "mesh"\nlevels = 3')),
+        "one run": discrete_fmu(("test_runs = 1", "test_runs = 1\nruns = 1")),
         "states": discrete(more="[states]\nx = { min = 0, max = 1 }\n"),
         "no hidden layer": discrete(more="[network]\nhidden = []\n"),
         "an option without the structure": discrete(('structure = "discrete"\n', ""), ("[inputs]\nforce = { min = -2, max = 2 }\n", "[parameters]\nL = { min = 0, max = 1 }\n"), more="[discrete]\nhistory = 3\n"),

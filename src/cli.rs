@@ -27,9 +27,11 @@ pub enum Command {
     /// Write a commented study file
     #[command(after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum
+  metafmu new my-component --system double-pendulum --structure dynamics    # with states, of its equations of motion
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
+  metafmu new my-component --fmu model.fmu --structure discrete    # from sample to sample, for co-simulation
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
@@ -173,7 +175,7 @@ none, and the time of a step.")]
 }
 
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true)))]
+#[command(group(ArgGroup::new("source").required(true)), group(ArgGroup::new("samples")))]
 pub struct NewArgs {
     /// Name of the study; the file is NAME.toml, which may be given as well
     pub name: String,
@@ -184,22 +186,17 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a mechanism, of an
-    /// FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by columns of a table
-    #[arg(
-        long,
-        value_name = "STRUCTURE",
-        default_value = "response",
-        conflicts_with = "system",
-        requires_if("discrete", "table")
-    )]
+    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a system or mechanism,
+    /// of an FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by inputs of an FMU for co-simulation
+    /// or by columns of a table
+    #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "samples"))]
     #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics", "discrete"]))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
-    #[arg(long, value_name = "FILE.fmu", group = "source")]
+    #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
     pub fmu: Option<PathBuf>,
     /// Table of recorded runs: CSV or Parquet with a row for each time of each run
-    #[arg(long, value_name = "FILE", group = "source")]
+    #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]

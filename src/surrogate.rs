@@ -96,14 +96,15 @@ pub fn assemble_with_states(
     finish(metadata, model)
 }
 
-/// The same of a model that goes on from sample to sample; `starts`: the values of the inputs before the start.
+/// The same of a model that goes on from sample to sample; `drives`: the value of each input before the start, and the range that is wanted,
+/// infinite where the one of the dataset counts.
 ///
 /// # Errors
 /// As [`assemble`].
 pub fn assemble_discrete(
     study: &Study,
     (dataset, rows): (&Dataset, usize),
-    starts: &[f64],
+    drives: &[(f64, [f64; 2])],
     model: Model,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
@@ -123,14 +124,13 @@ pub fn assemble_discrete(
         start,
         encoding: Encoding::Plain,
     };
-    let driven: Vec<Input> = (dataset.inputs.iter().zip(starts).enumerate())
-        .map(|(column, (of, start))| {
+    let driven: Vec<Input> = (dataset.inputs.iter().zip(drives).enumerate())
+        .map(|(column, (of, (start, [low, high])))| {
             let (min, max) = range(
                 &mut dataset.runs.iter().flat_map(|run| run.inputs.iter().skip(column).step_by(widths[0])).copied(),
             );
-            let options = study.inputs.get(&of.name);
-            let (low, high) = options.map_or((None, None), |options| (options.min, options.max));
-            variable(of, Role::Input, (low.unwrap_or(min), high.unwrap_or(max)), *start)
+            let known = |end: f64, found: f64| if end.is_finite() { end } else { found };
+            variable(of, Role::Input, (known(*low, min), known(*high, max)), *start)
         })
         .collect();
     let before = &dataset.parameters[study.parameters.len()..];

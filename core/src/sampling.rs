@@ -69,11 +69,11 @@ pub fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
 impl Plan {
     /// The plan of a study whose runs are simulated; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
-        let parameters: Vec<&ParameterOptions> = study.sampled().map(|(_, options)| options).collect();
+        let parameters: Vec<&ParameterOptions> = study.planned().map(|(_, options)| options).collect();
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
         let (generator, faces) = (random(study.seed, Stream::Train), study.faces());
         let train = match study.sampling.method {
-            None if study.has_states() => {
+            None if study.goes_on() => {
                 place(&parameters, 0.0, uniform(count, generator)).take(study.train_runs() as usize).collect()
             }
             None => Vec::new(),

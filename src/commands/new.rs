@@ -8,8 +8,13 @@ mod table;
 use super::{Outcome, print, terminal::control};
 use crate::cli::NewArgs;
 use metafmu::{
-    Error, Result, diagnostics::Problems, files, multibody::Mechanism, pipeline::project::describe, study::Study,
-    systems::SYSTEMS,
+    Error, Result,
+    diagnostics::Problems,
+    files,
+    multibody::Mechanism,
+    pipeline::project::describe,
+    study::Study,
+    systems::{SYSTEMS, System},
 };
 use std::{
     fmt::Write,
@@ -24,13 +29,14 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         return Err(Error::Stale { path, message });
     }
     let text = match (&args.mechanism, &args.fmu, &args.table) {
-        (Some(file), _, _) if args.structure == "dynamics" => dynamics::study(name, file)?,
+        (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(name, file)?,
         (Some(file), _, _) => of_mechanism(name, file)?,
         (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(name, file)?,
+        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(name, file)?,
         (None, Some(file), _) => fmu::study(name, file)?,
         (None, None, Some(file)) if args.structure == "dynamics" => motions::study(name, file, args)?,
         (None, None, Some(file)) => table::study(name, file, args)?,
-        (None, None, None) => of_system(name, args.system.as_deref().unwrap_or_default()),
+        (None, None, None) => of_system(name, args)?,
     };
     Study::parse(&text, &path)?;
     files::write_whole(&path, text.as_bytes())?;
@@ -38,12 +44,19 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-fn of_system(name: &str, system: &str) -> String {
-    let template = SYSTEMS.iter().find(|known| known.name == system).map_or("", |system| system.study);
-    template
-        .replacen(&format!("metafmu new {system}"), &format!("metafmu new {name}"), 1)
-        .replacen(&format!("{system}.toml"), &format!("{name}.toml"), 1)
-        .replacen(&format!("name = \"{system}\""), &format!("name = \"{name}\""), 1)
+fn of_system(name: &str, args: &NewArgs) -> Result<String> {
+    // the arguments have the name of one
+    let system = args.system.as_deref().and_then(System::of).unwrap_or(SYSTEMS[0]);
+    if args.structure == "dynamics" {
+        return dynamics::of_system(name, system);
+    }
+    let known = system.name;
+    let text = system
+        .study
+        .replacen(&format!("metafmu new {known}"), &format!("metafmu new {name}"), 1)
+        .replacen(&format!("{known}.toml"), &format!("{name}.toml"), 1)
+        .replacen(&format!("name = \"{known}\""), &format!("name = \"{name}\""), 1);
+    Ok(text)
 }
 
 /// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.
@@ -114,6 +127,18 @@ test_runs = 200             # random runs that are never part of training
 "
     )
 }
+
+/// The end of a study of the structure "discrete".
+const DISCRETE: &str = "[discrete]
+history = 8                 # past samples of outputs and inputs that the next outputs follow from
+stretch = 64                # samples that are predicted in a row in the training
+
+[network]
+hidden = [32, 32]           # beside what is linear
+
+[training]
+epochs = 300
+";
 
 /// Optimizer steps of a training, at the most: half a minute to a minute with the network of the examples.
 const STEPS: f64 = 40_000.0;

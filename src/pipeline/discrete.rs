@@ -1,4 +1,4 @@
-//! Learns models of recorded runs that go on from sample to sample.
+//! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
 use super::{
     learned::Candidate,
@@ -12,7 +12,6 @@ use crate::{
     evaluation::{Accuracy, OutputMetrics},
     network::Network,
     scaling,
-    source::Source,
     study::{DiscreteModel, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Recurrence, Rows, StopReason},
@@ -22,7 +21,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::{sync::atomic::Ordering, time::Instant};
 
-/// What was learned of recorded runs with inputs.
+/// What was learned of runs with inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DiscreteRecord {
     /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
@@ -64,10 +63,8 @@ const SHORTER: usize = 8;
 /// Learns the candidates, keeps the one whose simulations of the held-out runs are best.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
-    let Source::Recorded(recorded) = &project.source else {
-        return Err(study.refusal("source", "expected recorded runs"));
-    };
     let began = Instant::now();
+    let drives = project.source.drives();
     let samples = Samples::new(project, dataset);
     let validation = held_out(study, dataset);
     let mut learned: Vec<(Candidate, Surrogate, Learned)> = Vec::new();
@@ -79,7 +76,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         let one = samples.learn(project, kind)?;
         let model = Model::Discrete(Box::new(one.model.clone()));
         let rows = samples.rows();
-        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &recorded.input_starts(), model)?;
+        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
         let error = error(&Accuracy::of(&surrogate, &validation));
         let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
         let was_interrupted = one.stopped == StopReason::Interrupted;
@@ -191,7 +188,7 @@ impl<'a> Samples<'a> {
         })?;
         let solved = |model| Learned { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
         let gains = gains(&seen, &linear);
-        let width = linear.nrows();
+        let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
             DiscreteModel::Linear => Ok(solved(self.model(history, &linear, None))),
@@ -283,8 +280,9 @@ impl<'a> Samples<'a> {
         for output in 0..self.counts[2] {
             let (mean, scale) = (outputs.0[output], outputs.1[output]);
             let row: Vec<f64> =
-                (0..linear.nrows()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
-            constants.push(mean - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
+                (0..scales.len()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
+            let at_means = mean + scale * linear[(scales.len(), output)];
+            constants.push(at_means - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
             weights.extend(row);
         }
         let network = network.map(|(gains, layers)| {
@@ -303,29 +301,30 @@ fn standardised<'a>(values: &'a [f64], (means, scales): &'a Moments) -> impl Ite
     values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
 }
 
-/// Coefficients of least squares, shape `[columns, outputs]`; none if they are not determined.
+/// Coefficients of least squares, and constants below them, shape `[columns + 1, outputs]`; none if they are not determined.
 fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
     let Regressors { inputs, outputs, .. } = regressors;
     let (rows, columns, functions) = (inputs.len(), inputs.first()?.len(), outputs.first()?.len());
     let ridge = (RIDGE * rows as f64).sqrt();
     let element = |row: usize, column: usize| match row.checked_sub(rows) {
-        None => inputs[row][column],
+        None => inputs[row].get(column).copied().unwrap_or(1.0),
         Some(row) => f64::from(u8::from(row == column)) * ridge,
     };
-    let matrix = DMatrix::from_fn(rows + columns, columns, element);
+    let matrix = DMatrix::from_fn(rows + columns, columns + 1, element);
     let mut sides = DMatrix::from_fn(rows + columns, functions, |row, output| {
         outputs.get(row).map_or(0.0, |outputs| outputs[output])
     });
     let decomposition = matrix.qr();
     decomposition.q_tr_mul(&mut sides);
-    let sides = sides.rows(0, columns).into_owned();
+    let sides = sides.rows(0, columns + 1).into_owned();
     let solution = decomposition.r().solve_upper_triangular(&sides)?;
     Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
 }
 
 /// What the linear part gives at a row.
 fn linear_part(linear: &DMatrix<f64>, row: &[f64], output: usize) -> f64 {
-    row.iter().zip(linear.column(output).iter()).map(|(value, weight)| value * weight).sum()
+    row.iter().enumerate().map(|(column, value)| value * linear[(column, output)]).sum::<f64>()
+        + linear[(row.len(), output)]
 }
 
 /// Standard deviation of what the linear part leaves over, of each output.
@@ -345,7 +344,7 @@ fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Resul
         gains.iter().enumerate().map(rest).map(|rest| rest as f32).collect::<Vec<_>>()
     });
     let inputs = regressors.inputs.iter().flatten().map(|value| *value as f32).collect();
-    Ok(Rows::new(linear.nrows(), linear.ncols(), inputs, rest.collect())?)
+    Ok(Rows::new(linear.nrows() - 1, linear.ncols(), inputs, rest.collect())?)
 }
 
 /// Rows of stretches of a length, which begin so many samples after each other.
@@ -357,7 +356,7 @@ fn recurrent(
     (stretch, apart): (usize, usize),
 ) -> Result<Rows> {
     let single = |rows: &[Vec<f64>]| rows.iter().flatten().map(|value| *value as f32).collect();
-    let rows = Rows::new(linear.nrows(), linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
+    let rows = Rows::new(linear.nrows() - 1, linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
     let mut starts = Vec::new();
     let mut first = 0;
     for length in &regressors.lengths {

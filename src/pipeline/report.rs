@@ -110,6 +110,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(Method::Halton) => "Halton sequence",
         Some(Method::List) => "list of points",
         None if study.has_states() && !study.source.is_recorded() => "random starts, parameters and inputs",
+        None if !study.source.is_recorded() => "random parameters and inputs",
         None => "as recorded",
     };
     let SamplesRecord { train_runs, train_rows, test_runs, test_rows, sample_seconds, .. } = samples;

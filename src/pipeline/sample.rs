@@ -29,7 +29,7 @@ pub struct Samples {
     pub record: SamplesRecord,
 }
 
-/// The plan as CSV: `set,run,<parameters>`.
+/// The plan as CSV: `set,run,<parameters>`; of runs that only signals tell apart with the number from which these follow.
 ///
 /// # Errors
 /// Those of recorded runs that cannot be read.
@@ -41,8 +41,12 @@ pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
             recorded.sample(project.control().stop)?.try_map(points)?
         }
     };
-    let names: String =
-        project.source.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect();
+    let names: String = match &project.source {
+        Source::Simulation(_) => project.study.planned().map(|(name, _)| format!(",{}", header_field(name))).collect(),
+        Source::Recorded(recorded) => {
+            recorded.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect()
+        }
+    };
     let mut text = format!("set,run{names}\n");
     let mut position = 0..;
     for (set, points) in plan.named() {
@@ -73,7 +77,7 @@ pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
 fn failures(project: &Project, plan: &Plan, outcomes: &[Outcome]) -> Vec<FailedRun> {
     let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
     let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &Outcome)| {
-        let names = project.source.parameters().iter().map(|parameter| parameter.name.clone());
+        let names = project.study.planned().map(|(name, _)| name.to_owned());
         let reason = outcome.as_ref().err()?.clone();
         Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
     };

@@ -8,12 +8,15 @@ use crate::{
     integrate::Budget,
     multibody::Mechanism,
     signal::{Knots, Signal, Sine},
-    study::{Excitation, InputOptions, StateOptions, Study, is_angle, velocity_name},
+    study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
     variable::Variable,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::{
+    f64::consts::{PI, TAU},
+    sync::Arc,
+};
 
 /// Tolerance of runs of which the largest velocities are looked for.
 const ROUGH: f64 = 1e-6;
@@ -34,6 +37,8 @@ pub struct Driver {
     pub start: f64,
     bandwidth: f64,
     excitations: Vec<Excitation>,
+    /// A further kind of signal.
+    recording: Option<Arc<Recording>>,
 }
 
 /// How runs start and what drives them.
@@ -63,10 +68,12 @@ pub struct OwnInput {
 }
 
 impl Driver {
-    /// An input of the source with the study's options, `step` being the time between two rows.
-    fn new(own: OwnInput, options: &InputOptions, step: f64) -> Result<Self, Problems> {
+    /// An input of the source with the study's options.
+    fn new(own: OwnInput, study: &Study) -> Result<Self, Problems> {
         let mut problems = Problems::default();
         let OwnInput { variable: Variable { name, unit, description, .. }, range, start } = own;
+        let options = study.inputs.get(&name).cloned().unwrap_or_default();
+        let recording = study.recording(&name).cloned();
         let key = format!("inputs.{name}");
         problems.extend(wrong_unit(&key, options.unit.as_deref(), &unit));
         let ends = (options.min.or(range[0]), options.max.or(range[1]));
@@ -81,6 +88,8 @@ impl Driver {
             problems.add(&key, format!("range is empty: min {min} is not below max {max}"));
         } else if !(min..=max).contains(&start) {
             problems.add(format!("{key}.start"), format!("{start} is outside the range from {min} to {max}"));
+        } else if let Some(message) = recording.as_ref().and_then(|recording| recording.unfit(&unit, [min, max])) {
+            problems.add(format!("{key}.recording"), message);
         }
         if !problems.is_empty() {
             return Err(problems);
@@ -91,8 +100,9 @@ impl Driver {
             min,
             max,
             start,
-            bandwidth: options.bandwidth(step),
+            bandwidth: options.bandwidth(study.time.step),
             excitations: options.excitations().to_vec(),
+            recording,
         })
     }
 }
@@ -112,10 +122,9 @@ impl Driven {
         }
         let mut drivers = Vec::new();
         for (name, own) in mechanism.inputs() {
-            let options = study.inputs.get(name).cloned().unwrap_or_default();
             let variable = Variable::new(name, &own.unit, &own.description);
             let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
-            match Driver::new(own, &options, study.time.step) {
+            match Driver::new(own, study) {
                 Ok(driver) => drivers.push(driver),
                 Err(more) => problems.extend(more),
             }
@@ -154,7 +163,8 @@ impl Driven {
                     let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
                     let is_force = message.contains("force");
                     let key = output.map(|name| format!("outputs.{name}"));
-                    let other = if is_force { "source.mechanism" } else { "states" };
+                    let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
+                    let other = if is_force { source } else { "states" };
                     problems.add(key.unwrap_or_else(|| other.into()), message);
                 }
             }
@@ -245,7 +255,12 @@ impl Driven {
             (hash.rotate_left(17) ^ value.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15)
         });
         let mut random = ChaCha8Rng::seed_from_u64(point);
-        let columns: Vec<Vec<f64>> = self.drivers.iter().map(|driver| driver.values(times, &mut random)).collect();
+        // recordings of several inputs begin at the same share of their lengths: in one table, at the same time
+        let mut of_recordings = ChaCha8Rng::seed_from_u64(point);
+        of_recordings.set_stream(1);
+        let place = of_recordings.random();
+        let columns: Vec<Vec<f64>> =
+            self.drivers.iter().map(|driver| driver.values(times, place, &mut random)).collect();
         (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
     }
 
@@ -318,8 +333,7 @@ impl Driven {
 fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<Driver>, Problems> {
     let (mut problems, mut drivers) = (Problems::default(), Vec::new());
     for own in inputs {
-        let options = study.inputs.get(&own.variable.name).cloned().unwrap_or_default();
-        match Driver::new(own, &options, study.time.step) {
+        match Driver::new(own, study) {
             Ok(driver) => drivers.push(driver),
             Err(more) => problems.extend(more),
         }
@@ -362,9 +376,13 @@ fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
 }
 
 impl Driver {
-    /// A signal at some times, within the range.
-    fn values(&self, times: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
-        let kind = self.excitations[random.random_range(0..self.excitations.len())];
+    /// A signal at some times, within the range; one that was recorded begins at a place from 0 to 1.
+    fn values(&self, times: &[f64], place: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
+        let kinds = self.excitations.len() + usize::from(self.recording.is_some());
+        let kind = match (random.random_range(0..kinds), &self.recording) {
+            (drawn, Some(recording)) if drawn == self.excitations.len() => return recording.stretch(place, times),
+            (drawn, _) => self.excitations[drawn],
+        };
         let (middle, half) = (0.5 * (self.min + self.max), 0.5 * (self.max - self.min));
         let stop = times.last().copied().unwrap_or(0.0);
         let mut shares = self.signal(kind, stop, random);
@@ -447,4 +465,93 @@ fn sines(count: usize, from: f64, to: f64, random: &mut ChaCha8Rng) -> Box<dyn F
     });
     let signal = Signal::Multisine { offset: 0.0, sines: sines.collect() };
     Box::new(move |t| signal.value(t))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Result, source::Simulation};
+    use std::path::Path;
+
+    /// The crane with a recording in its folder, and options of its force.
+    fn crane(force: &str, recording: &str) -> Result<(Study, Simulation)> {
+        let folder = tempfile::tempdir().unwrap();
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/dynamics");
+        std::fs::copy(root.join("crane.toml"), folder.path().join("crane.toml")).unwrap();
+        std::fs::write(folder.path().join("r.csv"), recording).unwrap();
+        let text = format!(
+            "name = \"s\"\nstructure = \"dynamics\"\n[source]\nmechanism = \"crane.toml\"\n[time]\nstop = 2\nstep = 0.1\n[states]\n\
+             rail.position = {{ min = -5, max = 5 }}\nrope.angle = {{ min = -1, max = 1 }}\n[inputs]\nforce = {{ {force} }}\n\
+             [outputs]\nx = {{}}\n"
+        );
+        let study = Study::parse(&text, &folder.path().join("s.toml"))?;
+        let simulation = Simulation::new(&study)?;
+        Ok((study, simulation))
+    }
+
+    /// A force that grows by 1 N a second for 10 s.
+    const RAMP: &str = "time,force\n100,-5\n103,-2\n110,5\n";
+
+    #[test]
+    fn a_recorded_signal_drives_a_run_from_a_random_place_on() {
+        let (study, simulation) = crane("recording = \"r.csv\"", RAMP).unwrap();
+        let driven = simulation.driven().unwrap();
+        let times = study.time.grid();
+        let begins: Vec<f64> = (0..200)
+            .map(|run| {
+                let inputs = driven.inputs(&[f64::from(run)], &times);
+                assert_eq!(inputs, driven.inputs(&[f64::from(run)], &times));
+                for (value, time) in inputs.iter().zip(&times) {
+                    assert!((value - inputs[0] - time).abs() < 1e-9, "{value} at {time} s");
+                }
+                inputs[0]
+            })
+            .collect();
+        let [least, most] = [f64::min, f64::max].map(|of| begins.iter().copied().fold(begins[0], of));
+        // of 200 runs that begin from 0 to 8 s
+        assert!((-5.0..-4.8).contains(&least) && (2.8..=3.0).contains(&most), "{least} {most}");
+    }
+
+    #[test]
+    fn a_recorded_signal_is_one_kind_among_others() {
+        let (study, simulation) = crane("recording = \"r.csv\", excitation = [\"binary\"]", RAMP).unwrap();
+        let is_binary = |run: u32| {
+            let inputs = simulation.driven().unwrap().inputs(&[f64::from(run)], &study.time.grid());
+            inputs.iter().all(|value| value.abs() == 10.0)
+        };
+        // of 200 runs half: 5 standard deviations
+        let binary = (0..200).filter(|run| is_binary(*run)).count();
+        assert!((65..=135).contains(&binary), "{binary}");
+    }
+
+    #[test]
+    fn a_recording_that_does_not_fit_is_refused_with_file_and_key() {
+        for (force, recording, says) in [
+            ("recording = \"x.csv\"", RAMP, "s.toml:12: inputs.force.recording: "),
+            ("recording = \"r.csv\"", "time,u\n0,1\n2,1\n", "r.csv:1: no column `force`, expected it among time, u"),
+            (
+                "recording = \"r.csv\", max = 4",
+                RAMP,
+                "r.csv:4: column `force`: 5, expected -10 to 4, the input's range",
+            ),
+            ("recording = \"r.csv\"", "time,force [kN]\n0,1\n2,1\n", "column `force`: unit `kN`, expected `N`"),
+            (
+                "recording = \"r.csv\"",
+                "time,force\n0,1\n1.9,1\n",
+                "r.csv: 1.9 s, expected at least 2 s, the length of a run",
+            ),
+            ("recording = \"r.csv\", bandwidth = 1", RAMP, "inputs.force.bandwidth: belongs to kinds of `excitation`"),
+        ] {
+            let message = crane(force, recording).unwrap_err().to_string();
+            assert!(message.contains("s.toml:12: inputs.force."), "{message}");
+            assert!(message.contains(says) && message.lines().count() == 1, "{message}");
+        }
+    }
+
+    #[test]
+    fn a_recordings_content_counts_for_the_digest() {
+        let digest = |recording: &str| crane("recording = \"r.csv\"", recording).unwrap().0.sampling_digest();
+        assert_eq!(digest(RAMP), digest(RAMP));
+        assert_ne!(digest(RAMP), digest(&RAMP.replace("103,-2", "103,-1")));
+    }
 }

@@ -16,6 +16,7 @@ use crate::{
     variable::Variable,
 };
 pub use journal::Journal;
+use metafmu_runtime::State;
 pub use point::Point;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
@@ -88,7 +89,19 @@ impl Source {
         }
     }
 
-    /// How runs start and what drives them, if the study wants states.
+    /// Of runs that go on from sample to sample: the value of each input before the start, and the range in which the study or the source
+    /// wants it, infinite where neither says.
+    pub fn drives(&self) -> Vec<(f64, [f64; 2])> {
+        match self {
+            Self::Simulation(simulation) => {
+                let drivers = simulation.driven().map_or(&[][..], driven::Driven::drivers);
+                drivers.iter().map(|driver| (driver.start, [driver.min, driver.max])).collect()
+            }
+            Self::Recorded(recorded) => recorded.drives(),
+        }
+    }
+
+    /// How runs start and what drives them, if the study wants states, or the source simulates what inputs drive.
     pub fn driven(&self) -> Option<&driven::Driven> {
         match self {
             Self::Simulation(simulation) => simulation.driven(),
@@ -143,6 +156,13 @@ fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProbl
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
     let message = format!("`{found}`, expected {expected}: values are in the source's unit");
     Some(KeyProblem { key: format!("{key}.unit"), message })
+}
+
+/// The parameters of a run that goes on from sample to sample, which follow those of the study: what outputs and inputs were before it.
+fn before_start<'a>(variables: impl Iterator<Item = &'a Variable>) -> impl Iterator<Item = Variable> {
+    variables.map(|Variable { name, unit, .. }| {
+        Variable::new(&State::start_name(name), unit, &format!("{name} before the start"))
+    })
 }
 
 fn list<T: AsRef<str>>(names: impl Iterator<Item = T>) -> String {

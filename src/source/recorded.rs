@@ -26,7 +26,6 @@ use crate::{
     table::{Table, runs::check_constants},
     variable::Variable,
 };
-use metafmu_runtime::State;
 pub use motions::Motions;
 use runs::{Current, Runs};
 use std::{
@@ -161,17 +160,12 @@ impl Recorded {
         if self.inputs.is_empty() {
             return;
         }
-        let start = |variable: &Variable| {
-            let Variable { name, unit, .. } = variable;
-            Variable::new(&State::start_name(name), unit, &format!("{name} before the start"))
-        };
-        let starts: Vec<Variable> = self.outputs.iter().chain(&self.input_variables).map(start).collect();
-        self.parameters.extend(starts);
+        self.parameters.extend(super::before_start(self.outputs.iter().chain(&self.input_variables)));
     }
 
-    /// The value of each input before the start.
-    pub fn input_starts(&self) -> Vec<f64> {
-        self.inputs.iter().map(|input| input.start).collect()
+    /// The value of each input before the start, and its range in the study.
+    pub(super) fn drives(&self) -> Vec<(f64, [f64; 2])> {
+        self.inputs.iter().map(|input| (input.start, [input.min, input.max])).collect()
     }
 
     /// The parameters, in the study's order; of runs with inputs, what outputs and inputs were before the start.

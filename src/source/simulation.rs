@@ -1,7 +1,7 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, Point,
+    Journal, Point, before_start,
     driven::Driven,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
@@ -35,9 +35,13 @@ const MAX_FAILED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct Simulation {
     model: Model,
+    /// Of runs that go on from sample to sample, what outputs and inputs were before the start are such, too.
     parameters: Vec<Variable>,
     inputs: Vec<Variable>,
     outputs: Vec<Variable>,
+    /// What the points of a plan have.
+    planned: Vec<String>,
+    is_discrete: bool,
     times: Arc<[f64]>,
     /// Share of the runs that may fail.
     max_failed: f64,
@@ -81,8 +85,14 @@ impl Simulation {
                 (Model::Equations(Box::new(equations)), parameters, outputs)
             }
         };
-        let mut simulation = Self { model, parameters, inputs: Vec::new(), outputs, times, max_failed, source };
+        let planned = study.planned().map(|(name, _)| name.to_owned()).collect();
+        let (inputs, is_discrete) = (Vec::new(), study.is_discrete());
+        let mut simulation =
+            Self { model, parameters, inputs, outputs, planned, is_discrete, times, max_failed, source };
         simulation.inputs = simulation.driven().map_or(Vec::new(), Driven::variables);
+        if is_discrete {
+            simulation.parameters.extend(before_start(simulation.outputs.iter().chain(&simulation.inputs)));
+        }
         Ok(simulation)
     }
 
@@ -91,7 +101,7 @@ impl Simulation {
         &self.inputs
     }
 
-    /// Runs from states, driven by inputs, if the study wants states.
+    /// How runs start and what drives them, if inputs do.
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
             Model::Equations(equations) => equations.driven.as_ref(),
@@ -165,15 +175,22 @@ impl Simulation {
         Error::Run { system: system.into(), values: self.values(parameters), message }
     }
 
-    /// The parameters with their values, for messages.
-    pub fn values(&self, parameters: &[f64]) -> String {
-        list(self.parameters.iter().zip(parameters).map(|(p, value)| format!("{} = {value}", p.name)))
+    /// The values of a point of a plan, for messages.
+    pub fn values(&self, point: &[f64]) -> String {
+        list(self.planned.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
     }
 
-    /// A run from its outputs, row by row.
-    pub fn run_of(&self, parameters: &[f64], outputs: Vec<f64>) -> Run {
-        let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(parameters, &self.times));
-        Run { parameters: parameters.to_vec(), times: Arc::clone(&self.times), inputs, outputs }
+    /// The run of a point of a plan from its outputs, row by row. Before one that goes on from sample to sample outputs were what they are in
+    /// the first row, and inputs have their start values, as before a recorded run.
+    pub fn run_of(&self, point: &[f64], outputs: Vec<f64>) -> Run {
+        let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(point, &self.times));
+        let mut parameters = point.to_vec();
+        if self.is_discrete {
+            parameters.truncate(self.parameters.len() - self.outputs.len() - self.inputs.len());
+            parameters.extend_from_slice(&outputs[..self.outputs.len()]);
+            parameters.extend(self.driven().iter().flat_map(|driven| driven.drivers()).map(|driver| driver.start));
+        }
+        Run { parameters, times: Arc::clone(&self.times), inputs, outputs }
     }
 
     /// The journal of a sampling of the study, in a file.
@@ -182,7 +199,7 @@ impl Simulation {
     /// As [`Journal::open`].
     pub fn journal(&self, path: &Path, study: &Study) -> Result<Journal> {
         let outputs = self.times.len() * self.outputs.len();
-        Journal::open(path, &study.sampling_digest(), self.parameters.len(), outputs)
+        Journal::open(path, &study.sampling_digest(), self.planned.len(), outputs)
     }
 
     /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
@@ -392,18 +409,15 @@ impl Simulator {
 impl Equations {
     /// Also the variables of the study's parameters and outputs.
     fn new(study: &Study) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
-        let (name, simulator) = match (study.mechanism(), &study.source.system) {
-            (Some(mechanism), _) => ("the mechanism".to_owned(), Simulator::Mechanism(Arc::clone(mechanism))),
-            (None, name) => {
-                let name = name.as_deref().unwrap_or_default();
-                let Some(&system) = SYSTEMS.iter().find(|system| system.name == name) else {
-                    let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
-                    let message = format!("no system `{name}`, {}", expected_one_of(name, &known));
-                    return Err(study.refusal("source.system", message));
-                };
-                (name.to_owned(), Simulator::System(system))
-            }
+        let name = study.source.system.clone();
+        let simulator = match (study.mechanism(), name.as_deref().unwrap_or_default()) {
+            (Some(mechanism), _) => Simulator::Mechanism(Arc::clone(mechanism)),
+            (None, name) => Simulator::System(System::of(name).ok_or_else(|| {
+                let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
+                study.refusal("source.system", format!("no system `{name}`, {}", expected_one_of(name, &known)))
+            })?),
         };
+        let name = name.unwrap_or_else(|| "the mechanism".to_owned());
         let quantities = simulator.quantities().iter().map(|(_, default)| *default).collect();
         let (parameter_positions, output_positions) = (Vec::new(), Vec::new());
         let tolerance = study.source.tolerance.unwrap_or(TOLERANCE);
@@ -529,6 +543,49 @@ mod tests {
             let middle: Vec<f64> = study.parameters.values().map(|p| 0.5 * (p.min + p.max)).collect();
             let run = simulation.run(&middle).unwrap();
             assert_eq!(run.outputs.len(), simulation.times().len() * simulation.outputs().len());
+        }
+    }
+
+    #[test]
+    fn a_system_with_states_moves_as_its_equations_say() {
+        // parameters, coordinates at the start, velocities there
+        let pendulum: &[(&str, f64)] = &[("L", 0.17), ("c", 0.1), ("theta0", 0.7), ("thetad0", -1.3)];
+        let double =
+            &[("L1", 1.3), ("L2", 2.2), ("theta10", 1.1), ("theta20", -0.4), ("theta1d0", 0.2), ("theta2d0", 0.6)];
+        for (name, states, outputs, point) in [
+            ("single-pendulum", &["pivot.angle"][..], &["theta", "thetad", "thetadd"][..], pendulum),
+            ("double-pendulum", &["upper.angle", "lower.angle"], &["theta1", "theta2", "theta1d", "theta2d"], double),
+        ] {
+            let (parameters, constant) = (point.len() - 2 * states.len(), if states.len() == 1 { "m" } else { "m2" });
+            let list = |names: &mut dyn Iterator<Item = String>| names.collect::<Vec<_>>().join("\n");
+            let text = format!(
+                "name = \"s\"\nstructure = \"dynamics\"\n[source]\nsystem = \"{name}\"\nconstants = {{ {constant} = 0.8 }}\n\
+                 [time]\nstop = 2\nstep = 0.05\n[parameters]\n{}\n[states]\n{}\n[outputs]\n{}\n",
+                list(&mut point[..parameters].iter().map(|(name, _)| format!("{name} = {{ min = 0, max = 3 }}"))),
+                list(&mut states.iter().map(|name| format!("{name} = {{ min = -3.2, max = 3.2 }}"))),
+                list(&mut outputs.iter().map(|name| format!("{name} = {{}}"))),
+            );
+            let study = Study::parse(&text, Path::new("s.toml")).unwrap();
+            let simulation = Simulation::new(&study).unwrap();
+            let run = simulation.run(&point.iter().map(|(_, value)| *value).collect::<Vec<_>>()).unwrap();
+
+            let system = System::of(name).unwrap();
+            let quantities = system.quantities.iter().map(|quantity| {
+                let given = point.iter().find(|(name, _)| *name == quantity.name).map(|(_, value)| *value);
+                given.unwrap_or(if quantity.name == constant { 0.8 } else { quantity.default })
+            });
+            let quantities: Vec<f64> = quantities.collect();
+            let exact = (system.simulate)(&quantities, simulation.times(), TOLERANCE, &Budget::default()).unwrap();
+            assert_eq!(run.outputs.len(), exact.len());
+            for (output, _) in outputs.iter().enumerate() {
+                let column =
+                    |values: &[f64]| values.iter().skip(output).step_by(outputs.len()).copied().collect::<Vec<_>>();
+                let (run, exact) = (column(&run.outputs), column(&exact));
+                let largest = exact.iter().fold(1.0f64, |largest, value| largest.max(value.abs()));
+                for (run, exact) in run.iter().zip(&exact) {
+                    assert!((run - exact).abs() < 1e-9 * largest, "{name}, {}: {run} {exact}", outputs[output]);
+                }
+            }
         }
     }
 

@@ -369,6 +369,27 @@ def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
     assert all(0 < horizon["median"] < 1e-5 for horizon in horizons), horizons
 
 
+def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("new", "pendulum", "--system", "single-pendulum", "--structure", "dynamics")
+    assert result.returncode == 0, result.stderr
+    text = (tmp_path / "pendulum.toml").read_text()
+    # a velocity at the start, and forces of a joint
+    assert "# thetad0: acts on nothing but the start" in text and "# fx: cannot be learned with states" in text
+    (tmp_path / "pendulum.toml").write_text(text.replace("stop = 10.0", "stop = 1.0").replace("test_runs = 20", "test_runs = 2"))
+    result = run("build", "pendulum.toml", "--out", "out")
+    assert result.returncode == 0, result.stderr
+    fmu = tmp_path / "out" / "pendulum.fmu"
+    starts = {"L": 0.15, "c": 0.05, "pivot.angle_start": 1.0, "pivot.angular_velocity_start": -2.0}
+    found = simulate_fmu(str(fmu), stop_time=1.0, output_interval=0.002, start_values=starts, output=["theta", "thetad"])
+    # the equation of Choi et al. 2021, section 4.1
+    equation = lambda t, y: [y[1], -9.81 / 0.15 * np.sin(y[0]) - 0.05 / (0.3 * 0.15) * y[1]]
+    exact = solve_ivp(equation, (0, 1), [1.0, -2.0], t_eval=np.minimum(found["time"], 1.0), rtol=1e-12, atol=1e-12).y
+    assert np.abs(found["theta"] - exact[0]).max() < 1e-6 and np.abs(found["thetad"] - exact[1]).max() < 1e-5
+    result = run("new", "crank", "--system", "slider-crank", "--structure", "dynamics")
+    assert result.returncode == 2 and "slider-crank" in result.stderr and not (tmp_path / "crank.toml").exists(), result.stderr
+
+
 def test_a_mechanism_does_not_get_overwritten_by_the_study_of_its_name(tmp_path):
     copy(ROOT / "examples" / "dynamics" / "crane.toml", tmp_path)
     command = [METAFMU, "new", "crane", "--mechanism", "crane.toml", "--structure", "dynamics"]
@@ -426,6 +447,31 @@ def test_the_stated_share_of_the_test_runs_points_is_within_the_bounds_in_each_p
     assert "bound at the end" in (bounded.folder / "report.html").read_text()
     with ZipFile(bounded.fmu(2)) as archive:
         assert "Error bounds 2.5 s and 5 s after the start" in archive.read("documentation/index.html").decode()
+def test_recorded_forces_drive_the_runs(tmp_path):
+    times = np.arange(1000.0, 1030.0, 0.13)
+    recorded = 8 * np.sin(0.05 * (times - 1000) ** 2)
+    pd.DataFrame({"time": times, "force": recorded}).to_csv(tmp_path / "duty.csv", index=False)
+    crane = write(tmp_path, ('bandwidth = 1.0, excitation = ["multisine", "steps", "chirp", "spline"]', 'recording = "duty.csv"'))
+    metafmu("sample", crane.study, "--out", crane.folder)
+    table = pd.read_csv(crane.folder / "test.csv")
+    begins = np.linspace(times[0], times[-1] - STOP, 20001)
+    for _, run in table.groupby("run"):
+        # the stretch that it is, to the resolution of the places
+        first = np.argsort(np.abs(np.interp(begins, times, recorded) - run["force"].iloc[0]))[:400]
+        errors = [np.abs(np.interp(begins[k] + ROWS, times, recorded) - run["force"]).max() for k in first]
+        assert min(errors) < 0.02
+        force = lambda t, _: np.interp(t, ROWS, run["force"])
+        start = run.iloc[0]
+        parameters, begin = start[list(PARAMETERS)], start[list(STARTS)].to_list()
+        truth = solve_ivp(lambda t, y: rates(y, force(t, 0), parameters), (0, STOP), begin, "DOP853", ROWS, max_step=STEP, rtol=1e-10, atol=1e-11)
+        # the force has a kink at every row
+        assert np.abs(run["x"] - truth.y[0]).max() < 1e-4
+    assert table.groupby("run")["force"].first().nunique() == 4
+    # another recording makes other runs
+    before = (crane.folder / "test.csv").read_bytes()
+    pd.DataFrame({"time": times, "force": -recorded}).to_csv(tmp_path / "duty.csv", index=False)
+    metafmu("sample", crane.study, "--out", crane.folder)
+    assert (crane.folder / "test.csv").read_bytes() != before
 
 
 def test_the_model_card_has_the_errors_of_the_roll_outs(crane):

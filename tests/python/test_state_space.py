@@ -98,6 +98,21 @@ def test_the_oscillator_moves_as_its_equations_say(oscillator, version, interfac
         assert np.abs(found[name] - expected).max() < 1e-6, name
 
 
+def test_a_recorded_signal_drives_the_runs_of_an_fmu(tmp_path):
+    times = np.linspace(0.0, 3.0, 31)
+    pd.DataFrame({"time": times, "u": 0.3 * times}).to_csv(tmp_path / "ramp.csv", index=False)
+    fmu = exchange.build("dahlquist", 3, tmp_path).name
+    study = write(tmp_path, RELAXATION, fmu, ("bandwidth = 1.0", 'recording = "ramp.csv"'))
+    metafmu("sample", study, "--out", tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "test.csv")
+    for _, run in table.groupby("run"):
+        u, t, k = run["u"].to_numpy(), run["time"].to_numpy(), run["k"].iloc[0]
+        assert np.abs(u - u[0] - 0.3 * t).max() < 1e-12 and 0 <= u[0] <= 0.3
+        # the same to a further row, by the FMU's equation
+        truth = solve_ivp(lambda t, x: -k * x + u[0] + 0.3 * t, (0, 2), [run["x"].iloc[0]], t_eval=t.clip(max=2.0), rtol=1e-11, atol=1e-12).y[0]
+        assert np.abs(run["x"] - truth).max() < 1e-6
+
+
 def test_the_fmu_keeps_states_and_outputs_of_its_source(oscillator):
     for version in (2, 3):
         fmu = fmu_of(oscillator, "oscillator", version)

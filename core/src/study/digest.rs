@@ -2,7 +2,7 @@
 //! key that is added does not compile before that is said.
 
 use super::{
-    BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, ExportOptions, InputOptions,
+    BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,
     NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions, SourceOptions, StateOptions, Study,
     TargetOptions, TimeOptions, TrainingOptions, Variability,
 };
@@ -31,7 +31,21 @@ struct Samples<'a> {
 #[derive(Serialize)]
 struct Motion<'a> {
     states: &'a IndexMap<String, StateOptions>,
-    inputs: &'a IndexMap<String, InputOptions>,
+    inputs: IndexMap<&'a str, Input<'a>>,
+}
+
+/// Of an input: a recording counts by its content, not by its name.
+#[derive(Serialize)]
+struct Input<'a> {
+    min: Option<f64>,
+    max: Option<f64>,
+    start: Option<f64>,
+    bandwidth: Option<f64>,
+    excitation: &'a Option<Vec<Excitation>>,
+    unit: &'a Option<String>,
+    description: &'a Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recording: Option<&'a str>,
 }
 
 /// Of the source: files count by their content, not by their names.
@@ -114,7 +128,14 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: study.goes_on().then_some(Motion { states: &study.states, inputs: &study.inputs }),
+        motion: study.goes_on().then(|| Motion {
+            states: &study.states,
+            inputs: study
+                .inputs
+                .iter()
+                .map(|(name, options)| (name.as_str(), of_input(study, name, options)))
+                .collect(),
+        }),
     })
 }
 
@@ -142,6 +163,20 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> Source<'a> {
         constants,
         step: *step,
         tolerance: *tolerance,
+    }
+}
+
+fn of_input<'a>(study: &'a Study, name: &str, options: &'a InputOptions) -> Input<'a> {
+    let InputOptions { min, max, start, bandwidth, excitation, recording: _, unit, description } = options;
+    Input {
+        min: *min,
+        max: *max,
+        start: *start,
+        bandwidth: *bandwidth,
+        excitation,
+        unit,
+        description,
+        recording: study.recording(name).map(|recording| recording.digest()),
     }
 }
 
@@ -190,6 +225,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         starts: _,
         mechanism: _,
         points: _,
+        recordings: _,
         source_files: _,
         // these decide nothing about the network
         accept: _,

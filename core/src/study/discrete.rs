@@ -1,4 +1,4 @@
-//! `[discrete]`: models of recorded runs that go on from sample to sample.
+//! `[discrete]`: models of recorded runs, or of runs of an FMU, that go on from sample to sample.
 
 use super::{Baselines, NetworkOptions, Study, StudyStructure};
 use crate::diagnostics::Problems;
@@ -6,7 +6,7 @@ use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[discrete]`: models of recorded runs that go on from sample to sample, of the structure "discrete".
+/// `[discrete]`: models of recorded runs, or of runs of an FMU, that go on from sample to sample, of the structure "discrete".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DiscreteOptions {
@@ -92,7 +92,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     if study.inputs.is_empty() {
         problems.add("inputs", "no input, expected at least one: the columns that drive the runs");
     }
-    for (name, input) in &study.inputs {
+    // those of other sources are known with the source only
+    for (name, input) in study.inputs.iter().filter(|_| study.source.is_recorded()) {
         let (min, max) = (input.min.unwrap_or(f64::NEG_INFINITY), input.max.unwrap_or(f64::INFINITY));
         if min >= max {
             problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));
@@ -117,6 +118,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
 fn refused(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_response = "belongs to the structure \"response\"";
+    let has_margin = study.time.margin > 0.0 && !study.source.is_recorded();
+    problems.expect_absent(has_margin, "time.margin", of_response);
     problems.expect_absent(study.target.is_some(), "target", of_response);
     problems.expect_absent(study.search.is_some(), "search", of_response);
     problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_response);

@@ -5,6 +5,7 @@ use crate::diagnostics::Problems;
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// An entry of `[inputs]`. All keys have defaults.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -20,11 +21,17 @@ pub struct InputOptions {
     /// Value before a host sets one; the source's unless given.
     #[schemars(extend("x-unit" = "the input's"))]
     pub start: Option<f64>,
-    /// Highest frequency in test runs; a twentieth of the rows' frequency, `0.05 / time.step`, unless given.
+    /// Highest frequency of signals other than recordings; a twentieth of the rows' frequency, `0.05 / time.step`, unless given.
     #[schemars(extend("x-unit" = "Hz", "exclusiveMinimum" = 0))]
     pub bandwidth: Option<f64>,
-    /// Kinds of signals of test runs, one of which is drawn for each run.
+    /// Kinds of signals of runs that are simulated, one of which is drawn for each run; `["multisine"]` unless given, none with a
+    /// `recording`.
     pub excitation: Option<Vec<Excitation>>,
+    /// Table of a recorded signal, CSV or Parquet, relative to the study's folder: a column of the input's name, and `time` in s. It is a
+    /// further kind of signal: a run takes a stretch of it from a random place on, linear between its rows. All recordings that drive a run
+    /// begin at the same share of their lengths.
+    #[schemars(extend("format" = "path"))]
+    pub recording: Option<PathBuf>,
     /// Unit; must be the source's own, which it is unless given.
     pub unit: Option<String>,
     /// One sentence for people; the source's unless given.
@@ -52,9 +59,10 @@ pub enum Excitation {
 }
 
 impl InputOptions {
-    /// The kinds of signals that are drawn from.
+    /// The kinds of signals that are drawn from, beside a recording.
     pub fn excitations(&self) -> &[Excitation] {
-        self.excitation.as_deref().unwrap_or(&[Excitation::Multisine])
+        let usual: &[Excitation] = if self.recording.is_some() { &[] } else { &[Excitation::Multisine] };
+        self.excitation.as_deref().unwrap_or(usual)
     }
 
     /// The bandwidth of signals whose rows are so far apart, in Hz.
@@ -66,7 +74,7 @@ impl InputOptions {
 /// Every mistake in `[inputs]`, by dotted key.
 pub(super) fn problems(inputs: &IndexMap<String, InputOptions>) -> Problems {
     let mut problems = Problems::default();
-    for (name, InputOptions { min, max, start, bandwidth, excitation, .. }) in inputs {
+    for (name, InputOptions { min, max, start, bandwidth, excitation, recording, .. }) in inputs {
         let key = format!("inputs.{name}");
         check_variable_name(&mut problems, &key, name);
         for (field, value) in [("min", min), ("max", max), ("start", start)] {
@@ -80,6 +88,9 @@ pub(super) fn problems(inputs: &IndexMap<String, InputOptions>) -> Problems {
         if excitation.as_ref().is_some_and(Vec::is_empty) {
             problems.add(format!("{key}.excitation"), "no kind of signal, expected at least one");
         }
+        let is_unused = bandwidth.is_some() && recording.is_some() && excitation.is_none();
+        let message = "belongs to kinds of `excitation`, and there are none beside the recording";
+        problems.expect_absent(is_unused, format!("{key}.bandwidth"), message);
     }
     problems
 }
@@ -96,6 +107,11 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             let message = "belongs to sources that are simulated: recorded inputs are what they are";
             problems.expect_absent(input.bandwidth.is_some(), format!("{key}.bandwidth"), message);
             problems.expect_absent(input.excitation.is_some(), format!("{key}.excitation"), message);
+            problems.expect_absent(input.recording.is_some(), format!("{key}.recording"), message);
+        }
+        let run = study.time.training_steps() as f64 * study.time.step;
+        if let Some(message) = study.recordings.get(name).and_then(|recording| recording.too_short(run)) {
+            problems.add(format!("{key}.recording"), message);
         }
         let nyquist = 0.5 / study.time.step;
         if let Some(bandwidth) = input.bandwidth.filter(|bandwidth| *bandwidth > nyquist) {

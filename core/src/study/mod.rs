@@ -47,7 +47,8 @@
 //! force = { bandwidth = 1.0 }
 //! ```
 //!
-//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs; see [`DiscreteOptions`].
+//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs, or from an FMU; see
+//! [`DiscreteOptions`].
 //!
 //! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
 //! those that it has by itself, its `problems_beside` those that it has beside the others.
@@ -64,6 +65,7 @@ mod network;
 mod outputs;
 mod parameters;
 mod points;
+mod recording;
 mod sampling;
 mod search;
 mod size;
@@ -82,6 +84,7 @@ use crate::{
     },
     files,
     multibody::Mechanism,
+    systems::System,
     table::Table,
 };
 pub use accept::AcceptOptions;
@@ -97,6 +100,7 @@ pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
 pub use parameters::{ParameterOptions, Variability};
 pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
+pub use recording::Recording;
 pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
 pub use search::set;
@@ -192,6 +196,9 @@ pub struct Study {
     /// The points of the method "list".
     #[serde(skip)]
     points: Option<Arc<Vec<Vec<f64>>>>,
+    /// The recorded signals, by the inputs that have one.
+    #[serde(skip)]
+    recordings: IndexMap<String, Arc<Recording>>,
     /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
@@ -206,12 +213,16 @@ pub enum StudyStructure {
     Response,
     /// Of states, inputs and parameters: equations of motion, learned by their structure from a mechanism.
     Dynamics,
-    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs.
+    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
+    /// runs of an FMU for co-simulation.
     Discrete,
 }
 
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
 const MOTION_RUNS: usize = 8;
+
+/// Runs of an FMU from which a model is learned that goes on from sample to sample, unless given.
+const DISCRETE_RUNS: usize = 30;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
 const MAX_NAME: usize = 100;
@@ -265,7 +276,7 @@ impl Draft {
         let has = |section: &str| root.get_ref().contains_key(section);
         let [has_network, has_training] = ["network", "training"].map(has);
         let mut study: Study = origin.deserialize(root)?;
-        if study.structure == StudyStructure::Dynamics && study.source.mechanism.is_some() {
+        if study.structure == StudyStructure::Dynamics && study.source.is_of_equations() {
             study.network = if has_network { study.network } else { NetworkOptions::of_equations() };
             study.training = if has_training { study.training } else { TrainingOptions::of_equations() };
         }
@@ -295,6 +306,7 @@ impl Draft {
         if !sampling {
             is_complete &= study.load_points(&mut found);
         }
+        is_complete &= study.load_recordings(&mut found);
         if is_complete {
             found.extend(study.problems_beside());
         }
@@ -387,7 +399,7 @@ impl Study {
     /// Reads the mechanism, or the digest of other files of the source. False if that failed: problems of a mechanism are in its own
     /// file.
     fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>) -> bool {
-        let Some((key, file)) = self.source.file() else { return true };
+        let Some((key, file)) = self.source.file() else { return self.load_system(found) };
         let (key, path) = (format!("source.{key}"), self.beside(file));
         let loaded = if self.source.mechanism.is_some() {
             Mechanism::load(&path).map(|mechanism| self.mechanism = Some(Arc::new(mechanism)))
@@ -400,6 +412,18 @@ impl Study {
             Err(other) => found.add(key, other.to_string()),
         }
         false
+    }
+
+    /// With states, a built-in system is the mechanism that describes it; one of an unknown name is refused elsewhere.
+    fn load_system(&mut self, found: &mut Problems) -> bool {
+        let Some(system) = self.source.system.as_deref().and_then(System::of).filter(|_| self.has_states()) else {
+            return true;
+        };
+        match Mechanism::parse(system.mechanism, Path::new(system.name)) {
+            Ok(mechanism) => self.mechanism = Some(Arc::new(mechanism)),
+            Err(error) => found.add("source.system", error.to_string()),
+        }
+        self.mechanism.is_some()
     }
 
     /// Takes ranges of states that are not given from the study's table. False if that failed.
@@ -437,6 +461,28 @@ impl Study {
         false
     }
 
+    /// Reads the recorded signals. False if that failed.
+    fn load_recordings(&mut self, found: &mut Problems) -> bool {
+        let files: Vec<(String, PathBuf)> = self
+            .inputs
+            .iter()
+            .filter_map(|(name, input)| Some((name.clone(), self.beside(input.recording.as_ref()?))))
+            .collect();
+        let mut are_read = true;
+        for (name, file) in files {
+            match Recording::read(&file, &name) {
+                Ok(recording) => {
+                    self.recordings.insert(name, Arc::new(recording));
+                }
+                Err(error) => {
+                    found.add(format!("inputs.{name}.recording"), error.to_string());
+                    are_read = false;
+                }
+            }
+        }
+        are_read
+    }
+
     /// SHA-256 of the FMU or of the tables of recorded runs, of which `path` is the first file.
     fn digest_source_files(&self, path: &Path) -> Result<String> {
         let first = files::digest(path)?;
@@ -453,7 +499,7 @@ impl Study {
         Ok(digest::digest(&digests))
     }
 
-    /// The mechanism that the study's source names.
+    /// The mechanism that the study's source names, or that describes its built-in system if the study has states.
     pub fn mechanism(&self) -> Option<&Arc<Mechanism>> {
         self.mechanism.as_ref()
     }
@@ -461,6 +507,11 @@ impl Study {
     /// The points of the method "list".
     pub fn points(&self) -> Option<&[Vec<f64>]> {
         self.points.as_ref().map(|points| points.as_slice())
+    }
+
+    /// The recorded signal of an input, if it has one.
+    pub fn recording(&self, input: &str) -> Option<&Arc<Recording>> {
+        self.recordings.get(input)
     }
 
     /// SHA-256 of what decides the surrogate, in hexadecimal digits: comments, layout and `[export]` but for the precision
@@ -556,6 +607,14 @@ impl Study {
         self.parameters.iter().chain(&self.starts)
     }
 
+    /// What the points of a plan have, in order: what is sampled and, of runs of the structure "discrete", which nothing else may tell apart,
+    /// a number from which their signals follow.
+    pub fn planned(&self) -> impl Iterator<Item = (&str, &ParameterOptions)> {
+        static NUMBER: ParameterOptions = ParameterOptions::range(0.0, 1.0);
+        let sampled = self.sampled().map(|(name, options)| (name.as_str(), options));
+        sampled.chain(self.is_discrete().then_some(("signals", &NUMBER)))
+    }
+
     /// The values of the states at the start: of the coordinates, then of the velocities.
     pub fn starts(&self) -> &IndexMap<String, ParameterOptions> {
         &self.starts
@@ -595,6 +654,7 @@ impl Study {
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
             None if self.has_states() => self.sampling.runs.unwrap_or(MOTION_RUNS) as u64,
+            None if self.is_discrete() => self.sampling.runs.unwrap_or(DISCRETE_RUNS) as u64,
             Some(Method::Mesh) => {
                 let levels = |parameter: &ParameterOptions| match parameter.values.len() {
                     0 => parameter.levels.or(self.sampling.levels).unwrap_or(0),

@@ -96,7 +96,7 @@ impl From<ParameterEntry> for ParameterOptions {
 
 impl ParameterOptions {
     /// What has nothing but a range.
-    pub(super) fn range(min: f64, max: f64) -> Self {
+    pub(super) const fn range(min: f64, max: f64) -> Self {
         Self {
             min,
             max,

@@ -16,7 +16,8 @@ pub struct SamplingOptions {
     #[schemars(range(min = 2))]
     pub levels: Option<usize>,
     /// Number of training runs of the methods that have neither levels nor a file. Of the structure "dynamics": runs from which the
-    /// ranges of the outputs and the steps of the solver are known, 8 unless given.
+    /// ranges of the outputs and the steps of the solver are known, 8 unless given. Of the structure "discrete" of an FMU: training runs,
+    /// 30 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
     /// Of the structure "dynamics": number of states, with inputs and parameters, at which an FMU is asked for its equations, 5000
@@ -144,8 +145,11 @@ impl SamplingOptions {
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
                 problems.add("sampling", "recorded runs are where they are: expected `test_runs` only");
             }
-        } else if study.has_states() {
-            let message = "belongs to the structure \"response\": a motion is learned from configurations";
+        } else if study.goes_on() {
+            let message = match study.has_states() {
+                true => "belongs to the structure \"response\": a motion is learned from configurations",
+                false => "belongs to the structure \"response\": runs that inputs drive have random parameters",
+            };
             problems.expect_absent(method.is_some(), "sampling.method", message);
             problems.expect_absent(levels.is_some(), "sampling.levels", message);
             problems.expect_absent(file.is_some(), "sampling.file", message);

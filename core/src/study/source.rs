@@ -68,6 +68,11 @@ impl SourceOptions {
         self.table.is_some() || self.index.is_some()
     }
 
+    /// Whether it is simulated by equations that are known here.
+    pub(super) fn is_of_equations(&self) -> bool {
+        self.system.is_some() || self.mechanism.is_some()
+    }
+
     /// The key that names the source, and the file that it names, if it is one.
     pub(super) fn file(&self) -> Option<(&'static str, &PathBuf)> {
         let Self { mechanism, fmu, table, index, .. } = self;
@@ -122,13 +127,14 @@ impl SourceOptions {
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        if study.has_states() && self.count() == 1 && (self.system.is_some() || self.index.is_some()) {
-            let message = "the structure \"dynamics\" is learned from a mechanism, an FMU or one table of all runs, expected `mechanism`, `fmu` \
-                           or `table`";
+        if study.has_states() && self.count() == 1 && self.index.is_some() {
+            let message = "the structure \"dynamics\" is learned from a system, a mechanism, an FMU or one table of all runs, expected \
+                           `system`, `mechanism`, `fmu` or `table`";
             problems.add("source", message);
         }
-        if study.is_discrete() && self.count() == 1 && !self.is_recorded() {
-            let message = "the structure \"discrete\" is learned from recorded runs, expected `table` or `index`";
+        if study.is_discrete() && self.count() == 1 && self.is_of_equations() {
+            let message = "the structure \"discrete\" is learned from recorded runs or an FMU for co-simulation, expected `table`, `index` \
+                           or `fmu`";
             problems.add("source", message);
         }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };

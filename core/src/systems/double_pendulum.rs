@@ -41,6 +41,7 @@ pub(super) static SYSTEM: System = System {
             position: |q, angles| end(end([0.0, 0.0], q[0], angles[0]), q[1], angles[1]),
         },
     ],
+    mechanism: include_str!("../../../examples/mechanisms/double-pendulum.toml"),
     study: include_str!("../../../examples/double-pendulum.toml"),
     simulate,
 };

@@ -20,6 +20,8 @@ pub struct System {
     pub quantities: &'static [Quantity],
     /// Every output, in the order in which `simulate` writes them.
     pub outputs: &'static [SystemOutput],
+    /// The same system as a mechanism file, with these quantities as parameters and these outputs: what the structure "dynamics" learns.
+    pub mechanism: &'static str,
     /// Points whose paths reports show.
     pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
@@ -65,6 +67,13 @@ pub struct SystemPoint {
     pub outputs: &'static [&'static str],
     /// Its place in metres, x to the right and y upwards, from the values of the system's quantities and of `outputs`.
     pub position: fn(&[f64], &[f64]) -> [f64; 2],
+}
+
+impl System {
+    /// The built-in system of a name.
+    pub fn of(name: &str) -> Option<&'static Self> {
+        SYSTEMS.iter().copied().find(|system| system.name == name)
+    }
 }
 
 /// Every built-in system.

@@ -51,6 +51,7 @@ pub(super) static SYSTEM: System = System {
             },
         },
     ],
+    mechanism: include_str!("../../../examples/mechanisms/slider-crank.toml"),
     study: include_str!("../../../examples/slider-crank.toml"),
     simulate,
 };

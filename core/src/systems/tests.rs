@@ -1,6 +1,6 @@
-//! Built-in systems against the mechanisms of `examples/mechanisms/` that describe the same, in both formulations.
+//! Built-in systems against the mechanisms that describe the same, in both formulations.
 
-use super::{Quantity, SYSTEMS};
+use super::{Quantity, System};
 use crate::{
     integrate::{Budget, TOLERANCE},
     multibody::Mechanism,
@@ -8,10 +8,10 @@ use crate::{
 use std::path::Path;
 
 /// Largest difference of the outputs between a built-in system and its mechanism, `count` steps long.
-fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], stop: f64, count: u32) -> f64 {
-    let system = SYSTEMS.iter().find(|system| system.name == name).unwrap();
+fn difference(name: &str, points: &[&[f64]], parameters: &[&str], stop: f64, count: u32) -> f64 {
+    let system = System::of(name).unwrap();
     let times: Vec<f64> = (0..=count).map(|i| stop * f64::from(i) / f64::from(count)).collect();
-    let text = text.replace("formulation", "# formulation");
+    let text = system.mechanism.replace("formulation", "# formulation");
     let mut largest: f64 = 0.0;
     for formulation in ["augmented", "embedding"] {
         let text = format!("formulation = \"{formulation}\"\n{text}");
@@ -41,26 +41,23 @@ fn difference(name: &str, text: &str, points: &[&[f64]], parameters: &[&str], st
 
 #[test]
 fn the_single_pendulum_is_its_mechanism() {
-    let text = include_str!("../../../examples/mechanisms/single-pendulum.toml");
     let points: [&[f64]; 4] = [&[0.1, 0.0, 5.0], &[0.2, 0.15, 0.0], &[0.1911, 0.055, 3.78], &[0.123, 0.055, 2.53]];
-    let largest = difference("single-pendulum", text, &points, &["L", "c", "thetad0"], 2.0, 200);
+    let largest = difference("single-pendulum", &points, &["L", "c", "thetad0"], 2.0, 200);
     // theta and thetad; thetadd is up to 98 times theta
     assert!(largest < 1e-8, "{largest:e}");
 }
 
 #[test]
 fn the_double_pendulum_is_its_mechanism() {
-    let text = include_str!("../../../examples/mechanisms/double-pendulum.toml");
     let points: [&[f64]; 3] = [&[1.0, 2.0, 0.1, 0.5], &[1.01, 2.13, 0.0, 0.3], &[1.98, 2.94, 0.087, 0.47]];
     let parameters = ["L1", "L2", "theta1d0", "theta2d0"];
-    let largest = difference("double-pendulum", text, &points, &parameters, 5.0, 500);
+    let largest = difference("double-pendulum", &points, &parameters, 5.0, 500);
     assert!(largest < 1e-8, "{largest:e}");
 }
 
 #[test]
 fn the_slider_crank_is_its_mechanism() {
-    let text = include_str!("../../../examples/mechanisms/slider-crank.toml");
     let points: [&[f64]; 3] = [&[1.0, 1.0, 2.5], &[2.0, 3.0, 3.5], &[1.78, 1.36, 3.05]];
-    let largest = difference("slider-crank", text, &points, &["tau", "r", "L_over_r"], 5.0, 500);
+    let largest = difference("slider-crank", &points, &["tau", "r", "L_over_r"], 5.0, 500);
     assert!(largest < 1e-11, "{largest:e}");
 }

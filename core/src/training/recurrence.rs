@@ -1,7 +1,7 @@
 //! Training on predictions over several rows, in which outputs are inputs of the rows that follow.
 //!
 //! ```text
-//! y_j = L x_j + g N(x_j)      x_j: the inputs of row j, those that are outputs of earlier rows of the stretch from the prediction
+//! y_j = L (x_j, 1) + g N(x_j)      x_j: the inputs of row j, those that are outputs of earlier rows of the stretch from the prediction
 //! ```
 //!
 //! The loss is the mean over all rows of the stretches; its gradient goes back through all of them.
@@ -14,7 +14,7 @@ use crate::network::{BLOCK_ROWS, DropoutMask, Packed, Workspace, kernels::Store,
 pub struct Recurrence {
     /// Number of past outputs among the inputs: the first columns, those of the row before first, then those of the row before it.
     pub history: usize,
-    /// `L`: shape `[outputs, inputs]`.
+    /// `L`: shape `[outputs, inputs + 1]`, the last ones being constants.
     pub linear: Vec<f32>,
     /// `g`: one for each output.
     pub gains: Vec<f32>,
@@ -142,9 +142,10 @@ impl Block<'_> {
         let given = predictions[part.clone()].chunks_exact_mut(n_outputs);
         for (index, to) in given.enumerate() {
             let x = &workspace.inputs_mut()[index * stride(n_inputs)..][..n_inputs];
-            for (to, row) in to.iter_mut().zip(linear.chunks_exact(n_inputs)) {
+            for (to, row) in to.iter_mut().zip(linear.chunks_exact(n_inputs + 1)) {
                 // in double precision: terms of fast sampling nearly cancel each other
-                *to = row.iter().zip(x).map(|(weight, x)| f64::from(*weight) * f64::from(*x)).sum::<f64>() as f32;
+                let terms = row.iter().zip(x).map(|(weight, x)| f64::from(*weight) * f64::from(*x));
+                *to = (terms.sum::<f64>() + f64::from(row[n_inputs])) as f32;
             }
             let added = &workspace.outputs()[index * stride(n_outputs)..];
             for ((to, gain), added) in to.iter_mut().zip(gains).zip(added) {
@@ -189,7 +190,7 @@ impl Block<'_> {
         let (before, now) = deltas.split_at_mut(self.part(j).start);
         for (index, of_past) in of_past.chunks_exact_mut(columns).enumerate() {
             let now = &now[index * n_outputs..][..n_outputs];
-            for (delta, row) in now.iter().zip(self.recurrence.linear.chunks_exact(n_inputs)) {
+            for (delta, row) in now.iter().zip(self.recurrence.linear.chunks_exact(n_inputs + 1)) {
                 of_past.iter_mut().zip(row).for_each(|(to, weight)| *to += delta * weight);
             }
             for (lag, of_past) in of_past.chunks_exact(n_outputs).enumerate() {
@@ -216,7 +217,7 @@ mod tests {
         let outputs = (0..count * n_outputs).map(|index| value(3 * index + 11)).collect();
         let recurrence = Recurrence {
             history: 3,
-            linear: (0..n_outputs * n_inputs).map(|index| 0.4 * value(7 * index + 5)).collect(),
+            linear: (0..n_outputs * (n_inputs + 1)).map(|index| 0.4 * value(7 * index + 5)).collect(),
             gains: vec![0.5, 0.8],
             starts: vec![0, 7, 19, 30],
             stretch,
@@ -249,10 +250,10 @@ mod tests {
                     values = sums.map(|sum| if layer + 2 < sizes.len() { sum.tanh() } else { sum }).collect();
                     rest = tail;
                 }
-                let linear = recurrence
-                    .linear
-                    .chunks(n_inputs)
-                    .map(|row| row.iter().zip(&x).map(|(weight, x)| f64::from(*weight) * x).sum::<f64>());
+                let linear = recurrence.linear.chunks(n_inputs + 1).map(|row| {
+                    let terms = row.iter().zip(&x).map(|(weight, x)| f64::from(*weight) * x);
+                    terms.sum::<f64>() + f64::from(row[n_inputs])
+                });
                 let gains = recurrence.gains.iter().zip(&values).map(|(gain, value)| f64::from(*gain) * value);
                 let found: Vec<f64> = linear.zip(gains).map(|(linear, added)| linear + added).collect();
                 let targets = &rows.outputs()[row * n_outputs..][..n_outputs];

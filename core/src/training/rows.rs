@@ -77,7 +77,7 @@ impl Rows {
         let fits = |start: &u32| *start as usize + recurrence.stretch <= rows;
         assert!(recurrence.stretch > 0 && recurrence.starts.iter().all(fits), "stretches of the rows");
         assert!(recurrence.history * n_outputs <= n_inputs, "past outputs are inputs");
-        assert_eq!((recurrence.linear.len(), recurrence.gains.len()), (n_inputs * n_outputs, n_outputs));
+        assert_eq!((recurrence.linear.len(), recurrence.gains.len()), ((n_inputs + 1) * n_outputs, n_outputs));
         Self { recurrence: Some(recurrence), ..self }
     }
 

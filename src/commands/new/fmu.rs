@@ -1,6 +1,6 @@
 //! A study of an FMU, from the FMU's description of itself.
 
-use super::{RUNS, key, quoted, rest, sampling};
+use super::{DISCRETE, RUNS, key, quoted, rest, sampling};
 use metafmu::{
     Error, Result,
     fmi::{
@@ -150,41 +150,10 @@ step = {step:?}                 # s
             key(&state.name)
         );
     }
-    let is_input = |variable: &&ScalarVariable| {
-        let is_continuous = variable.variability == Variability::Continuous && variable.dimensions.is_empty();
-        variable.causality == Causality::Input && is_continuous && varied(variable).is_ok()
-    };
-    let inputs: Vec<&ScalarVariable> = description.variables.iter().filter(is_input).collect();
-    if !inputs.is_empty() {
-        text += "\n[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of test runs; docs/dynamics.md\n";
-    }
-    for input in inputs {
-        let (range, comment) = match known_range(&description, input) {
-            Some(range) => (range, ""),
-            None => ((-1.0, 1.0), "    # a guess"),
-        };
-        let (min, max) = range;
-        let kinds = "[\"multisine\", \"steps\", \"spline\"]";
-        let _ = writeln!(
-            text,
-            "{} = {{ min = {min:?}, max = {max:?}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
-            key(&input.name),
-            short(10.0 / stop),
-        );
-    }
-    let with_range = |variable: &&ScalarVariable| {
-        variable.causality == Causality::Parameter
-            && varied(variable).is_ok()
-            && known_range(&description, variable).is_some()
-    };
+    let inputs = driving(&description).filter(|input| input.variability == Variability::Continuous);
     // a start of a state is a parameter of the surrogate anyway
-    let is_start = |variable: &&ScalarVariable| names_of_starts.contains(&variable.name);
-    text += "\n[parameters]                # those with a range in the FMU\n";
-    for parameter in description.variables.iter().filter(with_range).filter(|p| !is_start(p)).take(VARIED.0) {
-        if let Some((min, max)) = known_range(&description, parameter) {
-            let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?} }}", key(&parameter.name));
-        }
-    }
+    let is_start = |variable: &ScalarVariable| names_of_starts.contains(&variable.name);
+    text += &(signals(&description, inputs, stop) + &with_a_range(&description, is_start));
     let _ = write!(
         text,
         "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU is asked for its equations\ntest_runs = 20              # random \
@@ -196,6 +165,104 @@ step = {step:?}                 # s
         FmiVersion::V2 => text,
         FmiVersion::V3 => text.replacen("\nfmi = \"2\"", "\nfmi = \"3\"", 1),
     })
+}
+
+/// A study of the FMU's samples: outputs, what drives them, and parameters with a range.
+pub fn study_of_samples(name: &str, file: &Path) -> Result<String> {
+    let (description, _) = describe(file, Some(InterfaceKind::CoSimulation))?;
+    let refuse = |what: &str| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
+    let inputs: Vec<&ScalarVariable> = driving(&description).collect();
+    if inputs.is_empty() {
+        return refuse("has no real scalar input: nothing drives it; a study without --structure may do");
+    }
+    if chosen(&description).is_empty() {
+        return refuse("has no real variable to be an output");
+    }
+    let file = file.display().to_string();
+    let Times { stop, step, communication_step } = Times::new(description.default_experiment.unwrap_or_default());
+    let communication = communication_step.map_or(String::new(), |step| {
+        format!("step = {step:?}                # s, between two communication points; what the FMU suggests\n")
+    });
+    let text = format!(
+        "# Made by `metafmu new {name} --fmu {file} --structure discrete`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+description = {}
+seed = 1                    # everything random follows from it
+structure = \"discrete\"      # goes on from sample to sample, driven by the inputs
+
+[source]
+fmu = {}    # relative to this file; runs by co-simulation
+{communication}# time_limit = 60           # s; a run that takes longer, crashes or fails
+# retries = 1               # a run that failed is retried so many times, then left out and reported
+# max_failed = 0.1          # share of the runs that may fail
+# constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
+
+[time]
+stop = {stop:?}                  # s, of every run
+step = {step:?}                 # s; the sample time, over which inputs are held
+{}{}
+[outputs]
+{}
+[sampling]
+runs = 30                   # to train and to choose a model with
+test_runs = 10              # never part of training
+
+{DISCRETE}",
+        quoted(description.description.as_deref().unwrap_or_default()),
+        quoted(&file),
+        signals(&description, inputs.into_iter(), stop),
+        with_a_range(&description, |_| false),
+        outputs(&description),
+    );
+    Ok(match description.fmi_version {
+        FmiVersion::V2 => text,
+        FmiVersion::V3 => format!("{text}\n[export]\nfmi = \"3\"\n"),
+    })
+}
+
+/// Inputs that can have signals.
+fn driving(description: &ModelDescription) -> impl Iterator<Item = &ScalarVariable> {
+    let is_input = |variable: &&ScalarVariable| variable.causality == Causality::Input && varied(variable).is_ok();
+    description.variables.iter().filter(is_input)
+}
+
+/// `[inputs]`.
+fn signals<'a>(description: &ModelDescription, inputs: impl Iterator<Item = &'a ScalarVariable>, stop: f64) -> String {
+    let mut text = String::new();
+    for input in inputs {
+        let (range, comment) = match known_range(description, input) {
+            Some(range) => (range, ""),
+            None => ((-1.0, 1.0), "    # a guess"),
+        };
+        let (min, max) = range;
+        let kinds = "[\"multisine\", \"steps\", \"spline\"]";
+        // writing to a string does not fail
+        let _ = writeln!(
+            text,
+            "{} = {{ min = {min:?}, max = {max:?}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
+            key(&input.name),
+            short(10.0 / stop),
+        );
+    }
+    let head =
+        "\n[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of runs; docs/dynamics.md\n";
+    if text.is_empty() { text } else { format!("{head}{text}") }
+}
+
+/// `[parameters]`: those with a range in the FMU that are not left out.
+fn with_a_range(description: &ModelDescription, is_left_out: impl Fn(&ScalarVariable) -> bool) -> String {
+    let varied = |variable: &&ScalarVariable| {
+        variable.causality == Causality::Parameter && varied(variable).is_ok() && !is_left_out(variable)
+    };
+    let with_range = description.variables.iter().filter(varied);
+    let with_range = with_range.filter_map(|variable| Some((variable, known_range(description, variable)?)));
+    let mut text = String::from("\n[parameters]                # those with a range in the FMU\n");
+    for (parameter, (min, max)) in with_range.take(VARIED.0) {
+        // writing to a string does not fail
+        let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?} }}", key(&parameter.name));
+    }
+    text
 }
 
 /// Half the width of a range around zero for a state that starts there.

@@ -1,6 +1,6 @@
 //! A study of a table of recorded runs, from its columns and their content.
 
-use super::{key, quoted, rest};
+use super::{DISCRETE, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{Result, table::Table};
 use metafmu_runtime::BuiltIn;
@@ -250,18 +250,6 @@ impl Column {
         Ok(())
     }
 }
-
-/// The end of a study of the structure "discrete".
-const DISCRETE: &str = "[discrete]
-history = 8                 # past samples of outputs and inputs that the next outputs follow from
-stretch = 64                # samples that are predicted in a row in the training
-
-[network]
-hidden = [32, 32]           # beside what is linear
-
-[training]
-epochs = 300
-";
 
 /// Columns with one value in each run are parameters, but for those that number the runs, unless there are no others.
 fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'a [Column]) -> Roles<'a> {

@@ -36,20 +36,22 @@ pub struct Task {
     pub recorded: Vec<String>,
     /// The outputs: names of variables or of elements of arrays.
     pub outputs: Vec<String>,
-    /// What is asked of the continuous states, if they are.
+    /// What drives the runs, if inputs do.
     pub driven: Option<Driven>,
 }
 
-/// Runs of model exchange that begin in given states and are driven by inputs, or the equations in some states.
+/// Runs that are driven by inputs, of model exchange from given states on, or the equations in some states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Driven {
-    /// Position of each of the study's states in the FMU's state vector.
+    /// Position of each of the study's states in the FMU's state vector; none of co-simulation.
     pub states: Vec<usize>,
     /// Inputs.
     pub inputs: Vec<String>,
+    /// Whether inputs keep the value of a row up to the next one, and are not linear between them.
+    pub held: bool,
     /// Whether derivatives are asked for, not a run. A request has the parameters, then
     ///
-    /// - of a run: the states at its start, then the inputs at each row, between which they are linear;
+    /// - of a run: the states at its start, then the inputs at each row;
     /// - of derivatives: inputs and states; then the same of further points. For each the reply has derivatives, then outputs.
     pub derivatives: bool,
 }
@@ -93,7 +95,7 @@ fn run(fmu: &Fmu, task: &Task, values: Vec<f64>) -> std::result::Result<Vec<f64>
     let mut states = None;
     if let Some(driven) = &task.driven {
         let (starts, signals) = rest.split_at(driven.states.len());
-        states = Some(driven.state_vector(starts));
+        states = (task.interface == InterfaceKind::ModelExchange).then(|| driven.state_vector(starts));
         inputs = driven.inputs(task, inputs, signals);
     }
     let options = SimulationOptions {
@@ -172,7 +174,7 @@ struct Settings {
 
 impl Task {
     /// Number of parameters, whose values come with each run.
-    fn parameters(&self) -> usize {
+    pub fn parameters(&self) -> usize {
         self.variables.len() - self.constants.len()
     }
 
@@ -213,15 +215,60 @@ impl Driven {
         if self.inputs.is_empty() {
             return constant;
         }
-        let rows = signals.len() / self.inputs.len();
         let Inputs { mut names, rows: fixed, .. } = constant;
         names.extend_from_slice(&self.inputs);
         let row = |signals: &[f64]| [fixed.concat().as_slice(), signals].concat();
-        let last = rows.saturating_sub(1).max(1) as f64;
+        let rows: Vec<Vec<f64>> = signals.chunks_exact(self.inputs.len()).map(row).collect();
+        let last = rows.len().saturating_sub(1).max(1) as f64;
+        let times: Vec<f64> = (0..rows.len()).map(|row| task.stop * row as f64 / last).collect();
+        if !self.held {
+            return Inputs { names, times, rows };
+        }
+        // a jump half a step before the communication point from which on the value counts, whatever rounding makes of that
+        let jumps = times.iter().skip(1).map(|time| time - 0.5 * task.step);
         Inputs {
             names,
-            times: (0..rows).map(|row| task.stop * row as f64 / last).collect(),
-            rows: signals.chunks_exact(self.inputs.len()).map(row).collect(),
+            times: times.iter().take(1).copied().chain(jumps.flat_map(|time| [time, time])).collect(),
+            rows: rows
+                .windows(2)
+                .flat_map(|pair| [pair[0].clone(), pair[0].clone()])
+                .chain(rows.last().cloned())
+                .collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_are_linear_between_rows_or_held_from_row_to_row() {
+        let driven =
+            |held: bool| Driven { states: Vec::new(), inputs: vec!["u".into(), "v".into()], held, derivatives: false };
+        let task = Task {
+            path: PathBuf::new(),
+            interface: InterfaceKind::CoSimulation,
+            stop: 2.0,
+            step: 0.5,
+            tolerance: None,
+            steps_per_row: 2,
+            variables: Vec::new(),
+            is_input: Vec::new(),
+            constants: Vec::new(),
+            recorded: Vec::new(),
+            outputs: Vec::new(),
+            driven: None,
+        };
+        let constant = || Inputs { names: vec!["c".into()], times: vec![0.0], rows: vec![vec![7.0]] };
+        let signals = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
+        let linear = driven(false).inputs(&task, constant(), &signals);
+        assert_eq!(linear.names, ["c", "u", "v"]);
+        assert_eq!((linear.times, linear.rows[1].as_slice()), (vec![0.0, 1.0, 2.0], &[7.0, 2.0, 20.0][..]));
+        // communication points are 0, 0.5, ..., 2
+        let held = driven(true).inputs(&task, constant(), &signals);
+        assert_eq!(held.times, [0.0, 0.75, 0.75, 1.75, 1.75]);
+        let of_u: Vec<f64> = held.rows.iter().map(|row| row[1]).collect();
+        assert_eq!(of_u, [1.0, 1.0, 2.0, 2.0, 3.0]);
     }
 }

@@ -53,7 +53,7 @@ pub struct FmuModel {
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
-    /// States and what drives them, if the study wants states.
+    /// How runs start and what drives them, if inputs do.
     driven: Option<Driven>,
 }
 
@@ -65,7 +65,11 @@ impl FmuModel {
     /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
     /// errors of an FMU that cannot be read.
     pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
-        let wanted = study.has_states().then_some(InterfaceKind::ModelExchange);
+        let wanted = match (study.has_states(), study.is_discrete()) {
+            (true, _) => Some(InterfaceKind::ModelExchange),
+            (_, true) => Some(InterfaceKind::CoSimulation),
+            _ => None,
+        };
         let (description, interface) = describe(path, wanted)?;
         let Resolved { parameters, outputs, mut task, driven } = resolve(study, &description)?;
         let options = &study.source;
@@ -94,7 +98,7 @@ impl FmuModel {
         Ok((model, parameters, outputs))
     }
 
-    /// States and what drives them, if the study wants states.
+    /// How runs start and what drives them, if inputs do.
     pub fn driven(&self) -> Option<&Driven> {
         self.driven.as_ref()
     }
@@ -106,7 +110,9 @@ impl FmuModel {
                 let stop = self.task.stop;
                 let rows = self.values / self.task.outputs.len().max(1);
                 let times: Vec<f64> = (0..rows).map(|row| stop * row as f64 / (rows - 1).max(1) as f64).collect();
-                [point, &driven.inputs(point, &times)].concat().into()
+                // a number from which only the signals follow is no value of the FMU
+                let values = &point[..self.task.parameters() + asked.states.len()];
+                [values, &driven.inputs(point, &times)].concat().into()
             }
             _ => point.into(),
         }

@@ -28,7 +28,7 @@ pub struct Resolved {
     pub outputs: Vec<Variable>,
     /// What is set and recorded; the rest is not filled in.
     pub task: Task,
-    /// States and what drives them, if the study wants states.
+    /// How runs start and what drives them, if inputs do.
     pub driven: Option<Driven>,
 }
 
@@ -56,8 +56,8 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
     problems.extend(resolver.constants());
     problems.extend(resolver.outputs());
     let mut driven = None;
-    if study.has_states() {
-        match resolver.driven() {
+    if study.goes_on() {
+        match if study.has_states() { resolver.with_states() } else { resolver.driven() } {
             Ok(found) => driven = Some(found),
             Err(more) => problems.extend(more),
         }
@@ -125,6 +125,9 @@ impl Resolver<'_> {
                 Ok(()) if self.study.parameters.contains_key(name) => {
                     add("is a parameter: a quantity is either constant or varied".into());
                 }
+                Ok(()) if self.study.inputs.contains_key(name) => {
+                    add("is one of the inputs, which have signals: an input is either constant or driven".into());
+                }
                 Ok(()) if !value.is_finite() => add(format!("{value} is not finite")),
                 Ok(()) => {
                     self.task.variables.push(name.clone());
@@ -138,8 +141,44 @@ impl Resolver<'_> {
         problems
     }
 
-    /// The study's states and inputs.
+    /// The study's inputs, which drive co-simulation.
     fn driven(&mut self) -> std::result::Result<Driven, Problems> {
+        let inputs = self.inputs("scalar input", |_| true)?;
+        let names = self.study.inputs.keys().cloned().collect();
+        self.task.driven = Some(sampling::Driven { states: Vec::new(), inputs: names, held: true, derivatives: false });
+        Driven::of_fmu(self.study, Vec::new(), inputs)
+    }
+
+    /// The study's inputs as the FMU has them, which are scalars.
+    fn inputs(
+        &self,
+        what: &str,
+        fits: impl Fn(&ScalarVariable) -> bool,
+    ) -> std::result::Result<Vec<OwnInput>, Problems> {
+        let (mut problems, mut inputs) = (Problems::default(), Vec::new());
+        let description = self.description;
+        for name in self.study.inputs.keys() {
+            let is_input = |variable: &ScalarVariable| {
+                variable.causality == Causality::Input && varied(variable).is_ok() && fits(variable)
+            };
+            let Some(variable) = description.variable(name).filter(|variable| is_input(variable)) else {
+                let message = unknown(description, name, problems.iter().len(), what, is_input);
+                problems.add(format!("inputs.{name}"), message);
+                continue;
+            };
+            let unit = description.unit_of(variable).unwrap_or_default();
+            let (min, max) = range(description, variable);
+            inputs.push(OwnInput {
+                variable: named(name, unit, None, variable),
+                range: [min, max],
+                start: variable.kind.as_real().and_then(|real| real.start),
+            });
+        }
+        if problems.is_empty() { Ok(inputs) } else { Err(problems) }
+    }
+
+    /// The study's states and inputs, of model exchange.
+    fn with_states(&mut self) -> std::result::Result<Driven, Problems> {
         let mut problems = Problems::default();
         let (study, description) = (self.study, self.description);
         let indicators = description.indicator_count();
@@ -179,31 +218,16 @@ impl Resolver<'_> {
         if known.is_empty() {
             problems.add("source.fmu", "the FMU has no states; a study without `structure` takes it");
         }
-        let mut inputs = Vec::new();
-        for name in study.inputs.keys() {
-            let key = format!("inputs.{name}");
-            let is_continuous = |variable: &ScalarVariable| {
-                let is_input = variable.causality == Causality::Input && variable.dimensions.is_empty();
-                is_input && variable.variability == fmi::Variability::Continuous && varied(variable).is_ok()
-            };
-            let Some(variable) = description.variable(name).filter(|variable| is_continuous(variable)) else {
-                let what = "continuous scalar input";
-                problems.add(key, unknown(description, name, problems.iter().len(), what, is_continuous));
-                continue;
-            };
-            let unit = description.unit_of(variable).unwrap_or_default();
-            let (min, max) = range(description, variable);
-            inputs.push(OwnInput {
-                variable: named(name, unit, None, variable),
-                range: [min, max],
-                start: variable.kind.as_real().and_then(|real| real.start),
-            });
-        }
-        if !problems.is_empty() {
-            return Err(problems);
-        }
-        let inputs_in_order = study.inputs.keys().cloned().collect();
-        self.task.driven = Some(sampling::Driven { states: positions, inputs: inputs_in_order, derivatives: false });
+        let is_continuous = |variable: &ScalarVariable| variable.variability == fmi::Variability::Continuous;
+        let inputs = match self.inputs("continuous scalar input", is_continuous) {
+            Ok(inputs) if problems.is_empty() => inputs,
+            found => {
+                problems.extend(found.err().unwrap_or_default());
+                return Err(problems);
+            }
+        };
+        let names = study.inputs.keys().cloned().collect();
+        self.task.driven = Some(sampling::Driven { states: positions, inputs: names, held: false, derivatives: false });
         Driven::of_fmu(study, states, inputs)
     }
 

@@ -160,7 +160,7 @@ impl<'a> Runs<'a> {
         }
         if !self.recorded.inputs.is_empty() {
             parameters.extend_from_slice(&outputs[..self.recorded.outputs.len()]);
-            parameters.extend(self.recorded.input_starts());
+            parameters.extend(self.recorded.inputs.iter().map(|input| input.start));
         }
         self.finished.push(Run { inputs, parameters, times: Arc::clone(&self.shared_times), outputs });
         Ok(())

@@ -1,0 +1,240 @@
+"""Surrogates of other tools' FMUs for co-simulation that go on from sample to sample."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import METAFMU, OTHER_THREADS, ROOT, fmu_of, metafmu
+from fmpy import read_model_description, simulate_fmu
+from scipy.linalg import expm
+
+sys.path.insert(0, str(ROOT / "examples" / "fmu-source"))
+import make_fmus
+
+STEP, ROWS = 0.02, 101
+POSITIONS = [f"position[{body}]" for body in (1, 2, 3)]
+# a row has two communication steps
+CHAIN = """name = "chain"
+structure = "discrete"
+[source]
+fmu = "chain.fmu"
+step = 0.01
+[time]
+stop = 2.0
+step = 0.02
+[inputs]
+force = { start = 0.0, bandwidth = 5.0, excitation = ["multisine", "steps", "ramps"] }
+[outputs]
+"position[1]" = {}
+"position[2]" = {}
+"position[3]" = {}
+[discrete]
+model = "linear"
+history = 2
+[sampling]
+runs = 10
+test_runs = 4
+"""
+HYSTERESIS = """name = "hysteresis"
+structure = "discrete"
+[source]
+fmu = "Hysteresis.fmu"
+[time]
+stop = 0.25
+step = 0.00125
+[inputs]
+force = { min = -150, max = 150, bandwidth = 150.0, excitation = ["random"] }
+[parameters]
+damping = { min = 5, max = 20 }
+[outputs]
+position = {}
+[discrete]
+model = "feedback"
+[network]
+hidden = [8]
+[training]
+epochs = 20
+[sampling]
+runs = 8
+test_runs = 3
+[accept]
+r2 = -inf
+"""
+
+
+def system(stiffness=100.0, damping=1.0):
+    """The rates of the chain's positions, velocities and force, which is held."""
+    coupling = np.array([[-2.0, 1, 0], [1, -2, 1], [0, 1, -1]])
+    matrix = np.zeros((7, 7))
+    matrix[:3, 3:6], matrix[3:6, :3], matrix[3:6, 3:6] = np.eye(3), stiffness * coupling, damping * coupling
+    matrix[5, 6] = 1.0
+    return matrix
+
+
+def positions(forces, **parameters):
+    """At each row, from rest."""
+    transition, state, rows = expm(system(**parameters) * STEP), np.zeros(7), []
+    for force in forces:
+        rows.append(state[:3])
+        state[6] = force
+        state = transition @ state
+    return np.array(rows)
+
+
+def chain(folder, *changes):
+    folder.mkdir(parents=True, exist_ok=True)
+    make_fmus.build_c(ROOT / "examples" / "fmu-source" / "chain" / "chain.c", folder / "chain.fmu")
+    text = CHAIN
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    (folder / "chain.toml").write_text(text)
+    return folder / "chain.toml"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Tests write nothing into its folder."""
+    folder = tmp_path_factory.mktemp("chain")
+    metafmu("build", chain(folder), "--out", folder / "out", "--fmi", "both")
+    return folder / "out"
+
+
+def test_inputs_are_held_over_the_sample_time(built):
+    for name, count in [("train", 10), ("test", 4)]:
+        table = pd.read_csv(built / f"{name}.csv")
+        starts = [f"{position}_start" for position in POSITIONS]
+        assert list(table) == ["run", "time", *starts, "force_start", "force", *POSITIONS]
+        assert table["run"].nunique() == count and (table["force_start"] == 0).all()
+        for _, run in table.groupby("run"):
+            assert np.allclose(run["time"], STEP * np.arange(ROWS), rtol=0, atol=1e-12)
+            # the chain integrates by itself
+            assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"])).max() < 1e-8
+        # runs that no parameter tells apart have signals of their own
+        assert table.groupby("run")["force"].std().nunique() == count
+        assert table["force"].between(-20, 20).all()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_fmu_goes_on_as_its_source_does(built, version):
+    fmu = fmu_of(built, "chain", version)
+    description = read_model_description(str(fmu))
+    (force,) = [variable for variable in description.modelVariables if variable.name == "force"]
+    assert (force.causality, float(force.min), float(force.max), float(force.start), force.unit) == ("input", -20, 20, 0, "N")
+    times = STEP * np.arange(ROWS)
+    forces = 15 * np.sign(np.sin(7 * times + 0.3))
+    # rows that begin a step, so that the host holds the value
+    signal = np.array(list(zip(times, forces)), dtype=[("time", float), ("force", float)])
+    found = simulate_fmu(str(fmu), stop_time=times[-1], output_interval=STEP, input=signal, output=POSITIONS, fmi_type="CoSimulation")
+    truth = positions(forces)
+    # fmpy gives the input its value at the beginning of the step; three positions at two samples are six states: the chain is linear in them
+    assert np.abs(np.array([found[name] for name in POSITIONS]).T - truth).max() < 1e-5 * np.ptp(truth)
+
+
+def test_shards_and_other_numbers_of_threads_give_the_same_samples(built, tmp_path):
+    study = chain(tmp_path)
+    environment = os.environ | OTHER_THREADS
+    subprocess.run([METAFMU, "sample", study, "--out", tmp_path / "threads"], check=True, capture_output=True, env=environment)
+    for shard in ("2/2", "1/2"):
+        metafmu("sample", study, "--out", tmp_path / "shards", "--shard", shard)
+    metafmu("sample", study, "--out", tmp_path / "shards", "--merge")
+    for name in ("train.csv", "test.csv"):
+        expected = (built / name).read_bytes()
+        assert (tmp_path / "threads" / name).read_bytes() == expected
+        assert (tmp_path / "shards" / name).read_bytes() == expected
+
+
+def test_the_plan_has_the_number_from_which_the_signals_of_a_run_follow(tmp_path):
+    study = chain(tmp_path, ("[outputs]", '[parameters]\n"spring.damping" = { min = 0.5, max = 2.0 }\n[outputs]'))
+    lines = metafmu("sample", study, "--dry-run").stdout.splitlines()
+    assert lines[0] == "set,run,spring.damping,signals" and len(lines) == 1 + 14
+    metafmu("sample", study, "--out", tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "test.csv")
+    for line, (_, run) in zip(lines[11:], table.groupby("run")):
+        damping = float(line.split(",")[2])
+        assert (run["spring.damping"] == damping).all()
+        assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"], damping=damping)).max() < 1e-8
+
+
+@pytest.fixture(scope="module")
+def hysteresis(tmp_path_factory):
+    """An FMU of PythonFMU and its surrogate, with little training."""
+    folder = tmp_path_factory.mktemp("hysteresis")
+    source = ROOT / "examples" / "dynamics" / "bouc-wen"
+    make_fmus.build_python(source / "hysteresis.py", folder)
+    (folder / "study.toml").write_text(HYSTERESIS)
+    command = [METAFMU, "build", "study.toml", "--out", "out"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, env=make_fmus.activated())
+    return folder
+
+
+def test_runs_of_an_fmu_of_another_tool_are_those_of_the_script_it_is_made_of(hysteresis, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples" / "dynamics" / "bouc-wen")
+    from hysteresis import Hysteresis
+
+    table = pd.read_csv(hysteresis / "out" / "train.csv")
+    assert table["damping"].nunique() == 8
+    run = table[table["run"] == 3]
+    model = Hysteresis(instance_name="x")
+    model.damping = run["damping"].iloc[0]
+    for force, position in zip(run["force"], run["position"]):
+        assert abs(model.position - position) < 1e-12
+        model.force = force
+        model.do_step(0.0, 0.00125)
+    # every sample follows from those before: the errors are those of simulations over whole runs
+    metrics = json.loads((hysteresis / "out" / "metrics.json").read_text())
+    assert metrics["outputs"]["position"]["r2"] > 0.9
+    names = [v.name for v in read_model_description(str(hysteresis / "out" / "hysteresis.fmu")).modelVariables]
+    assert {"damping", "force", "force_start", "position", "position_start"} <= set(names)
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("force = {", "push = {", "inputs.push: the FMU has no scalar input `push`, expected one of force"),
+        ("start = 0.0", "start = 30", "inputs.force.start: 30 is outside the range from -20 to 20"),
+        ("start = 0.0", 'unit = "kN"', "inputs.force.unit: `kN`, expected `N`"),
+        ("step = 0.01\n", "step = 0.01\nconstants = { force = 1 }\n", "source.constants.force: is one of the inputs"),
+        ("step = 0.01\n", "tolerance = 1e-6\n", "source.tolerance: belongs to model exchange"),
+        ("step = 0.02", "step = 0.02\nmargin = 0.1", 'time.margin: belongs to the structure "response"'),
+        ("runs = 10", 'method = "sobol"\nruns = 10', 'sampling.method: belongs to the structure "response"'),
+        ("runs = 10", "runs = 1", "sampling.runs: expected at least 2 runs"),
+        ("[outputs]", "[parameters]\nforce = { min = 0, max = 1 }\n[outputs]", "inputs.force: `force` is a parameter or output already"),
+    ],
+)
+def test_mistakes_in_a_study_are_found_with_key_and_line(tmp_path, old, new, message):
+    result = metafmu("sample", chain(tmp_path, (old, new)), "--dry-run", check=False)
+    assert result.returncode == 2 and re.search(rf"chain\.toml:\d+: {re.escape(message)}", result.stderr), result.stderr
+
+
+def test_an_fmu_for_model_exchange_only_and_one_without_inputs_are_refused(tmp_path):
+    import exchange
+
+    exchanged = exchange.build("dahlquist", 2, tmp_path).name
+    make_fmus.build_c(ROOT / "examples" / "fmu-source" / "van-der-pol" / "van_der_pol.c", tmp_path / "van_der_pol.fmu")
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("new", "mine", "--fmu", exchanged, "--structure", "discrete")
+    assert result.returncode == 2 and "model exchange only, expected co-simulation" in result.stderr, result.stderr
+    result = run("new", "mine", "--fmu", "van_der_pol.fmu", "--structure", "discrete")
+    assert result.returncode == 2 and "no real scalar input: nothing drives it" in result.stderr, result.stderr
+    result = run("new", "mine", "--system", "single-pendulum", "--structure", "discrete")
+    assert result.returncode == 2 and "--fmu" in result.stderr, result.stderr
+
+
+def test_a_new_study_of_an_fmu_builds(tmp_path):
+    chain(tmp_path)
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("new", "mine", "--fmu", "chain.fmu", "--structure", "discrete")
+    assert result.returncode == 0, result.stderr
+    text = (tmp_path / "mine.toml").read_text()
+    assert "\nforce = { min = -20.0, max = 20.0, bandwidth = 5.0, excitation" in text
+    assert '\n"spring.stiffness" = { min = 80.0, max = 120.0 }' in text
+    short = text.replace("runs = 30 ", "runs = 4 ").replace("test_runs = 10", "test_runs = 1").replace("epochs = 300", "epochs = 2")
+    (tmp_path / "mine.toml").write_text(short + "\n[accept]\nr2 = -inf\n")
+    result = run("build", "mine.toml")
+    assert "FMI 3.0 co-simulation, " in result.stdout, result.stderr
