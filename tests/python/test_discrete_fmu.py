@@ -161,6 +161,19 @@ def test_the_plan_has_the_number_from_which_the_signals_of_a_run_follow(tmp_path
         assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"], damping=damping)).max() < 1e-8
 
 
+def test_error_bounds_are_measured_on_runs_of_their_own(tmp_path):
+    study = chain(tmp_path, ("[sampling]", "[bounds]\nruns = 20\n[sampling]"))
+    metafmu("build", study, "--out", tmp_path / "out")
+    tables = {name: pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("train", "test", "calibration")}
+    assert {name: table["run"].nunique() for name, table in tables.items()} == {"train": 10, "test": 4, "calibration": 20}
+    signals = [tuple(run["force"]) for table in tables.values() for _, run in table.groupby("run")]
+    assert len(set(signals)) == 34
+    for _, run in tables["calibration"].groupby("run"):
+        assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"])).max() < 1e-8
+    description = read_model_description(str(tmp_path / "out" / "chain.fmu"))
+    assert "position[1]_bound" in [variable.name for variable in description.modelVariables]
+
+
 @pytest.fixture(scope="module")
 def hysteresis(tmp_path_factory):
     """An FMU of PythonFMU and its surrogate, with little training."""
