@@ -6,7 +6,7 @@ use crate::{
     network::Network,
     scaling,
     study::{DynamicsOptions, Study},
-    training::{self, Outcome, Rows, Tangents},
+    training::{self, Outcome, Rows, Tangents, drawn},
 };
 use metafmu_runtime::{ScaledNetwork, Scaling};
 use serde::{Deserialize, Serialize};
@@ -66,7 +66,7 @@ pub(super) struct Examples {
     pub inputs: Vec<Vec<f64>>,
     /// What it has to give.
     pub outputs: Vec<Vec<f64>>,
-    /// Derivatives of both along some directions; none of examples that are not trained on.
+    /// Derivatives of both along some directions, if they are known; a training does not look at those of examples that are held out.
     pub tangents: Option<Directions>,
 }
 
@@ -80,12 +80,68 @@ pub(super) struct Directions {
     pub known: Vec<bool>,
 }
 
+/// A network with one hidden layer of random weights, whose last layer is the solution of a least-squares problem, and its error, that of
+/// [`error`]; `depends[output][column]`: what changes each output. None if there is no such solution.
+pub(super) fn draw(
+    study: &Study,
+    seen: &Examples,
+    unseen: &Examples,
+    depends: &[Vec<bool>],
+) -> Option<(ScaledNetwork, f64)> {
+    let scaling = scaling_of(seen);
+    let known = seen.tangents.as_ref().map_or(vec![true; depends.len()], |tangents| tangents.known.clone());
+    let samples = |examples: &Examples| {
+        let (inputs, outputs) = (&examples.inputs, &examples.outputs);
+        let directions = examples.tangents.as_ref().map_or(0, |tangents| tangents.inputs.len() / inputs.len().max(1));
+        let mut samples = drawn::Samples { directions, ..drawn::Samples::default() };
+        for row in 0..inputs.len() {
+            let mut add = |input: &[f64], output: &[f64], share: f64| {
+                let standardised = |value: &f64, mean: &f64, scale: &f64| (value - share * mean) / scale;
+                let of = |values: &[f64], means: &[f64], scales: &[f64]| -> Vec<f64> {
+                    let values = values.iter().zip(means).zip(scales);
+                    values.map(|((value, mean), scale)| standardised(value, mean, scale)).collect()
+                };
+                samples.inputs.extend(of(input, &scaling.input_mean, &scaling.input_scale));
+                samples.outputs.extend(of(output, &scaling.output_mean, &scaling.output_scale));
+            };
+            add(&inputs[row], &outputs[row], 1.0);
+            // derivatives have no mean
+            if let Some(tangents) = &examples.tangents {
+                let rows = row * directions..(row + 1) * directions;
+                let rows = tangents.inputs[rows.clone()].iter().zip(&tangents.outputs[rows]);
+                rows.for_each(|(input, output)| add(input, output, 0.0));
+            }
+        }
+        samples
+    };
+    let (layers, error) = drawn::solve(&samples(seen), &samples(unseen), depends, &known, study.seed)?;
+    Some((ScaledNetwork { scaling, layers }, error))
+}
+
+/// Root mean square error of a network, of the worst output, relative to its scale.
+pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
+    let found = network.evaluate(&examples.inputs);
+    let of = |(output, scale): (usize, &f64)| {
+        let rows = found.iter().zip(&examples.outputs);
+        let squares: f64 = rows.map(|(found, exact)| (found[output] - exact[output]).powi(2)).sum();
+        (squares / found.len().max(1) as f64).sqrt() / scale
+    };
+    let errors = network.scaling.output_scale.iter().enumerate().map(of);
+    // a maximum would leave out what is not a number
+    errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+}
+
+/// What standardises examples.
+fn scaling_of(examples: &Examples) -> Scaling {
+    let ((input_mean, input_scale), (output_mean, output_scale)) =
+        (scaling::of_columns(&examples.inputs), scaling::of_columns(&examples.outputs));
+    Scaling { input_mean, input_scale, output_mean, output_scale }
+}
+
 /// Trains a network as the study says, on examples that are seen; the best epoch is that of those that are not.
 pub(super) fn train(project: &Project, seen: &Examples, unseen: &Examples) -> Result<(ScaledNetwork, Outcome)> {
     let study = &project.study;
-    let ((input_mean, input_scale), (output_mean, output_scale)) =
-        (scaling::of_columns(&seen.inputs), scaling::of_columns(&seen.outputs));
-    let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+    let scaling = scaling_of(seen);
     let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
     let rows = |examples: &Examples| {
         let x = scaling::standardise_rows(&examples.inputs, &scaling.input_mean, &scaling.input_scale);

@@ -23,6 +23,9 @@ use std::{ops::Range, time::Instant};
 /// Change of a function, relative to its largest value, that is rounding.
 const UNCHANGED: f64 = 1e-9;
 
+/// Error of drawn nodes, relative to the standard deviation of the worst function, from which on a training may be better.
+const POOR_NODES: f64 = 1e-4;
+
 /// Equations that were learned in the way that is exported, and how.
 pub(super) struct Learned {
     /// The dictionary.
@@ -134,8 +137,8 @@ struct Asked<'a> {
     accelerations: Samples,
     /// Largest value of each function.
     scales: Vec<f64>,
-    /// Whether each coordinate and parameter changes the equations, and the positions.
-    dependencies: [Vec<bool>; 2],
+    /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
+    changes: Vec<Vec<bool>>,
 }
 
 /// The last training.
@@ -166,11 +169,22 @@ impl<'a> Asked<'a> {
             equations,
             factors: equations.factors(),
             scales: equations.scales(&all.samples),
-            dependencies: equations.dependencies(&seen.samples).map_err(refuse)?,
+            changes: equations.dependencies(&seen.samples).map_err(refuse)?,
             seen,
             unseen,
             accelerations,
         })
+    }
+
+    /// Of the equations and of the positions, which of all functions are theirs.
+    fn ranges(&self) -> [Range<usize>; 2] {
+        let [of_equations, of_positions] = self.equations.counts();
+        [0..of_equations, of_equations..of_equations + of_positions]
+    }
+
+    /// Whether each coordinate and parameter changes some of these functions.
+    fn depends(&self, range: &Range<usize>) -> Vec<bool> {
+        self.changes.iter().map(|changed| changed[range.clone()].contains(&true)).collect()
     }
 
     /// Functions that are constant, as a dictionary; the others are zero.
@@ -197,45 +211,73 @@ impl<'a> Asked<'a> {
 
     /// Dictionaries of the lowest order.
     fn lowest(&self) -> Result<[Dictionary; 2]> {
-        let found = self.equations.lowest([&self.seen.samples, &self.unseen.samples], &self.dependencies);
+        let depends = self.ranges().map(|range| self.depends(&range));
+        let found = self.equations.lowest([&self.seen.samples, &self.unseen.samples], &depends);
         found.map_err(|message| self.project.study.refusal("states", message))
     }
 
     /// Networks for what dictionaries leave over of the equations and of the positions; none where that is nothing.
     fn networks(&self, base: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
-        let [of_equations, of_positions] = self.equations.counts();
-        let ranges = [0..of_equations, of_equations..of_equations + of_positions];
         let mut networks = [None, None];
-        for (index, (dictionary, range)) in base.iter().zip(ranges).enumerate() {
+        for (network, (dictionary, range)) in networks.iter_mut().zip(base.iter().zip(self.ranges())) {
             let rests = [&self.seen, &self.unseen].map(|asked| rest(dictionary, asked, range.clone()));
             let is_left = |function: &usize| {
                 let limit = UNCHANGED * self.scales[range.start + function];
                 rests[0].values.iter().any(|rest| rest[*function].abs() > limit)
             };
             let outputs: Vec<usize> = (0..dictionary.outputs()).filter(is_left).collect();
-            let of: Vec<usize> = (0..self.factors.len()).filter(|column| self.dependencies[index][*column]).collect();
+            let depends = self.depends(&range);
+            let of: Vec<usize> = (0..self.factors.len()).filter(|column| depends[*column]).collect();
             if outputs.is_empty() || of.is_empty() {
                 continue;
             }
             let columns = self.columns(&of);
+            let (known, units) = (self.equations.known(), self.equations.units());
             let examples = |asked: &OfEquations, rest: &Rest| Examples {
                 inputs: encoded(&columns, &asked.samples.points),
                 outputs: of_outputs(&rest.values, &outputs),
-                tangents: None,
-            };
-            let known = self.equations.known();
-            let seen = Examples {
                 tangents: Some(Directions {
-                    inputs: self.tangents(&columns),
-                    outputs: rests[0].tangents(&outputs, &self.equations.units()),
+                    inputs: tangents(&columns, &asked.samples.points, &units),
+                    outputs: rest.tangents(&outputs, &units),
                     known: outputs.iter().map(|output| known[range.start + output]).collect(),
                 }),
-                ..examples(&self.seen, &rests[0])
             };
-            let unseen = examples(&self.unseen, &rests[1]);
-            networks[index] = Some(self.train(columns, outputs, [&seen, &unseen], last)?);
+            let (seen, unseen) = (examples(&self.seen, &rests[0]), examples(&self.unseen, &rests[1]));
+            // what a dictionary makes of columns that do not change a function is small, but changes what it leaves over
+            let changes = |column: &NetworkColumn, output: &usize| {
+                dictionary.terms().any(|term| term.exponents[column.of] != 0)
+                    || self.changes[column.of][range.start + output]
+            };
+            let of_output = |output: &usize| columns.iter().map(|column| changes(column, output)).collect();
+            let depends: Vec<Vec<bool>> = outputs.iter().map(of_output).collect();
+            *network = Some(self.learn(columns, outputs, [&seen, &unseen], &depends, last)?);
         }
         Ok(networks)
+    }
+
+    /// A network whose nodes are drawn, unless the study says how networks are trained. Where that is not exact enough, one is trained
+    /// as well, and the better of both is taken. `depends[output][column]`: what changes each output.
+    fn learn(
+        &self,
+        columns: Vec<NetworkColumn>,
+        outputs: Vec<usize>,
+        [seen, unseen]: [&Examples; 2],
+        depends: &[Vec<bool>],
+        last: &mut Last,
+    ) -> Result<NetworkTerm> {
+        let study = &self.project.study;
+        let drawn = if study.trains_networks() { None } else { learned::draw(study, seen, unseen, depends) };
+        let Some((network, error)) = drawn else { return self.train(columns, outputs, [seen, unseen], last) };
+        let nodes = network.layers[0].outputs;
+        self.project.note(format_args!(
+            "{nodes} nodes with random weights, the last layer by least squares: error {error:.1e} at unseen configurations"
+        ));
+        let drawn = NetworkTerm::new(columns.clone(), outputs.clone(), network).map_err(invalid)?;
+        if error <= POOR_NODES {
+            return Ok(drawn);
+        }
+        let trained = self.train(columns, outputs, [seen, unseen], last)?;
+        Ok(if learned::error(trained.network(), unseen) < error { trained } else { drawn })
     }
 
     /// The network of the other forces, and its error.
@@ -279,19 +321,6 @@ impl<'a> Asked<'a> {
             _ => &[ColumnKind::Plain],
         };
         of.iter().flat_map(|&of| kinds(of).iter().map(move |&kind| NetworkColumn { of, kind })).collect()
-    }
-
-    /// Derivatives of columns along each coordinate, row by row and, in a row, coordinate by coordinate.
-    fn tangents(&self, columns: &[NetworkColumn]) -> Vec<Vec<f64>> {
-        let units = self.equations.units();
-        let of_row = |point: &Vec<f64>| -> Vec<Vec<f64>> {
-            let along = |(k, unit): (usize, &f64)| {
-                let slope = |column: &NetworkColumn| if column.of == k { unit * column.slope(point) } else { 0.0 };
-                columns.iter().map(slope).collect()
-            };
-            units.iter().enumerate().map(along).collect()
-        };
-        self.seen.samples.points.iter().flat_map(of_row).collect()
     }
 
     fn train(
@@ -373,6 +402,18 @@ impl Rest {
         };
         self.gradients.iter().flat_map(of_row).collect()
     }
+}
+
+/// Derivatives of columns along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
+fn tangents(columns: &[NetworkColumn], points: &[Vec<f64>], units: &[f64]) -> Vec<Vec<f64>> {
+    let of_row = |point: &Vec<f64>| -> Vec<Vec<f64>> {
+        let along = |(k, unit): (usize, &f64)| {
+            let slope = |column: &NetworkColumn| if column.of == k { unit * column.slope(point) } else { 0.0 };
+            columns.iter().map(slope).collect()
+        };
+        units.iter().enumerate().map(along).collect()
+    };
+    points.iter().flat_map(of_row).collect()
 }
 
 /// Some columns of labels.

@@ -147,19 +147,13 @@ impl<'a> Equations<'a> {
         errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 
-    /// Whether each coordinate and parameter changes the equations, and the positions.
+    /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn dependencies(&self, samples: &Samples) -> Result<[Vec<bool>; 2], String> {
-        let scales = self.scales(samples);
-        let [of_equations, _] = self.counts();
+    pub fn dependencies(&self, samples: &Samples) -> Result<Vec<Vec<bool>>, String> {
         let functions = |point: &[f64]| self.labels.at(point).map(|label| label.functions);
-        let changes = dependencies(samples, &functions, &scales)?;
-        let of = |range: Range<usize>| -> Vec<bool> {
-            changes.iter().map(|changed| changed[range.clone()].contains(&true)).collect()
-        };
-        Ok([of(0..of_equations), of(of_equations..scales.len())])
+        dependencies(samples, &functions, &self.scales(samples))
     }
 
     /// Whether each of `(q, p, v, u)` changes the other forces.

@@ -162,7 +162,9 @@ pub struct Study {
     /// Where in the parameters' ranges runs are placed.
     #[serde(default)]
     pub sampling: SamplingOptions,
-    /// The feed-forward network. Without this section, those in the equations of motion of a mechanism have `hidden = [64, 64, 64]`.
+    /// The feed-forward network. Without this section, those in the equations of motion of a mechanism have `hidden = [64, 64, 64]`;
+    /// without `[training]` as well, they first have one hidden layer with random weights, and are trained only where that is not exact
+    /// enough.
     #[serde(default)]
     pub network: NetworkOptions,
     /// How the network is trained. Without this section, those in the equations of motion of a mechanism are trained with
@@ -618,6 +620,11 @@ impl Study {
     /// The values of the states at the start: of the coordinates, then of the velocities.
     pub fn starts(&self) -> &IndexMap<String, ParameterOptions> {
         &self.starts
+    }
+
+    /// Whether it says how networks in the equations of motion of a mechanism are trained: has a section for that other than the defaults.
+    pub fn trains_networks(&self) -> bool {
+        self.network != NetworkOptions::of_equations() || self.training != TrainingOptions::of_equations()
     }
 
     /// Whether the surrogate has states.

@@ -10,6 +10,7 @@
 //! The same rows, options, seed and processor give the same bits for any number of threads.
 
 mod checkpoint;
+pub mod drawn;
 mod gradient;
 mod history;
 mod loss;

@@ -59,6 +59,27 @@ pub struct Dictionary {
     factors: Vec<(usize, usize)>,
     /// Output and coefficient, product by product.
     coefficients: Vec<(usize, f64)>,
+    /// The same output by output: product and coefficient.
+    of_outputs: Sums,
+    /// Of the derivatives, output by output and, in an output, column by column: position among `factors` and coefficient.
+    of_slopes: Sums,
+}
+
+/// Sums of some numbers with coefficients, as they are computed: one after the other, so that each stays in a register.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Sums {
+    /// Position of a number, and its coefficient.
+    parts: Vec<(usize, f64)>,
+    /// Of each sum.
+    ranges: Vec<Range<usize>>,
+}
+
+/// Working memory of an evaluation of a [`Dictionary`].
+#[derive(Clone, Debug)]
+pub(crate) struct DictionaryWork<T> {
+    atoms: Vec<Atom<T>>,
+    /// Values of the products and, after them, for each factor the product with its derivative in its place.
+    products: Vec<T>,
 }
 
 /// A column and the functions of it that are computed.
@@ -77,7 +98,7 @@ struct Product {
 
 /// A function of a column and its derivative.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Atom<T> {
+struct Atom<T> {
     value: T,
     slope: T,
 }
@@ -107,6 +128,8 @@ impl Dictionary {
             products: Vec::new(),
             factors: Vec::new(),
             coefficients: Vec::new(),
+            of_outputs: Sums::default(),
+            of_slopes: Sums::default(),
         };
         for term in terms {
             expect_shape("exponents", &[term.exponents.len()], &[factors.len()])?;
@@ -114,7 +137,23 @@ impl Dictionary {
             expect_finite("coefficients", term.coefficients.iter().copied())?;
             dictionary.add(term)?;
         }
+        dictionary.lay_sums_out();
         Ok(dictionary)
+    }
+
+    fn lay_sums_out(&mut self) {
+        let columns = self.columns.len();
+        let mut of_outputs = vec![Vec::new(); self.outputs];
+        let mut of_slopes = vec![Vec::new(); self.outputs * columns];
+        for (index, product) in self.products.iter().enumerate() {
+            for &(output, coefficient) in &self.coefficients[product.coefficients.clone()] {
+                of_outputs[output].push((index, coefficient));
+                for factor in product.factors.clone() {
+                    of_slopes[output * columns + self.factors[factor].0].push((factor, coefficient));
+                }
+            }
+        }
+        (self.of_outputs, self.of_slopes) = (Sums::new(of_outputs), Sums::new(of_slopes));
     }
 
     fn add(&mut self, term: &Term) -> Result<(), FormatError> {
@@ -226,8 +265,12 @@ impl Dictionary {
     }
 
     /// Working memory of an evaluation.
-    pub(crate) fn work<T: Number>(&self) -> Vec<Atom<T>> {
-        vec![Atom { value: T::from(0.0), slope: T::from(0.0) }; self.atoms]
+    pub(crate) fn work<T: Number>(&self) -> DictionaryWork<T> {
+        let zero = T::from(0.0);
+        DictionaryWork {
+            atoms: vec![Atom { value: zero, slope: zero }; self.atoms],
+            products: vec![zero; self.products.len() + self.factors.len()],
+        }
     }
 
     /// `y` at `x`, and in `gradient`, shape `[outputs, first]`, its derivatives with respect to the first columns. Does not
@@ -241,32 +284,71 @@ impl Dictionary {
         y: &mut [T],
         gradient: &mut [T],
         first: usize,
-        atoms: &mut [Atom<T>],
+        work: &mut DictionaryWork<T>,
     ) {
         assert_eq!(x.len(), self.columns.len(), "number of columns");
         assert_eq!(y.len(), self.outputs, "number of outputs");
         assert_eq!(gradient.len(), first * self.outputs, "shape of the gradient");
+        let DictionaryWork { atoms, products } = work;
+        let (values, slopes) = products.split_at_mut(self.products.len());
         for (column, &x) in self.columns.iter().zip(x) {
             column.compute(x, &mut atoms[column.atoms.clone()]);
         }
-        y.fill(T::from(0.0));
-        gradient.fill(T::from(0.0));
-        for product in &self.products {
+        for (product, value) in self.products.iter().zip(values.iter_mut()) {
             let factors = &self.factors[product.factors.clone()];
-            let coefficients = &self.coefficients[product.coefficients.clone()];
-            let value = factors.iter().fold(T::from(1.0), |product, (_, atom)| product * atoms[*atom].value);
-            for &(output, coefficient) in coefficients {
-                y[output] = y[output] + value.scaled(coefficient);
+            // most products of a closed loop with fixed parameters
+            if let [(_, atom)] = factors {
+                *value = atoms[*atom].value;
+                slopes[product.factors.start] = atoms[*atom].slope;
+                continue;
             }
-            for (index, (column, atom)) in factors.iter().enumerate().filter(|(_, (column, _))| *column < first) {
-                let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
-                let slope = others.fold(atoms[*atom].slope, |product, (_, (_, atom))| product * atoms[*atom].value);
-                for &(output, coefficient) in coefficients {
-                    let to = &mut gradient[output * first + column];
-                    *to = *to + slope.scaled(coefficient);
+            *value = factors.iter().fold(T::from(1.0), |product, (_, atom)| product * atoms[*atom].value);
+            for (index, (column, atom)) in factors.iter().enumerate() {
+                if *column < first {
+                    let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
+                    slopes[product.factors.start + index] =
+                        others.fold(atoms[*atom].slope, |product, (_, (_, atom))| product * atoms[*atom].value);
                 }
             }
         }
+        for (y, range) in y.iter_mut().zip(&self.of_outputs.ranges) {
+            *y = self.of_outputs.sum(range, values);
+        }
+        if first > 0 {
+            let of_outputs = self.of_slopes.ranges.chunks_exact(self.columns.len());
+            for (gradient, ranges) in gradient.chunks_exact_mut(first).zip(of_outputs) {
+                for (to, range) in gradient.iter_mut().zip(ranges) {
+                    *to = self.of_slopes.sum(range, slopes);
+                }
+            }
+        }
+    }
+}
+
+impl Sums {
+    fn new(sums: Vec<Vec<(usize, f64)>>) -> Self {
+        let mut end = 0;
+        let ranges = sums.iter().map(|parts| {
+            end += parts.len();
+            end - parts.len()..end
+        });
+        Self { ranges: ranges.collect(), parts: sums.concat() }
+    }
+
+    #[inline]
+    fn sum<T: Number>(&self, range: &Range<usize>, values: &[T]) -> T {
+        // four sums, so that an addition need not wait for the one before
+        let mut sums = [T::from(0.0); 4];
+        let (fours, rest) = self.parts[range.clone()].as_chunks::<4>();
+        for four in fours {
+            for (sum, (index, coefficient)) in sums.iter_mut().zip(four) {
+                *sum = *sum + values[*index].scaled(*coefficient);
+            }
+        }
+        for (sum, (index, coefficient)) in sums.iter_mut().zip(rest) {
+            *sum = *sum + values[*index].scaled(*coefficient);
+        }
+        (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 }
 
@@ -274,13 +356,21 @@ impl Column {
     fn compute<T: Number>(&self, x: T, atoms: &mut [Atom<T>]) {
         match self.factor {
             Factor::Angle => {
+                let pairs = atoms.as_chunks_mut::<2>().0;
+                if pairs.is_empty() {
+                    return;
+                }
                 let (sine, cosine) = x.sin_cos();
-                // of the multiple before
-                let (mut s, mut c) = (T::from(0.0), T::from(1.0));
-                for (order, pair) in (1u32..).zip(atoms.as_chunks_mut::<2>().0) {
-                    (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
-                    let k = f64::from(order);
-                    *pair = [Atom { value: c, slope: s.scaled(-k) }, Atom { value: s, slope: c.scaled(k) }];
+                let pair = |k: f64, (s, c): (T, T)| {
+                    [Atom { value: c, slope: s.scaled(-k) }, Atom { value: s, slope: c.scaled(k) }]
+                };
+                pairs[0] = pair(1.0, (sine, cosine));
+                for order in 2..=pairs.len() {
+                    // of the two halves, so that few wait for one another, and few rounding errors add up
+                    let half = order / 2;
+                    let ([c, s], [other_c, other_s]) =
+                        (pairs[half - 1].map(|atom| atom.value), pairs[order - half - 1].map(|atom| atom.value));
+                    pairs[order - 1] = pair(order as f64, (s * other_c + c * other_s, c * other_c - s * other_s));
                 }
             }
             Factor::Power { middle, half } => {

@@ -5,7 +5,7 @@
 
 use super::{
     Activation, Layer, ScaledNetwork, Scaling,
-    dictionary::{Atom, Dictionary},
+    dictionary::{Dictionary, DictionaryWork},
     jet::Number,
 };
 #[cfg(target_arch = "x86_64")]
@@ -54,7 +54,7 @@ pub enum ColumnKind {
 /// Working memory of an evaluation of a [`Law`].
 #[derive(Clone, Debug)]
 pub(crate) struct LawWork<T> {
-    atoms: Vec<Atom<T>>,
+    dictionary: DictionaryWork<T>,
     network: TermWork<T>,
 }
 
@@ -136,7 +136,7 @@ impl Law {
     pub(crate) fn work<T: Number>(&self, first: usize) -> LawWork<T> {
         let none = || TermWork { current: Vec::new(), next: Vec::new() };
         let network = self.network.as_ref().map_or_else(none, |network| network.work(first));
-        LawWork { atoms: self.dictionary.work(), network }
+        LawWork { dictionary: self.dictionary.work(), network }
     }
 
     /// As [`Dictionary::compute`].
@@ -151,7 +151,7 @@ impl Law {
         first: usize,
         work: &mut LawWork<T>,
     ) {
-        self.dictionary.compute(x, y, gradient, first, &mut work.atoms);
+        self.dictionary.compute(x, y, gradient, first, &mut work.dictionary);
         if let Some(network) = &self.network {
             network.add(x, y, gradient, first, &mut work.network);
         }

@@ -26,7 +26,7 @@ use crate::{
     Encoder, Encoding, FormatError, Input, Precision, ScaledNetwork, State,
     map::{
         MapScratch, PreparedMap, Task,
-        dictionary::{Atom, Dictionary, Factor},
+        dictionary::{Dictionary, DictionaryWork, Factor},
         expect_shape,
         jet::{Jet, Number},
     },
@@ -154,7 +154,7 @@ struct Functions<T> {
     /// `(p, u, x)`.
     columns: Vec<T>,
     values: Vec<T>,
-    atoms: Vec<Atom<T>>,
+    functions: DictionaryWork<T>,
 }
 
 /// Columns of the network, their rates along a curve, and what it gives: values, first and second derivatives.
@@ -271,8 +271,8 @@ impl PreparedStateSpace {
     /// The functions at a point.
     fn compute(&self, point: &[f64], Work { plain, network, .. }: &mut Work) {
         self.space.without_starts(point, &mut plain.columns);
-        let Functions { columns, values, atoms } = plain;
-        self.space.functions.compute(columns, values, &mut [], 0, atoms);
+        let Functions { columns, values, functions } = plain;
+        self.space.functions.compute(columns, values, &mut [], 0, functions);
         if let (Some((map, encoder)), Some(work)) = (&self.network, network) {
             let [more, ..] = &mut work.results;
             encoder.encode(columns, &mut work.columns);
@@ -284,13 +284,13 @@ impl PreparedStateSpace {
     /// The functions along a curve through a point; of the series' values those of the network are left out.
     fn compute_series(&self, point: &[f64], rates: [&[f64]; 2], Work { plain, series, network }: &mut Work) {
         self.space.without_starts(point, &mut plain.columns);
-        let Functions { columns, values, atoms } = series;
+        let Functions { columns, values, functions } = series;
         for (index, column) in columns.iter_mut().enumerate() {
             let place = self.space.place(index);
             let rate = |order: usize| rates[order].get(place).copied().unwrap_or(0.0);
             *column = Jet { value: plain.columns[index], first: rate(0), second: rate(1) };
         }
-        self.space.functions.compute(columns, values, &mut [], 0, atoms);
+        self.space.functions.compute(columns, values, &mut [], 0, functions);
         if let (Some((map, encoder)), Some(work)) = (&self.network, network) {
             let NetworkWork {
                 columns: encoded,
@@ -320,7 +320,7 @@ impl StateSpace {
         Functions {
             columns: vec![T::from(0.0); self.width()],
             values: vec![T::from(0.0); self.functions.outputs()],
-            atoms: self.functions.work(),
+            functions: self.functions.work(),
         }
     }
 
