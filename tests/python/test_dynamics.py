@@ -351,7 +351,7 @@ def test_the_same_study_gives_the_same_bytes_whatever_the_number_of_threads(cran
 
 
 def test_a_network_alone_with_drawn_nodes_is_the_solution_to_a_hundred_thousandth(tmp_path, linear_solution):
-    crane = write(tmp_path / "crane", ("[sampling]", '[dynamics]\nmodel = "network"\n\n[sampling]\nstates = 5000'))
+    crane = write(tmp_path / "crane", ("[sampling]", '[dynamics]\nmodel = "network"\n\n[sampling]\nstates = 2000'))
     done = metafmu("build", crane.study, "--out", crane.folder, "--sources")
     assert "nodes with random weights" in done.stdout + done.stderr
     record = json.loads((crane.folder / "training.json").read_text())
