@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// not be independent. It says nothing about a particular run, nor about runs from other ranges.
 ///
 /// The errors of a surrogate that goes on from its own state grow with the time since the start: there is a `q` for the rows of each of
-/// [`INTERVALS`] intervals, and the bound is the smallest function of the time that is nowhere below them, nowhere falls, and is linear
+/// twenty intervals, and the bound is the smallest function of the time that is nowhere below them, nowhere falls, and is linear
 /// between the intervals' ends.
 ///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free

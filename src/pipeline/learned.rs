@@ -15,7 +15,7 @@ use std::sync::atomic::Ordering;
 /// A way to learn the functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Candidate {
-    /// `dictionary`, `network`, or `dictionary and network`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
+    /// `dictionary`, `network`, `dictionary and network`, or of a mechanism `accelerations`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
     pub name: String,
     /// Root mean square error at states that were held out, relative to the standard deviation, of the worst of what it is measured of:
     /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs.
@@ -27,6 +27,7 @@ pub struct Candidate {
 pub(super) const DICTIONARY: &str = "dictionary";
 pub(super) const NETWORK: &str = "network";
 pub(super) const DICTIONARY_AND_NETWORK: &str = "dictionary and network";
+pub(super) const ACCELERATIONS: &str = "accelerations";
 
 /// `sampling.states` of an FMU, and of a mechanism, unless given.
 const STATES: [usize; 2] = [5000, 20_000];
@@ -48,7 +49,8 @@ pub(super) fn held_out(states: usize) -> usize {
 /// Position of the one that is exported: the one that the study names, or the best.
 pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usize {
     let named = candidates.iter().position(|candidate| Some(candidate.name.as_str()) == options.model.name());
-    let best = candidates.iter().enumerate().min_by(|a, b| a.1.error.total_cmp(&b.1.error));
+    let is_structured = |(_, candidate): &(usize, &Candidate)| candidate.name != ACCELERATIONS;
+    let best = candidates.iter().enumerate().filter(is_structured).min_by(|a, b| a.1.error.total_cmp(&b.1.error));
     named.or(best.map(|(index, _)| index)).unwrap_or(0)
 }
 

@@ -1,7 +1,10 @@
 //! Networks in equations of motion: instead of the dictionary, for what it leaves over, and for forces that are of another form.
 
 use super::{
-    learned::{self, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, Directions, EXACT, Examples, NETWORK, held_out},
+    learned::{
+        self, ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, Directions, EXACT, Examples, NETWORK,
+        held_out,
+    },
     observer::{Event, Work},
     project::Project,
 };
@@ -68,7 +71,7 @@ pub(super) fn learn(
     let exact = fitted.error <= EXACT;
     let tries = |name: &str| study.dynamics.tries(name, exact);
     let rows = 3 * fitted.terms + 50;
-    if !fitted.has_other_forces && ![NETWORK, DICTIONARY_AND_NETWORK].into_iter().any(tries) {
+    if !fitted.has_other_forces && ![NETWORK, DICTIONARY_AND_NETWORK, ACCELERATIONS].into_iter().any(tries) {
         return Ok(Learned {
             dynamics: fitted.dynamics.clone(),
             positions: fitted.positions.clone().into(),
@@ -104,12 +107,20 @@ pub(super) fn learn(
             all.push(asked.candidate((name, began), counts, base, &forces, networks)?);
         }
     }
+    if tries(ACCELERATIONS) && last.stopped != StopReason::Interrupted {
+        let began = Instant::now();
+        let [_, positions] = asked.constants()?;
+        let of_positions = asked.network(&positions, 1, &mut last)?;
+        let accelerations = Some(asked.accelerations(&mut last)?);
+        let base = [asked.identity(counts)?, positions];
+        all.push(asked.candidate((ACCELERATIONS, began), counts, base, &accelerations, [None, of_positions])?);
+    }
     let mut candidates: Vec<Candidate> = all.iter().map(|(candidate, ..)| candidate.clone()).collect();
     let (Candidate { name: exported, .. }, dynamics, positions) =
         all.swap_remove(learned::chosen(&candidates, &study.dynamics));
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
     let rows = if exported == DICTIONARY { rows } else { asked.seen.samples.points.len() };
-    let velocities = forces.is_some().then(|| region.velocities.clone());
+    let velocities = (forces.is_some() || exported == ACCELERATIONS).then(|| region.velocities.clone());
     let Last { history, best_epoch, stopped } = last;
     Ok(Learned {
         fitted,
@@ -209,6 +220,14 @@ impl<'a> Asked<'a> {
         ])
     }
 
+    /// A mass matrix that is one, and nothing else in the equations.
+    fn identity(&self, (n, m): (usize, usize)) -> Result<Dictionary> {
+        let mut coefficients = vec![0.0; Dynamics::functions(n, m)];
+        (0..n).for_each(|row| coefficients[row * (row + 1) / 2 + row] = 1.0);
+        let term = Term { exponents: vec![0; self.factors.len()], coefficients };
+        Dictionary::new(&self.factors, Dynamics::functions(n, m), &[term]).map_err(invalid)
+    }
+
     /// Dictionaries of the lowest order.
     fn lowest(&self) -> Result<[Dictionary; 2]> {
         let depends = self.ranges().map(|range| self.depends(&range));
@@ -217,42 +236,44 @@ impl<'a> Asked<'a> {
     }
 
     /// Networks for what dictionaries leave over of the equations and of the positions; none where that is nothing.
-    fn networks(&self, base: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
-        let mut networks = [None, None];
-        for (network, (dictionary, range)) in networks.iter_mut().zip(base.iter().zip(self.ranges())) {
-            let rests = [&self.seen, &self.unseen].map(|asked| rest(dictionary, asked, range.clone()));
-            let is_left = |function: &usize| {
-                let limit = UNCHANGED * self.scales[range.start + function];
-                rests[0].values.iter().any(|rest| rest[*function].abs() > limit)
-            };
-            let outputs: Vec<usize> = (0..dictionary.outputs()).filter(is_left).collect();
-            let depends = self.depends(&range);
-            let of: Vec<usize> = (0..self.factors.len()).filter(|column| depends[*column]).collect();
-            if outputs.is_empty() || of.is_empty() {
-                continue;
-            }
-            let columns = self.columns(&of);
-            let (known, units) = (self.equations.known(), self.equations.units());
-            let examples = |asked: &OfEquations, rest: &Rest| Examples {
-                inputs: encoded(&columns, &asked.samples.points),
-                outputs: of_outputs(&rest.values, &outputs),
-                tangents: Some(Directions {
-                    inputs: tangents(&columns, &asked.samples.points, &units),
-                    outputs: rest.tangents(&outputs, &units),
-                    known: outputs.iter().map(|output| known[range.start + output]).collect(),
-                }),
-            };
-            let (seen, unseen) = (examples(&self.seen, &rests[0]), examples(&self.unseen, &rests[1]));
-            // what a dictionary makes of columns that do not change a function is small, but changes what it leaves over
-            let changes = |column: &NetworkColumn, output: &usize| {
-                dictionary.terms().any(|term| term.exponents[column.of] != 0)
-                    || self.changes[column.of][range.start + output]
-            };
-            let of_output = |output: &usize| columns.iter().map(|column| changes(column, output)).collect();
-            let depends: Vec<Vec<bool>> = outputs.iter().map(of_output).collect();
-            *network = Some(self.learn(columns, outputs, [&seen, &unseen], &depends, last)?);
+    fn networks(&self, [equations, positions]: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
+        Ok([self.network(equations, 0, last)?, self.network(positions, 1, last)?])
+    }
+
+    /// One of these.
+    fn network(&self, dictionary: &Dictionary, part: usize, last: &mut Last) -> Result<Option<NetworkTerm>> {
+        let range = self.ranges()[part].clone();
+        let rests = [&self.seen, &self.unseen].map(|asked| rest(dictionary, asked, range.clone()));
+        let is_left = |function: &usize| {
+            let limit = UNCHANGED * self.scales[range.start + function];
+            rests[0].values.iter().any(|rest| rest[*function].abs() > limit)
+        };
+        let outputs: Vec<usize> = (0..dictionary.outputs()).filter(is_left).collect();
+        let depends = self.depends(&range);
+        let of: Vec<usize> = (0..self.factors.len()).filter(|column| depends[*column]).collect();
+        if outputs.is_empty() || of.is_empty() {
+            return Ok(None);
         }
-        Ok(networks)
+        let columns = self.columns(&of);
+        let (known, units) = (self.equations.known(), self.equations.units());
+        let examples = |asked: &OfEquations, rest: &Rest| Examples {
+            inputs: encoded(&columns, &asked.samples.points),
+            outputs: of_outputs(&rest.values, &outputs),
+            tangents: Some(Directions {
+                inputs: tangents(&columns, &asked.samples.points, &units),
+                outputs: rest.tangents(&outputs, &units),
+                known: outputs.iter().map(|output| known[range.start + output]).collect(),
+            }),
+        };
+        let (seen, unseen) = (examples(&self.seen, &rests[0]), examples(&self.unseen, &rests[1]));
+        // what a dictionary makes of columns that do not change a function is small, but changes what it leaves over
+        let changes = |column: &NetworkColumn, output: &usize| {
+            dictionary.terms().any(|term| term.exponents[column.of] != 0)
+                || self.changes[column.of][range.start + output]
+        };
+        let of_output = |output: &usize| columns.iter().map(|column| changes(column, output)).collect();
+        let depends: Vec<Vec<bool>> = outputs.iter().map(of_output).collect();
+        self.learn(columns, outputs, [&seen, &unseen], &depends, last).map(Some)
     }
 
     /// A network whose nodes are drawn, unless the study says how networks are trained. Where that is not exact enough, one is trained
@@ -286,9 +307,26 @@ impl<'a> Asked<'a> {
         let refuse = |message: String| study.refusal("states", message);
         let count = learned::states(study);
         let all = self.equations.other_forces(count, study.seed ^ 0x464f_5243).map_err(refuse)?;
+        let depends = self.equations.dependencies_of_forces(&part(&all, held_out(count)..count)).map_err(refuse)?;
+        self.network_of_states(&all, &depends, last)
+    }
+
+    /// The network of the accelerations.
+    fn accelerations(&self, last: &mut Last) -> Result<NetworkTerm> {
+        let study = &self.project.study;
+        let refuse = |message: String| study.refusal("states", message);
+        let count = learned::states(study);
+        let all = self.equations.accelerations(count, study.seed ^ 0x4143_4345).map_err(refuse)?;
+        let depends =
+            self.equations.dependencies_of_accelerations(&part(&all, held_out(count)..count)).map_err(refuse)?;
+        Ok(self.network_of_states(&all, &depends, last)?.0)
+    }
+
+    /// A network of what `depends` says, coordinates, parameters, velocities and inputs, and its error.
+    fn network_of_states(&self, all: &Samples, depends: &[bool], last: &mut Last) -> Result<(NetworkTerm, f64)> {
+        let count = all.points.len();
         let unseen = held_out(count);
-        let (unseen, seen) = (part(&all, 0..unseen), part(&all, unseen..count));
-        let depends = self.equations.dependencies_of_forces(&seen).map_err(refuse)?;
+        let (unseen, seen) = (part(all, 0..unseen), part(all, unseen..count));
         let of: Vec<usize> = (0..depends.len()).filter(|column| depends[*column]).collect();
         let largest = |row: usize| seen.labels.iter().fold(0.0f64, |largest, label| largest.max(label[row].abs()));
         let rows = 0..seen.labels[0].len();

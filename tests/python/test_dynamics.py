@@ -427,6 +427,27 @@ def test_the_table_of_test_runs_has_the_input_and_the_motion_it_drives(crane):
     assert "crane" in (crane.folder / "report.html").read_text()
 
 
+def test_accelerations_without_structure_are_compared_and_can_be_exported(tmp_path):
+    more = "[network]\nhidden = [32, 32]\n[training]\nepochs = 300\n[sampling]\nstates = 4000"
+    built = {}
+    for name, options in [("best", "compare = true"), ("accelerations", 'model = "accelerations"')]:
+        crane = write(tmp_path / name, ("[sampling]", f"[dynamics]\n{options}\n{more}"))
+        result = metafmu("build", crane.study, "--out", crane.folder, check=False)
+        # so small a network is not good enough to be used
+        assert (result.returncode == 1) == ("accelerations or positions are off by" in result.stdout) == (name == "accelerations"), result.stderr
+        metrics = json.loads((crane.folder / "metrics.json").read_text())
+        candidates = {candidate["name"]: candidate["error"] for candidate in metrics["motion"]["candidates"]}
+        built[name] = metrics["motion"]["exported"], candidates, metrics["roll_outs"]["horizons"][0]["median"]
+    exported, candidates, error = built["best"]
+    assert exported == "dictionary" and set(candidates) == {"dictionary", "dictionary and network", "network", "accelerations"}
+    assert candidates["network"] < candidates["accelerations"] < 0.2
+    assert error < 1e-6
+    exported, candidates, error = built["accelerations"]
+    assert exported == "accelerations" and set(candidates) == {"dictionary", "accelerations"}
+    # it moves as the crane does, but not as exactly
+    assert 1e-3 < error < 0.3
+
+
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory):
     """Friction of another form, learned by a small network: there are errors to bound."""

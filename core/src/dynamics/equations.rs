@@ -117,12 +117,7 @@ impl<'a> Equations<'a> {
     /// # Errors
     /// As [`fit`](super::fit).
     pub fn accelerations(&self, count: usize, seed: u64) -> Result<Samples, String> {
-        let n = self.labels.coordinates();
-        self.ask(count, seed, &|point| {
-            let (configuration, v, u) = self.parts(point);
-            let (configured, _) = self.labels.configured(configuration)?;
-            configured.accelerations(&configuration[..n], v, u)
-        })
+        self.ask(count, seed, &|point| self.accelerations_at(point))
     }
 
     /// Root mean square error of some equations' accelerations, relative to the standard deviation of the exact ones, of the worst
@@ -161,11 +156,29 @@ impl<'a> Equations<'a> {
     /// # Errors
     /// As [`fit`](super::fit).
     pub fn dependencies_of_forces(&self, samples: &Samples) -> Result<Vec<bool>, String> {
+        self.dependencies_in_states(samples, &|point| self.other_forces_at(point))
+    }
+
+    /// Whether each of `(q, p, v, u)` changes the accelerations.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit).
+    pub fn dependencies_of_accelerations(&self, samples: &Samples) -> Result<Vec<bool>, String> {
+        self.dependencies_in_states(samples, &|point| self.accelerations_at(point))
+    }
+
+    fn dependencies_in_states(&self, samples: &Samples, function: &Function) -> Result<Vec<bool>, String> {
         let magnitudes = |label: &Vec<f64>| label.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
         let largest = samples.labels.iter().map(magnitudes).fold(f64::MIN_POSITIVE, f64::max);
         let scales = vec![largest; self.labels.coordinates()];
-        let changes = dependencies(samples, &|point| self.other_forces_at(point), &scales)?;
+        let changes = dependencies(samples, function, &scales)?;
         Ok(changes.iter().map(|changed| changed.contains(&true)).collect())
+    }
+
+    fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
+        let (configuration, v, u) = self.parts(point);
+        let (configured, _) = self.labels.configured(configuration)?;
+        configured.accelerations(&configuration[..self.labels.coordinates()], v, u)
     }
 
     fn other_forces_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {

@@ -29,6 +29,10 @@ pub enum DynamicsModel {
     /// Sums of the lowest order, and a network for what they leave over.
     #[serde(rename = "dictionary and network")]
     Both,
+    /// The accelerations as a network of coordinates, parameters, velocities and inputs, without the structure of the equations: of a
+    /// mechanism, to be compared with the others. The best is never it.
+    #[serde(rename = "accelerations")]
+    Accelerations,
 }
 
 impl DynamicsModel {
@@ -39,6 +43,7 @@ impl DynamicsModel {
             Self::Dictionary => Some("dictionary"),
             Self::Network => Some("network"),
             Self::Both => Some("dictionary and network"),
+            Self::Accelerations => Some("accelerations"),
         }
     }
 }
@@ -48,7 +53,7 @@ impl DynamicsOptions {
     pub fn tries(&self, name: &str, exact: bool) -> bool {
         match self.model.name() {
             _ if self.compare => true,
-            None => !exact,
+            None => !exact && Some(name) != DynamicsModel::Accelerations.name(),
             Some(wanted) => wanted == name,
         }
     }

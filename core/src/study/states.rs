@@ -1,8 +1,8 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
 use super::{
-    Baselines, DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure, TrainingOptions,
-    outputs::check_variable_name,
+    Baselines, DynamicsModel, DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure,
+    TrainingOptions, outputs::check_variable_name,
 };
 use crate::{Result, diagnostics::Problems, table::Table};
 use indexmap::IndexMap;
@@ -250,6 +250,9 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
+    let has_no_structure = study.source.fmu.is_some() && study.dynamics.model == DynamicsModel::Accelerations;
+    let message = "\"accelerations\" belongs to mechanisms: of an FMU nothing else is learned";
+    problems.expect_absent(has_no_structure, "dynamics.model", message);
     let of_network = "belongs to the structure \"response\"";
     if of_table {
         let message = "equations of a table's motions are learned by least squares";
