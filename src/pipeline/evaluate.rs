@@ -143,7 +143,7 @@ fn roll_out_table(
     });
     let residual = constraint_residual.map_or(String::new(), |residual| {
         format!(
-            "; at the surrogate's coordinates positions are within {residual:.1e} of their ranges of the mechanism's"
+            "; at the same coordinates, positions differ from the mechanism's by at most {residual:.1e} of their ranges"
         )
     });
     let _ =

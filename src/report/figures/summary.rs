@@ -107,8 +107,8 @@ fn roll_outs(
     });
     let residual = constraint_residual.map_or(String::new(), |residual| {
         format!(
-            " Positions are within {residual:.1e} of their ranges of those that the mechanism has at the surrogate's coordinates: so well are \
-             its closed loops closed."
+            " At the same coordinates, positions differ from the mechanism's by at most {residual:.1e} of their ranges: closed loops are \
+             as well closed as that."
         )
     });
     let text = format!(
