@@ -361,6 +361,9 @@ SECTIONS = {
         "a range of a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity_range = [-1, nan] ")),
         "a force that is not a number at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),
         "bounds of too few runs": dynamics(more="[bounds]\ncoverage = 0.9\nruns = 5\n"),
+        "an input with the name of a bound": dynamics(
+            ("force = {", "x_bound = {"), more="[bounds]\n", trolley=[("force = {", "x_bound = {"), ('"force"', '"x_bound"')]
+        ),
         "a target": dynamics(more="[target]\nr2 = 0.9\nruns = 8\nmax_runs = 100\n"),
         "a search": dynamics(more='[search]\ntrials = 2\n[search.space]\n"training.batch" = [64]\n'),
         "baselines": dynamics(more='[baselines]\nbuild = ["ridge"]\n'),

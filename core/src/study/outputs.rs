@@ -70,6 +70,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             ("parameters", parameters.contains_key(&bound)),
             ("outputs", outputs.contains_key(&bound)),
             ("arrays", arrays.contains_key(&bound)),
+            ("inputs", study.inputs.contains_key(&bound)),
+            ("states", study.states.contains_key(&bound)),
         ];
         for (section, _) in sections.iter().filter(|(_, is_there)| *is_there) {
             let message = format!("`{bound}` is the name of the error bound of `{name}`");
