@@ -20,11 +20,11 @@ dataset dynamics
 layout
 scaling
 study
-sampling network
+sampling network interface
 training evaluation fmi
 baseline calibration html source swap
 acceptance search surrogate refinement
-report
+import report
 export
 pipeline
 """

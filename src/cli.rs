@@ -127,7 +127,17 @@ The FMU has a binary for every platform embedded in this program unless --platfo
 file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards
 do not say what was measured.")]
     Export(ExportModelArgs),
-    /// Print the JSON schema of study or mechanism files, with which editors complete and check them
+    /// Make a model file of a trained network of another tool
+    #[command(after_help = "Examples:
+  metafmu import model.onnx --new interface.toml --data training.csv    # write a starter for the interface
+  metafmu import model.onnx --interface interface.toml --data training.csv --check expected.csv
+  metafmu export model.safetensors --fmi both
+
+The interface says which column of the model is which variable: names, units, ranges, causality. Ranges that it does not have are those of
+--data. With --check, rows of inputs and of the outputs that the model gave for them are compared, and nothing is written if they
+differ: exit code 1. docs/import.md lists the operators of ONNX that are known, and every key of an interface.")]
+    Import(ImportArgs),
+    /// Print the JSON schema of study, mechanism or interface files, with which editors complete and check them
     #[command(after_help = "Examples:
   metafmu schema study > study.schema.json
   metafmu schema mechanism > mechanism.schema.json
@@ -210,6 +220,36 @@ pub struct NewArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("what").required(true)))]
+pub struct ImportArgs {
+    /// Trained model: an ONNX file
+    #[arg(value_name = "MODEL")]
+    pub model: PathBuf,
+    /// Interface file: what the model's columns are
+    #[arg(long, value_name = "FILE.toml", group = "what")]
+    pub interface: Option<PathBuf>,
+    /// Write an interface file to begin with, and nothing else
+    #[arg(long, value_name = "FILE.toml", group = "what", conflicts_with_all = ["check", "tolerance", "out", "json"])]
+    pub new: Option<PathBuf>,
+    /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has none
+    #[arg(long, value_name = "TABLE")]
+    pub data: Option<PathBuf>,
+    /// Table of inputs and of the outputs that the model gave for them
+    #[arg(long, value_name = "TABLE")]
+    pub check: Option<PathBuf>,
+    /// How far outputs may be from those of --check, relative to their range there [default: 1e-5 of a model in single precision, 1e-9 of
+    /// one in double]
+    #[arg(long, value_name = "SHARE", requires = "check")]
+    pub tolerance: Option<f64>,
+    /// Model file [default: NAME.safetensors, NAME being the interface's]
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub out: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
 pub struct SchemaArgs {
     /// Kind of file
     #[arg(value_name = "FILE")]
@@ -222,6 +262,8 @@ pub enum SchemaOf {
     Study,
     /// A mechanism: bodies, joints, springs, forces and drivers
     Mechanism,
+    /// The interface of a trained model of another tool
+    Interface,
 }
 
 #[derive(Debug, Args)]

@@ -60,6 +60,7 @@ pub mod calibration;
 pub mod export;
 pub mod fmi;
 mod html;
+pub mod import;
 pub mod pipeline;
 pub mod refinement;
 pub mod report;
@@ -71,6 +72,6 @@ pub mod swap;
 use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
-    Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, layout, multibody, network, sampling,
-    scaling, signal, study, systems, table, training, variable,
+    Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, interface, layout, multibody, network,
+    sampling, scaling, signal, study, systems, table, training, variable,
 };

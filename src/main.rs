@@ -23,6 +23,7 @@ fn main() -> ExitCode {
         Command::FitBaseline => pipeline::compare::work().map(|()| commands::Outcome::Fine),
         Command::Report(args) => commands::report::run(&args),
         Command::Export(args) => commands::export::run(&args),
+        Command::Import(args) => commands::import::run(&args),
         Command::Schema(args) => commands::schema::run(&args),
         Command::Validate(args) => commands::validate::run(&args),
         Command::Predict(args) => commands::predict::run(&args),

@@ -12,6 +12,7 @@ pub mod evaluation;
 pub mod fail_points;
 pub mod files;
 pub mod integrate;
+pub mod interface;
 pub mod layout;
 pub mod multibody;
 pub mod network;

@@ -4,6 +4,7 @@ pub mod build;
 pub mod compare;
 pub mod evaluate;
 pub mod export;
+pub mod import;
 mod interrupt;
 pub mod new;
 pub mod predict;

@@ -2,12 +2,13 @@
 
 use super::{Outcome, print_json};
 use crate::cli::{SchemaArgs, SchemaOf};
-use metafmu::{Result, multibody, study};
+use metafmu::{Result, interface, multibody, study};
 
 pub fn run(args: &SchemaArgs) -> Result<Outcome> {
     print_json(match args.file {
         SchemaOf::Study => study::json_schema(),
         SchemaOf::Mechanism => multibody::json_schema(),
+        SchemaOf::Interface => interface::json_schema(),
     })?;
     Ok(Outcome::Fine)
 }

@@ -11,6 +11,7 @@ use crate::{
 use metafmu_runtime::{
     Bounds, BuiltIn, Discrete, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace,
     Surrogate, Variability,
+    graph::{Graph, Step},
     law::NetworkTerm,
     regression::{Function, Regression},
 };
@@ -92,6 +93,7 @@ fn what(model: &Model) -> &'static str {
             Function::Forest(_) => "a sum of decision trees, piecewise constant,",
             Function::Kernel(_) => "a sum of kernels",
         },
+        Model::Response(Map::Graph(_)) => "a model of another tool",
         Model::Motion(_) => "equations of motion with learned functions of the configuration",
         Model::StateSpace(_) => "learned derivatives of states",
         Model::Discrete(_) => "a model of recorded inputs and outputs",
@@ -235,6 +237,7 @@ fn model(surrogate: &Surrogate) -> String {
         Model::Response(Map::Network(network)) => (1, &network.layers),
         Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
         Model::Response(Map::Regression(regression)) => return size(regression),
+        Model::Response(Map::Graph(graph)) => return size_of_graph(graph),
         Model::Motion(motion) => return size_of_motion(motion),
         Model::StateSpace(space) => return size_of_state_space(space),
         Model::Discrete(discrete) => return size_of_discrete(discrete),
@@ -249,6 +252,19 @@ fn model(surrogate: &Surrogate) -> String {
         String::new()
     };
     format!("network, {}{each}, computed in {precision}", nodes(layers))
+}
+
+/// What a graph is made of.
+fn size_of_graph(graph: &Graph) -> String {
+    let weights: usize = (graph.steps.iter())
+        .map(|step| match step {
+            Step::Affine { weight, .. } => weight.len(),
+            Step::Distances { centres, .. } => centres.len(),
+            Step::Forest { forest, .. } => forest.nodes.len(),
+            _ => 0,
+        })
+        .sum();
+    format!("graph of {} steps with {weights} weights, computed in double precision", graph.steps.len())
 }
 
 /// What derivatives and outputs are computed with, and how the states are integrated.

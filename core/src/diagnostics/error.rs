@@ -109,6 +109,14 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// A model of another tool that cannot be imported.
+    #[error("{}", problems.iter().map(|problem| format!("{}: {problem}", path.display())).collect::<Vec<_>>().join("\n"))]
+    Import {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        problems: Vec<String>,
+    },
     /// An output would take the place of the file that it is made of.
     #[error("{}: is the surrogate itself: expected another folder, by --out", path.display())]
     SameFile {

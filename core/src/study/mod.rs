@@ -98,6 +98,7 @@ pub use inputs::{Excitation, InputOptions};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
+pub(crate) use outputs::check_variable_name;
 pub use parameters::{ParameterOptions, Variability};
 pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
 pub use recording::Recording;
@@ -227,7 +228,7 @@ const MOTION_RUNS: usize = 8;
 const DISCRETE_RUNS: usize = 30;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
-const MAX_NAME: usize = 100;
+pub(crate) const MAX_NAME: usize = 100;
 
 fn default_seed() -> u64 {
     1

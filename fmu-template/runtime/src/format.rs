@@ -32,6 +32,19 @@
 //! | `kernel.bias` | F64 | `[outputs]` |
 //! | `kernel.K.lengths`, `kernel.K.centres`, `kernel.K.weights` | F64 | `[inputs]`, `[centres, inputs]`, `[centres]` of output K |
 //!
+//! A [graph](crate::graph::Graph), a function of another tool, is a sequence of steps, K of them; value 0 is the input columns, value K + 1
+//! is what step K makes:
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `graph.inputs` | U32 | `[1]` | number of input columns |
+//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: standardised, 5: softmax, 6: distances, 7: forest, code: number of outputs |
+//! | `graph.K.weight`, `graph.K.bias` | F32 or F64 | `[outputs, inputs]`, `[outputs]` | of an affine step |
+//! | `graph.K.parameters` | F64 | `[parameters]` or `[parameters * length]` | of an elementwise step; `ε` of a standardised one |
+//! | `graph.K.columns` | U32 | `[outputs, 2]` | a value, and a position in it |
+//! | `graph.K.centres`, `graph.K.lengths` | F64 | `[centres, inputs]`, `[inputs]` | of distances |
+//! | `graph.K.forest.column`, ... | | | as `forest.column`, ... above |
+//!
 //! A [`Model::Motion`] has two [dictionaries](crate::dictionary), the functions of the equations of motion and the positions, over
 //! the same columns: coordinates, then parameters.
 //!
@@ -79,12 +92,13 @@
 //! | field | |
 //! |---|---|
 //! | `format` | 2, the version of this layout |
-//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without a network `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest" or "kernel"}` |
+//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without a network `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
 use crate::{
     Activation, Discrete, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
+    graph::Graph,
     regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 pub use error::FormatError;
@@ -144,6 +158,7 @@ enum MapKind {
     Polynomial,
     Forest,
     Kernel,
+    Graph,
     Dictionary,
     Linear,
 }
@@ -177,6 +192,7 @@ impl MapHeader {
     fn of(map: &Map) -> Self {
         let kind = match map {
             Map::Network(network) => return Self::of_network(network),
+            Map::Graph(_) => MapKind::Graph,
             Map::Regression(regression) => match regression.function {
                 Function::Polynomial(_) => MapKind::Polynomial,
                 Function::Forest(_) => MapKind::Forest,
@@ -206,6 +222,7 @@ impl Surrogate {
         let mut tensors = match self.model() {
             Model::Response(Map::Network(network)) => stacked(std::slice::from_ref(network), None),
             Model::Response(Map::Regression(regression)) => regression.tensors(),
+            Model::Response(Map::Graph(graph)) => graph.tensors(),
             Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
             Model::Motion(motion) => motion.tensors(),
             Model::StateSpace(space) => space.tensors(),
@@ -250,11 +267,12 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::Response, MapKind::Network) => {
             Ok(Model::Response(Map::Network(unstacked(tensors, OUTPUTS, activations, None)?.remove(0))))
         }
+        (Structure::Response, MapKind::Graph) => Ok(Model::Response(Map::Graph(Graph::read(tensors)?))),
         (Structure::Response, kind) => {
             let function = match kind {
                 MapKind::Polynomial => Function::Polynomial(Polynomial::read(tensors)?),
-                MapKind::Forest => Function::Forest(Forest::read(tensors)?),
-                MapKind::Network | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
+                MapKind::Forest => Function::Forest(Forest::read(tensors, OUTPUTS)?),
+                MapKind::Network | MapKind::Graph | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
                 MapKind::Dictionary => return Err(FormatError::MotionMap),
                 MapKind::Linear => return Err(FormatError::DiscreteMap),
             };
@@ -379,7 +397,7 @@ fn unstacked(
     Ok((0..count).map(network).collect())
 }
 
-fn numbers(dtype: Dtype, bytes: &[u8]) -> Numbers {
+pub(crate) fn numbers(dtype: Dtype, bytes: &[u8]) -> Numbers {
     match dtype {
         Dtype::F64 => Numbers::Double(elements(bytes, f64::from_le_bytes)),
         _ => Numbers::Single(elements(bytes, f32::from_le_bytes)),
@@ -425,7 +443,7 @@ pub(crate) fn take<'a>(
     take_one_of(tensors, name, &[expected], dimensions)
 }
 
-fn take_one_of<'a>(
+pub(crate) fn take_one_of<'a>(
     tensors: &mut Views<'a>,
     name: &str,
     expected: &[Dtype],

@@ -39,7 +39,7 @@ pub use bounds::Bounds;
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::{Encoder, Encoding};
 pub use format::FormatError;
-pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, law, regression};
+pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, graph, law, regression};
 pub use model::{
     Discrete, Drive, Evaluator, Given, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Scratch, Shown,
     StateSpace, StepError,

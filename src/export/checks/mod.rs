@@ -16,6 +16,7 @@ use crate::{
 };
 use metafmu_runtime::{
     Map, Model, Surrogate,
+    graph::Step,
     regression::{Function, Regression},
 };
 use std::path::Path;
@@ -93,7 +94,12 @@ impl Checks for SurrogateChecks {
 }
 
 fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
-    matches!(surrogate.model(), Model::Response(Map::Regression(Regression { function: Function::Forest(_), .. })))
+    match surrogate.model() {
+        Model::Response(Map::Regression(Regression { function: Function::Forest(_), .. })) => true,
+        // near a threshold differences are no derivatives
+        Model::Response(Map::Graph(graph)) => graph.steps.iter().any(|step| matches!(step, Step::Forest { .. })),
+        _ => false,
+    }
 }
 
 #[cfg(test)]

@@ -83,6 +83,14 @@ pub enum FormatError {
         /// What stands there.
         value: f64,
     },
+    /// More numbers than anybody needs.
+    #[error("the values of the graph have {found} numbers together, expected at most {limit}")]
+    TooLarge {
+        /// How many.
+        found: usize,
+        /// How many there may be.
+        limit: usize,
+    },
     /// No word about the structure of the model.
     #[error("metadata entry `{METADATA_KEY}`: the field `model` is missing")]
     NoModel,

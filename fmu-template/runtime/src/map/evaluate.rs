@@ -2,6 +2,7 @@
 
 use super::{
     Map, ScaledNetwork, Scaling,
+    graph::{GraphScratch, PreparedGraph},
     network::{Buffers, Network},
     regression::{Regression, RegressionScratch},
 };
@@ -18,6 +19,7 @@ pub(crate) enum PreparedMap {
     Double(Scaled<f64, 8>),
     Single(Scaled<f32, 16>),
     Regression(Regression),
+    Graph(PreparedGraph),
 }
 
 /// A network laid out, with its scaling.
@@ -33,6 +35,7 @@ pub(crate) enum MapScratch {
     Double(Buffers<f64, 8>),
     Single(Buffers<f32, 16>),
     Regression(RegressionScratch),
+    Graph(GraphScratch),
 }
 
 /// What to compute at a point.
@@ -51,6 +54,7 @@ impl PreparedMap {
         match map {
             Map::Network(network) => Self::of_network(network, precision),
             Map::Regression(regression) => Self::Regression(regression.clone()),
+            Map::Graph(graph) => Self::Graph(PreparedGraph::new(graph)),
         }
     }
 
@@ -66,6 +70,7 @@ impl PreparedMap {
             Self::Double(scaled) => MapScratch::Double(scaled.buffers()),
             Self::Single(scaled) => MapScratch::Single(scaled.buffers()),
             Self::Regression(regression) => MapScratch::Regression(regression.scratch()),
+            Self::Graph(graph) => MapScratch::Graph(graph.scratch()),
         }
     }
 
@@ -108,6 +113,7 @@ impl PreparedMap {
                 Task::Series { rates, first, second } => regression.along_curve(point, rates, first, second, scratch),
                 Task::Adjoint { weights, gradient } => regression.adjoint(point, weights, gradient, scratch),
             },
+            (Self::Graph(graph), MapScratch::Graph(scratch)) => graph.run::<SIMD>(point, task, scratch),
             _ => panic!("the scratch belongs to another map"),
         }
     }

@@ -3,6 +3,7 @@
 pub(crate) mod activation;
 pub mod dictionary;
 mod evaluate;
+pub mod graph;
 pub(crate) mod jet;
 pub mod law;
 mod layers;
@@ -12,6 +13,7 @@ pub mod regression;
 use crate::{FormatError, Precision, simd::Simd};
 pub use activation::Activation;
 pub(crate) use evaluate::{MapScratch, PreparedMap, Task};
+use graph::Graph;
 use regression::Regression;
 
 /// A function from input columns to outputs.
@@ -21,6 +23,8 @@ pub enum Map {
     Network(ScaledNetwork),
     /// A formula in double precision.
     Regression(Regression),
+    /// A function of another tool.
+    Graph(Graph),
 }
 
 /// A feed-forward network and the scaling of its columns.
@@ -136,6 +140,7 @@ impl Map {
                 regression.scaling.check(columns, outputs)?;
                 regression.check()
             }
+            Self::Graph(graph) => graph.check(columns, outputs),
         }
     }
 }

@@ -38,7 +38,7 @@ pub struct Tree {
 }
 
 impl Forest {
-    pub(super) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
+    pub(in crate::map) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
         expect_finite("forest.number", self.nodes.iter().map(|node| node.number))?;
         let beyond = |name: &str, index: usize, found: u32, limit: usize| FormatError::Index {
             name: name.into(),
@@ -71,7 +71,7 @@ impl Forest {
         Ok(())
     }
 
-    pub(super) fn evaluate<N: Number>(&self, inputs: &[N], outputs: &mut [N]) {
+    pub(in crate::map) fn evaluate<N: Number>(&self, inputs: &[N], outputs: &mut [N]) {
         outputs.fill(N::from(0.0));
         for tree in &self.trees {
             let mut node = &self.nodes[tree.root as usize];

@@ -20,7 +20,7 @@ impl Regression {
         .into();
         tensors.extend(match &self.function {
             Function::Polynomial(polynomial) => polynomial_tensors(polynomial, self.inputs(), self.outputs()),
-            Function::Forest(forest) => forest_tensors(forest),
+            Function::Forest(forest) => forest.tensors(),
             Function::Kernel(machines) => kernel_tensors(machines),
         });
         tensors
@@ -54,28 +54,33 @@ impl Polynomial {
     }
 }
 
-fn forest_tensors(forest: &Forest) -> Vec<Tensor> {
-    let Forest { nodes, trees } = forest;
-    let columns: Vec<u32> = nodes.iter().map(|node| node.column).collect();
-    let numbers: Vec<f64> = nodes.iter().map(|node| node.number).collect();
-    let below: Vec<u32> = nodes.iter().flat_map(|node| node.below).collect();
-    let [roots, outputs] =
-        [|tree: &Tree| tree.root, |tree: &Tree| tree.output].map(|of| trees.iter().map(of).collect::<Vec<u32>>());
-    vec![
-        indices("forest.column", vec![nodes.len()], &columns),
-        doubles("forest.number", vec![nodes.len()], &numbers),
-        indices("forest.below", vec![nodes.len(), 2], &below),
-        indices("forest.root", vec![trees.len()], &roots),
-        indices("forest.output", vec![trees.len()], &outputs),
-    ]
-}
-
 impl Forest {
-    pub(crate) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
-        let columns = read_indices(tensors, "forest.column", 1)?;
-        let numbers = read_doubles(tensors, "forest.number", 1)?;
-        let below = read_indices(tensors, "forest.below", 2)?;
-        let (roots, outputs) = (read_indices(tensors, "forest.root", 1)?, read_indices(tensors, "forest.output", 1)?);
+    pub(crate) fn tensors(&self) -> Vec<Tensor> {
+        let Self { nodes, trees } = self;
+        let columns: Vec<u32> = nodes.iter().map(|node| node.column).collect();
+        let numbers: Vec<f64> = nodes.iter().map(|node| node.number).collect();
+        let below: Vec<u32> = nodes.iter().flat_map(|node| node.below).collect();
+        let [roots, outputs] =
+            [|tree: &Tree| tree.root, |tree: &Tree| tree.output].map(|of| trees.iter().map(of).collect::<Vec<u32>>());
+        vec![
+            indices("forest.column", vec![nodes.len()], &columns),
+            doubles("forest.number", vec![nodes.len()], &numbers),
+            indices("forest.below", vec![nodes.len(), 2], &below),
+            indices("forest.root", vec![trees.len()], &roots),
+            indices("forest.output", vec![trees.len()], &outputs),
+        ]
+    }
+
+    /// The forest of the tensors whose names have this prefix.
+    pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
+        let mut indices = |name: &str, dimensions| {
+            let view = take(tensors, &format!("{prefix}forest.{name}"), Dtype::U32, dimensions)?;
+            Ok::<_, FormatError>(elements(view.data(), u32::from_le_bytes))
+        };
+        let (columns, below) = (indices("column", 1)?, indices("below", 2)?);
+        let (roots, outputs) = (indices("root", 1)?, indices("output", 1)?);
+        let numbers = take(tensors, &format!("{prefix}forest.number"), Dtype::F64, 1)?;
+        let numbers = elements(numbers.data(), f64::from_le_bytes);
         let nodes = columns.len();
         expect_length("forest.number", numbers.len(), nodes)?;
         expect_length("forest.below", below.len(), 2 * nodes)?;
@@ -126,10 +131,6 @@ fn indices(name: &str, shape: Vec<usize>, values: &[u32]) -> Tensor {
 
 fn read_doubles(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<f64>, FormatError> {
     Ok(elements(take(tensors, &format!("{OUTPUTS}{name}"), Dtype::F64, dimensions)?.data(), f64::from_le_bytes))
-}
-
-fn read_indices(tensors: &mut Views, name: &str, dimensions: usize) -> Result<Vec<u32>, FormatError> {
-    Ok(elements(take(tensors, &format!("{OUTPUTS}{name}"), Dtype::U32, dimensions)?.data(), u32::from_le_bytes))
 }
 
 fn expect_length(name: &str, found: usize, expected: usize) -> Result<(), FormatError> {

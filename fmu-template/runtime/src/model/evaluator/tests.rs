@@ -126,7 +126,10 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::PerInstant { instants, networks } => {
             return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
+        Model::Response(Map::Regression(_) | Map::Graph(_))
+        | Model::Motion(_)
+        | Model::StateSpace(_)
+        | Model::Discrete(_) => {
             panic!("a network was expected")
         }
     };
@@ -261,7 +264,10 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let network = match surrogate.model() {
         Model::Response(Map::Network(network)) => Some(network),
         Model::PerInstant { networks, .. } => networks.first(),
-        Model::Response(Map::Regression(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => None,
+        Model::Response(Map::Regression(_) | Map::Graph(_))
+        | Model::Motion(_)
+        | Model::StateSpace(_)
+        | Model::Discrete(_) => None,
     };
     network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
 }
@@ -419,7 +425,7 @@ fn no_hidden_value_is_ever_denormal() {
                 let hidden: Vec<f64> = match &working.map {
                     MapScratch::Double(buffers) => buffers.hidden().collect(),
                     MapScratch::Single(buffers) => buffers.hidden().collect(),
-                    MapScratch::Regression(_) => Vec::new(),
+                    MapScratch::Regression(_) | MapScratch::Graph(_) => Vec::new(),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }

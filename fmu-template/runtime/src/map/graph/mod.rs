@@ -1,0 +1,211 @@
+//! Functions of other tools: a sequence of steps, each of which makes a vector of those before it.
+
+mod elementwise;
+mod evaluate;
+mod tensors;
+#[cfg(test)]
+mod tests;
+
+use super::{Numbers, expect_finite, expect_positive, expect_shape, regression::Forest};
+use crate::FormatError;
+pub use elementwise::Elementwise;
+pub(crate) use evaluate::{GraphScratch, PreparedGraph};
+
+/// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
+/// value is the outputs. It is computed in double precision, with exact derivatives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Graph {
+    /// Number of input columns.
+    pub inputs: usize,
+    /// At least one.
+    pub steps: Vec<Step>,
+}
+
+/// What makes a vector `y` of earlier ones, `x`. `of` is the number of the value that `x` is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// `y = W x + b`
+    Affine {
+        /// `x`
+        of: usize,
+        /// `W`, row by row: shape `[outputs, inputs]`.
+        weight: Numbers,
+        /// `b`: shape `[outputs]`.
+        bias: Numbers,
+    },
+    /// `y_i = f(x_i)`
+    Elementwise {
+        /// `x`
+        of: usize,
+        /// `f`
+        function: Elementwise,
+        /// What `f` depends on besides, [`Elementwise::parameters`] in number; or so many rows of one number for each `x_i`.
+        parameters: Vec<f64>,
+    },
+    /// `y_i = a_i op b_i`
+    Combine {
+        /// `a` and `b`, of one length.
+        of: [usize; 2],
+        /// `op`
+        operation: Operation,
+    },
+    /// `y_i` is a number of some value: parts of vectors, or several of them as one.
+    Columns {
+        /// For each `y_i` the number of a value, and the position in it.
+        columns: Vec<[u32; 2]>,
+    },
+    /// `y_i = (x_i - m) / √(v + ε)`, with the mean `m` and the variance `v` of all `x_i`.
+    Standardise {
+        /// `x`
+        of: usize,
+        /// `ε`, not negative.
+        epsilon: f64,
+    },
+    /// `y_i = exp(x_i) / sum_j exp(x_j)`
+    Softmax {
+        /// `x`
+        of: usize,
+    },
+    /// `y_c = sum_i ((x_i - centres[c, i]) / lengths[i])²`
+    Distances {
+        /// `x`
+        of: usize,
+        /// Shape `[outputs, inputs]`.
+        centres: Vec<f64>,
+        /// Length scale of each `x_i`, positive.
+        lengths: Vec<f64>,
+    },
+    /// Sums of decision trees: piecewise constant, so every derivative is 0.
+    Forest {
+        /// `x`
+        of: usize,
+        /// The trees.
+        forest: Forest,
+        /// Number of `y_i`.
+        outputs: usize,
+    },
+}
+
+/// What makes one number of two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// `a + b`
+    Add,
+    /// `a - b`
+    Subtract,
+    /// `a b`
+    Multiply,
+    /// `a / b`
+    Divide,
+    /// The larger one; the first of equal ones counts for derivatives.
+    Maximum,
+    /// The smaller one, likewise.
+    Minimum,
+}
+
+impl Operation {
+    /// All of them, in the order of their codes in the model file.
+    pub const ALL: [Self; 6] = [Self::Add, Self::Subtract, Self::Multiply, Self::Divide, Self::Maximum, Self::Minimum];
+}
+
+/// How many numbers all values of a graph may have together: a file of a few megabytes must not ask for gigabytes of memory.
+pub const MAX_VALUES: usize = 1 << 22;
+
+impl Graph {
+    /// Lengths of all values: the inputs, and one of each step.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a step is of a value that is not before it, or of lengths that do not fit.
+    pub fn widths(&self) -> Result<Vec<usize>, FormatError> {
+        let mut widths = vec![self.inputs];
+        for (number, step) in self.steps.iter().enumerate() {
+            widths.push(step.width(number, &widths)?);
+        }
+        let numbers = widths.iter().fold(0usize, |sum, width| sum.saturating_add(*width));
+        if numbers > MAX_VALUES {
+            return Err(FormatError::TooLarge { found: numbers, limit: MAX_VALUES });
+        }
+        Ok(widths)
+    }
+
+    /// Makes sure that lengths fit so many columns and outputs, and that every number is finite.
+    pub(crate) fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
+        if self.steps.is_empty() {
+            return Err(FormatError::MissingTensor { name: "graph.steps".into() });
+        }
+        expect_shape("graph.inputs", &[self.inputs], &[columns])?;
+        let widths = self.widths()?;
+        expect_shape("graph.steps", &[widths[self.steps.len()]], &[outputs])
+    }
+}
+
+impl Step {
+    /// Length of what the step makes, of the values before it; every number of it is checked.
+    fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
+        let name = |what: &str| format!("graph.{number}.{what}");
+        let width = |of: usize| match widths.get(of) {
+            Some(width) => Ok(*width),
+            None => Err(FormatError::Index {
+                name: "graph.steps".into(),
+                index: number,
+                found: of as u64,
+                limit: widths.len() as u64,
+            }),
+        };
+        match self {
+            Self::Affine { of, weight, bias } => {
+                expect_shape(&name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
+                expect_finite(&name("weight"), weight.iter())?;
+                expect_finite(&name("bias"), bias.iter())?;
+                not_empty(bias.len())
+            }
+            Self::Elementwise { of, function, parameters } => {
+                let (width, count) = (width(*of)?, function.parameters());
+                if parameters.len() != count {
+                    expect_shape(&name("parameters"), &[parameters.len()], &[count * width])?;
+                }
+                expect_finite(&name("parameters"), parameters.iter().copied())?;
+                Ok(width)
+            }
+            Self::Combine { of: [a, b], .. } => {
+                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*a)?])?;
+                width(*a)
+            }
+            Self::Columns { columns } => {
+                for (index, [of, column]) in columns.iter().enumerate() {
+                    let limit = width(*of as usize)?;
+                    if *column as usize >= limit {
+                        let (found, limit) = (u64::from(*column), limit as u64);
+                        return Err(FormatError::Index { name: name("columns"), index, found, limit });
+                    }
+                }
+                not_empty(columns.len())
+            }
+            Self::Standardise { of, epsilon } => {
+                expect_finite(&name("parameters"), [*epsilon].into_iter())?;
+                if *epsilon < 0.0 {
+                    return Err(FormatError::NotPositive { name: name("parameters"), index: 0, value: *epsilon });
+                }
+                width(*of)
+            }
+            Self::Softmax { of } => width(*of),
+            Self::Distances { of, centres, lengths } => {
+                let width = width(*of)?;
+                expect_shape(&name("lengths"), &[lengths.len()], &[width])?;
+                expect_finite(&name("lengths"), lengths.iter().copied())?;
+                expect_positive(&name("lengths"), lengths)?;
+                expect_finite(&name("centres"), centres.iter().copied())?;
+                expect_shape(&name("centres"), &[centres.len()], &[centres.len() / width * width])?;
+                not_empty(centres.len() / width)
+            }
+            Self::Forest { of, forest, outputs } => {
+                forest.check(width(*of)?, *outputs)?;
+                not_empty(*outputs)
+            }
+        }
+    }
+}
+
+fn not_empty(width: usize) -> Result<usize, FormatError> {
+    if width == 0 { Err(FormatError::NoVariables { what: "outputs" }) } else { Ok(width) }
+}

@@ -1,0 +1,154 @@
+use super::*;
+use crate::{
+    Activation, Evaluator, Map, Model, Surrogate, example,
+    map::regression::{LEAF, Node, Tree},
+};
+
+/// Two outputs of three columns, through a step of every kind.
+fn graph() -> Graph {
+    let affine = |of, weight: &[f64], bias: &[f64]| Step::Affine {
+        of,
+        weight: weight.to_vec().into(),
+        bias: bias.to_vec().into(),
+    };
+    let of = |of, function, parameters: &[f64]| Step::Elementwise { of, function, parameters: parameters.to_vec() };
+    let nodes = vec![
+        Node { column: 1, number: 0.4, below: [1, 2] },
+        Node { column: LEAF, number: 0.25, below: [0; 2] },
+        Node { column: LEAF, number: -1.0, below: [0; 2] },
+    ];
+    let steps = vec![
+        affine(0, &[0.5, -0.2, 0.1, 1.5, 0.3, -0.7, 0.2, 0.9, 0.4, -0.6, 0.8, 0.05], &[0.1, -0.3, 0.2, 0.6]),
+        of(1, Elementwise::GeluExact, &[]),
+        Step::Standardise { of: 2, epsilon: 1e-3 },
+        of(3, Elementwise::Linear, &[1.1, 0.9, 1.3, 0.7, 0.1, 0.2, -0.1, 0.0]),
+        Step::Combine { of: [4, 1], operation: Operation::Add },
+        Step::Softmax { of: 5 },
+        Step::Distances {
+            of: 5,
+            centres: vec![0.1, 0.2, 0.3, 0.4, -0.5, 0.5, 0.1, 0.0],
+            lengths: vec![1.0, 0.5, 2.0, 1.5],
+        },
+        Step::Columns { columns: vec![[6, 0], [7, 1], [0, 2], [6, 3]] },
+        Step::Forest { of: 0, forest: Forest { nodes, trees: vec![Tree { root: 0, output: 1 }] }, outputs: 2 },
+        affine(8, &[0.4, -0.6, 0.3, 1.2, -0.9, 0.2, 0.5, 0.7], &[0.0, 0.5]),
+        Step::Combine { of: [10, 9], operation: Operation::Add },
+    ];
+    Graph { inputs: 3, steps }
+}
+
+fn surrogate(graph: Graph) -> Surrogate {
+    let of = example::surrogate();
+    Surrogate::new(of.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap()
+}
+
+fn outputs(graph: &Graph, point: [f64; 3]) -> Vec<f64> {
+    let evaluator = Evaluator::new(&surrogate(graph.clone()));
+    let mut outputs = vec![0.0; 2];
+    evaluator.evaluate(&point, &mut outputs, &mut evaluator.scratch());
+    outputs
+}
+
+#[test]
+fn steps_are_their_textbook_formulas() {
+    let x: [f64; 3] = [0.16, 1.1, 1.3];
+    let rows = [[0.5, -0.2, 0.1], [1.5, 0.3, -0.7], [0.2, 0.9, 0.4], [-0.6, 0.8, 0.05]];
+    let bias = [0.1, -0.3, 0.2, 0.6];
+    let a: Vec<f64> = (0..4).map(|i| rows[i].iter().zip(x).map(|(w, x)| w * x).sum::<f64>() + bias[i]).collect();
+    let g: Vec<f64> = a.iter().map(|a| 0.5 * a * (1.0 + libm::erf(a / 2f64.sqrt()))).collect();
+    let mean = g.iter().sum::<f64>() / 4.0;
+    let variance = g.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / 4.0;
+    let (factors, offsets) = ([1.1, 0.9, 1.3, 0.7], [0.1, 0.2, -0.1, 0.0]);
+    let normal = |i: usize| (g[i] - mean) / (variance + 1e-3).sqrt() * factors[i] + offsets[i];
+    let r: Vec<f64> = (0..4).map(|i| normal(i) + a[i]).collect();
+    let total: f64 = r.iter().map(|r| r.exp()).sum();
+    let distance = [(-0.5, 1.0), (0.5, 0.5), (0.1, 2.0), (0.0, 1.5)].iter().zip(&r);
+    let distance: f64 = distance.map(|((centre, length), r)| ((r - centre) / length).powi(2)).sum();
+    let c = [r[0].exp() / total, distance, x[2], r[3].exp() / total];
+    let expected = [
+        0.4 * c[0] - 0.6 * c[1] + 0.3 * c[2] + 1.2 * c[3],
+        -0.9 * c[0] + 0.2 * c[1] + 0.5 * c[2] + 0.7 * c[3] + 0.5 - 1.0,
+    ];
+    for (found, expected) in outputs(&graph(), x).iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+    }
+}
+
+#[test]
+fn derivatives_are_those_of_differences() {
+    let (point, rates, bends) = ([0.16, 1.1, 1.3], [0.3, -0.7, 0.5], [0.2, 0.1, -0.4]);
+    let evaluator = Evaluator::new(&surrogate(graph()));
+    let mut scratch = evaluator.scratch();
+    let (mut first, mut second) = ([0.0; 2], [0.0; 2]);
+    evaluator.along_curve(&point, [&rates, &bends], [&mut first, &mut second], &mut scratch);
+    let at = |t: f64| {
+        let point = std::array::from_fn(|i| point[i] + rates[i] * t + 0.5 * bends[i] * t * t);
+        outputs(&graph(), point)
+    };
+    let (h, k) = (1e-5, 1e-3);
+    let (ahead, behind, far, back, here) = (at(h), at(-h), at(k), at(-k), at(0.0));
+    for output in 0..2 {
+        let slope = (ahead[output] - behind[output]) / (2.0 * h);
+        let bend = (far[output] - 2.0 * here[output] + back[output]) / (k * k);
+        assert!((first[output] - slope).abs() < 1e-8 * slope.abs().max(1.0), "{} {slope}", first[output]);
+        assert!((second[output] - bend).abs() < 1e-4 * bend.abs().max(1.0), "{} {bend}", second[output]);
+    }
+    let (mut gradient, mut directional) = ([0.0; 3], [0.0; 2]);
+    let weights = [0.8, -1.7];
+    evaluator.adjoint(&point, &weights, &mut gradient, &mut scratch);
+    evaluator.directional(&point, &rates, &mut directional, &mut scratch);
+    let by_rows: f64 = gradient.iter().zip(rates).map(|(slope, rate)| slope * rate).sum();
+    let by_columns: f64 = directional.iter().zip(weights).map(|(slope, weight)| slope * weight).sum();
+    assert!((by_rows - by_columns).abs() < 1e-13, "{by_rows} {by_columns}");
+}
+
+#[test]
+fn every_elementwise_function_has_its_derivatives() {
+    for function in Elementwise::ALL.into_iter().filter(|function| *function != Elementwise::Single) {
+        for x in [-2.3f64, -0.4, 0.3, 0.9, 2.7] {
+            let positive = matches!(function, Elementwise::Logarithm | Elementwise::Power);
+            let (x, p) = (if positive { x.abs() } else { x }, [0.35, 1.2]);
+            let h = 1e-4;
+            let [value, slope, curvature] = function.series(x, p);
+            let [behind, ..] = function.series(x - h, p);
+            let [ahead, ..] = function.series(x + h, p);
+            let expected = [(ahead - behind) / (2.0 * h), (ahead - 2.0 * value + behind) / (h * h)];
+            for (found, expected) in [slope, curvature].into_iter().zip(expected) {
+                let close = (found - expected).abs() < 2e-6 * expected.abs().max(1.0);
+                assert!(close, "{function:?} at {x}: {found} {expected}");
+            }
+        }
+    }
+    assert_eq!(Elementwise::Power.series(0.0, [1.0, 0.0]), [0.0, 1.0, 0.0], "a power of zero is no NaN");
+    assert_eq!(Elementwise::Elu.series(800.0, [1.0, 0.0])[1], 1.0, "nothing overflows");
+    assert_eq!(Elementwise::Softplus.series(800.0, [0.0; 2])[0], 800.0);
+}
+
+#[test]
+fn a_graph_is_read_as_it_was_written() {
+    let written = surrogate(graph());
+    let read = Surrogate::from_bytes(&written.to_bytes().unwrap()).unwrap();
+    assert_eq!(read, written);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let refused = |change: fn(&mut Graph)| {
+        let mut graph = graph();
+        change(&mut graph);
+        graph.check(3, 2).unwrap_err().to_string()
+    };
+    let of = |of| Step::Elementwise { of, function: Elementwise::Activation(Activation::Tanh), parameters: Vec::new() };
+    assert!(refused(|graph| graph.steps.clear()).contains("graph.steps"));
+    let message = refused(|graph| graph.inputs = 4);
+    assert!(message.contains("graph.inputs"), "{message}");
+    assert!(matches!(Graph { inputs: 3, steps: vec![of(1)] }.check(3, 3), Err(FormatError::Index { .. })));
+    let message = refused(|graph| graph.steps[10] = Step::Combine { of: [10, 1], operation: Operation::Add });
+    assert!(message.contains("graph.10"), "{message}");
+    let message = refused(|graph| graph.steps[7] = Step::Columns { columns: vec![[6, 4]; 4] });
+    assert!(message.contains("graph.7.columns"), "{message}");
+    let message = refused(|graph| graph.steps[2] = Step::Standardise { of: 2, epsilon: f64::NAN });
+    assert!(message.contains("graph.2.parameters"), "{message}");
+    let message = refused(|graph| graph.steps.push(Step::Columns { columns: vec![[0, 0]; MAX_VALUES] }));
+    assert!(message.contains("at most"), "{message}");
+}

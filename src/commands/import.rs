@@ -1,0 +1,52 @@
+//! `metafmu import`: a trained model of another tool becomes a model file.
+
+use super::{Outcome, print, print_json, say};
+use crate::cli::ImportArgs;
+use metafmu::{
+    Error, Result, files,
+    pipeline::import::{Difference, ImportOptions, ImportedSurrogate, import, starter},
+};
+
+pub fn run(args: &ImportArgs) -> Result<Outcome> {
+    if let Some(new) = &args.new {
+        if new.exists() {
+            let message = "exists already and is not overwritten: remove it, or choose another name".into();
+            return Err(Error::Stale { path: new.clone(), message });
+        }
+        files::write_whole(new, starter(&args.model, args.data.as_deref())?.as_bytes())?;
+        print(&format!("{}\n", new.display()))?;
+        return Ok(Outcome::Fine);
+    }
+    let options = ImportOptions {
+        model: args.model.clone(),
+        interface: args.interface.clone().unwrap_or_default(),
+        data: args.data.clone(),
+        check: args.check.clone(),
+        tolerance: args.tolerance,
+        out: args.out.clone(),
+    };
+    let imported = import(&options)?;
+    report(&imported, args.json)
+}
+
+fn report(imported: &ImportedSurrogate, json: bool) -> Result<Outcome> {
+    let fits = imported.check.iter().all(|difference| difference.fits);
+    if json {
+        print_json(imported)?;
+    } else {
+        for Difference { output, largest, relative, row, fits } in &imported.check {
+            let verdict = if *fits { "" } else { ": not what was expected" };
+            print(&format!(
+                "{output}: largest difference {largest:.3e}, {relative:.1e} of the range, in row {row}{verdict}\n"
+            ))?;
+        }
+        if let Some(model) = &imported.model {
+            print(&format!("{}\n", model.display()))?;
+        }
+    }
+    if !fits {
+        say("the model does not give what the table says: nothing was written");
+        return Ok(Outcome::ProblemsFound);
+    }
+    Ok(Outcome::Fine)
+}

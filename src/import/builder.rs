@@ -1,0 +1,351 @@
+//! Steps of a graph put together, and made fewer: what is a feed-forward network becomes one, which the FMU evaluates faster.
+
+use metafmu_runtime::{
+    Activation, Layer, Map, Numbers, ScaledNetwork, Scaling,
+    graph::{Elementwise, Graph, MAX_VALUES, Step},
+};
+
+/// How many weights a step may have: what a file of a few kilobytes asks for must not take gigabytes.
+const MAX_WEIGHTS: usize = 1 << 25;
+
+/// A graph that is being made: every step is added behind those whose values it takes.
+#[derive(Debug)]
+pub struct Builder {
+    widths: Vec<usize>,
+    steps: Vec<Step>,
+    numbers: usize,
+    weights: usize,
+}
+
+impl Builder {
+    /// A graph of so many input columns, which are value 0.
+    pub fn new(inputs: usize) -> Self {
+        Self { widths: vec![inputs], steps: Vec::new(), numbers: inputs, weights: 0 }
+    }
+
+    /// Length of a value.
+    pub fn width(&self, value: usize) -> usize {
+        self.widths[value]
+    }
+
+    /// Adds a step that makes `width` numbers; the result is the value's number.
+    ///
+    /// # Errors
+    /// A sentence, if the graph becomes too large.
+    pub fn add(&mut self, step: Step, width: usize) -> Result<usize, String> {
+        self.numbers = self.numbers.saturating_add(width);
+        self.weights = self.weights.saturating_add(match &step {
+            Step::Affine { weight, .. } => weight.len(),
+            Step::Distances { centres, .. } => centres.len(),
+            Step::Forest { forest, .. } => forest.nodes.len(),
+            _ => 0,
+        });
+        if self.numbers > MAX_VALUES || self.weights > MAX_WEIGHTS {
+            return Err(format!(
+                "the graph has {} numbers and {} weights up to here, expected at most {MAX_VALUES} and {MAX_WEIGHTS}",
+                self.numbers, self.weights
+            ));
+        }
+        self.steps.push(step);
+        self.widths.push(width);
+        Ok(self.steps.len())
+    }
+
+    /// `W x + b`, `W` row by row.
+    ///
+    /// # Errors
+    /// As [`Builder::add`].
+    pub fn affine(&mut self, of: usize, weight: Numbers, bias: Numbers) -> Result<usize, String> {
+        let width = bias.len();
+        self.add(Step::Affine { of, weight, bias }, width)
+    }
+
+    /// A function of each number.
+    ///
+    /// # Errors
+    /// As [`Builder::add`].
+    pub fn elementwise(&mut self, of: usize, function: Elementwise, parameters: Vec<f64>) -> Result<usize, String> {
+        self.add(Step::Elementwise { of, function, parameters }, self.width(of))
+    }
+
+    /// Numbers of some values.
+    ///
+    /// # Errors
+    /// As [`Builder::add`].
+    pub fn columns(&mut self, columns: Vec<[u32; 2]>) -> Result<usize, String> {
+        let width = columns.len();
+        self.add(Step::Columns { columns }, width)
+    }
+
+    /// The same graph of other columns: those that it had are what `first` makes of them.
+    #[must_use]
+    pub fn after(self, inputs: usize, first: Step) -> Self {
+        let Self { widths, steps, numbers, weights } = self;
+        let mut all = vec![first];
+        all.extend(steps);
+        // every value is one place further, and the old columns are the value of the new step
+        all[1..].iter_mut().for_each(|step| rename(step, |of| of + 1));
+        Self { widths: [vec![inputs], widths].concat(), steps: all, numbers: numbers + inputs, weights }
+    }
+
+    /// The map from the input columns to some numbers of some values.
+    ///
+    /// # Errors
+    /// As [`Builder::add`].
+    pub fn finish(mut self, outputs: Vec<[u32; 2]>) -> Result<Map, String> {
+        self.columns(outputs)?;
+        let inputs = self.widths[0];
+        let mut steps = self.steps;
+        // each pass makes something shorter or ends
+        while let Some(fewer) = simplified(inputs, &steps) {
+            steps = fewer;
+        }
+        Ok(match network(inputs, &steps) {
+            Some(network) => Map::Network(network),
+            None => Map::Graph(Graph { inputs, steps }),
+        })
+    }
+}
+
+/// The steps with something left out or two of them as one; none if there is nothing.
+fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
+    let uses = uses(steps);
+    let widths = Graph { inputs, steps: steps.to_vec() }.widths().ok()?;
+    if steps.len() > 1
+        && let Some(unused) = (0..steps.len() - 1).find(|step| uses[step + 1] == 0)
+    {
+        return Some(without(steps, unused, 0));
+    }
+    for (number, step) in steps.iter().enumerate() {
+        if let Some(same) = alias(step, &widths)
+            && (number + 1 < steps.len() || same > 0)
+        {
+            if number + 1 < steps.len() {
+                return Some(without(steps, number, same));
+            }
+            // the last value is the outputs
+            if same == steps.len() - 1 {
+                return Some(steps[..number].to_vec());
+            }
+        }
+        let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
+        if let Some((merged, of)) = merged(step, &widths, inner) {
+            let mut fewer = steps.to_vec();
+            fewer[number] = merged;
+            return Some(without(&fewer, of - 1, 0));
+        }
+    }
+    None
+}
+
+/// How many steps take each value; the last one is taken by whoever evaluates the graph.
+fn uses(steps: &[Step]) -> Vec<usize> {
+    let mut uses = vec![0; steps.len() + 1];
+    uses[steps.len()] = 1;
+    for step in steps {
+        let mut of = values(step);
+        of.sort_unstable();
+        of.dedup();
+        of.into_iter().for_each(|value| uses[value] += 1);
+    }
+    uses
+}
+
+fn values(step: &Step) -> Vec<usize> {
+    match step {
+        Step::Affine { of, .. }
+        | Step::Elementwise { of, .. }
+        | Step::Standardise { of, .. }
+        | Step::Softmax { of }
+        | Step::Distances { of, .. }
+        | Step::Forest { of, .. } => vec![*of],
+        Step::Combine { of, .. } => of.to_vec(),
+        Step::Columns { columns } => columns.iter().map(|[of, _]| *of as usize).collect(),
+    }
+}
+
+/// The steps without one; what takes its value takes `instead`.
+fn without(steps: &[Step], removed: usize, instead: usize) -> Vec<Step> {
+    let renamed = |of: usize| match of {
+        _ if of == removed + 1 => instead,
+        _ if of > removed => of - 1,
+        _ => of,
+    };
+    let mut rest: Vec<Step> = steps.to_vec();
+    rest.remove(removed);
+    rest.iter_mut().for_each(|step| rename(step, renamed));
+    rest
+}
+
+/// Gives the values that a step takes other numbers.
+fn rename(step: &mut Step, renamed: impl Fn(usize) -> usize) {
+    match step {
+        Step::Affine { of, .. }
+        | Step::Elementwise { of, .. }
+        | Step::Standardise { of, .. }
+        | Step::Softmax { of }
+        | Step::Distances { of, .. }
+        | Step::Forest { of, .. } => *of = renamed(*of),
+        Step::Combine { of, .. } => *of = of.map(renamed),
+        Step::Columns { columns } => {
+            columns.iter_mut().for_each(|[of, _]| *of = renamed(*of as usize) as u32);
+        }
+    }
+}
+
+/// The value that a step only repeats.
+fn alias(step: &Step, widths: &[usize]) -> Option<usize> {
+    match step {
+        Step::Elementwise { of, function: Elementwise::Activation(Activation::Identity), .. } => Some(*of),
+        Step::Columns { columns } => {
+            let of = columns[0][0];
+            let same = columns.len() == widths[of as usize]
+                && columns.iter().enumerate().all(|(index, column)| *column == [of, index as u32]);
+            same.then_some(of as usize)
+        }
+        _ => None,
+    }
+}
+
+/// A step and the one before it as one; with the number of the value that is not needed any more.
+fn merged<'a>(step: &Step, widths: &[usize], inner: impl Fn(usize) -> Option<&'a Step>) -> Option<(Step, usize)> {
+    let linear = Elementwise::Linear;
+    match step {
+        Step::Elementwise { of, function, parameters } if *function == linear => match inner(*of)? {
+            Step::Affine { of: first, weight, bias } => {
+                let columns = widths[*first];
+                let (factors, offsets) = of_each(parameters, bias.len());
+                let weight: Vec<f64> =
+                    weight.iter().enumerate().map(|(index, weight)| factors[index / columns] * weight).collect();
+                let bias = bias.iter().zip(factors.iter().zip(&offsets));
+                let bias: Vec<f64> = bias.map(|(bias, (factor, offset))| factor * bias + offset).collect();
+                Some((Step::Affine { of: *first, weight: weight.into(), bias: bias.into() }, *of))
+            }
+            Step::Elementwise { of: first, function, parameters: before } if *function == linear => {
+                let width = widths[*of];
+                let ((a, b), (c, d)) = (of_each(before, width), of_each(parameters, width));
+                let factors = a.iter().zip(&c).map(|(a, c)| a * c);
+                let offsets = b.iter().zip(c.iter().zip(&d)).map(|(b, (c, d))| c * b + d);
+                let parameters = factors.chain(offsets).collect();
+                Some((Step::Elementwise { of: *first, function: linear, parameters }, *of))
+            }
+            _ => None,
+        },
+        Step::Affine { of, weight, bias } => match inner(*of)? {
+            Step::Elementwise { of: first, function, parameters } if *function == linear => {
+                let width = widths[*of];
+                let (factors, offsets) = of_each(parameters, width);
+                let weight: Vec<f64> = weight.iter().collect();
+                let bias: Vec<f64> =
+                    bias.iter().zip(weight.chunks_exact(width)).map(|(bias, row)| bias + dot(row, &offsets)).collect();
+                let weight: Vec<f64> =
+                    weight.iter().enumerate().map(|(index, weight)| weight * factors[index % width]).collect();
+                Some((Step::Affine { of: *first, weight: weight.into(), bias: bias.into() }, *of))
+            }
+            Step::Affine { of: first, weight: inner_weight, bias: inner_bias } => {
+                let (outputs, middle, columns) = (bias.len(), widths[*of], widths[*first]);
+                if outputs * columns > outputs * middle + middle * columns {
+                    return None;
+                }
+                let (weight, before): (Vec<f64>, Vec<f64>) = (weight.iter().collect(), inner_weight.iter().collect());
+                let inner_bias: Vec<f64> = inner_bias.iter().collect();
+                let rows = || weight.chunks_exact(middle);
+                let bias: Vec<f64> = bias.iter().zip(rows()).map(|(bias, row)| bias + dot(row, &inner_bias)).collect();
+                let mut product = vec![0.0; outputs * columns];
+                for (to, row) in product.chunks_exact_mut(columns).zip(rows()) {
+                    for (factor, from) in row.iter().zip(before.chunks_exact(columns)) {
+                        to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
+                    }
+                }
+                Some((Step::Affine { of: *first, weight: product.into(), bias: bias.into() }, *of))
+            }
+            Step::Columns { columns } if columns.iter().all(|[value, _]| *value == columns[0][0]) => {
+                let first = columns[0][0] as usize;
+                let (width, before) = (widths[*of], widths[first]);
+                // not more weights than there were, but for a few
+                if before > 2 * width + 16 {
+                    return None;
+                }
+                let place = |index: usize| (index / width) * before + columns[index % width][1] as usize;
+                let mut spread = vec![0.0; bias.len() * before];
+                weight.iter().enumerate().for_each(|(index, weight)| spread[place(index)] += weight);
+                let weight = match weight {
+                    // sums of two singles may not be one
+                    Numbers::Single(_) if spread.iter().all(|weight| f64::from(*weight as f32) == *weight) => {
+                        spread.iter().map(|weight| *weight as f32).collect::<Vec<f32>>().into()
+                    }
+                    _ => spread.into(),
+                };
+                Some((Step::Affine { of: first, weight, bias: bias.clone() }, *of))
+            }
+            _ => None,
+        },
+        Step::Columns { columns } => {
+            let of = columns[0][0] as usize;
+            if columns.iter().any(|[value, _]| *value as usize != of) {
+                return None;
+            }
+            match inner(of)? {
+                Step::Columns { columns: before } => {
+                    let columns = columns.iter().map(|[_, column]| before[*column as usize]).collect();
+                    Some((Step::Columns { columns }, of))
+                }
+                Step::Affine { of: first, weight, bias } if columns.len() <= bias.len() => {
+                    let width = widths[*first];
+                    let rows = || columns.iter().map(|[_, row]| *row as usize);
+                    let weight = picked(weight, rows().flat_map(|row| row * width..(row + 1) * width));
+                    Some((Step::Affine { of: *first, weight, bias: picked(bias, rows()) }, of))
+                }
+                _ => None,
+            }
+        }
+        _ => None,
+    }
+}
+
+fn picked(numbers: &Numbers, places: impl Iterator<Item = usize>) -> Numbers {
+    match numbers {
+        Numbers::Single(values) => places.map(|place| values[place]).collect::<Vec<f32>>().into(),
+        Numbers::Double(values) => places.map(|place| values[place]).collect::<Vec<f64>>().into(),
+    }
+}
+
+/// Factors and offsets of a linear function, one for each number.
+fn of_each(parameters: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
+    match parameters {
+        [factor, offset] => (vec![*factor; width], vec![*offset; width]),
+        of_each => (of_each[..width].to_vec(), of_each[width..].to_vec()),
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The steps as a feed-forward network: layers one after the other, each with an activation that networks have.
+fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
+    let mut layers: Vec<Layer> = Vec::new();
+    let mut width = inputs;
+    for (number, step) in steps.iter().enumerate() {
+        match step {
+            Step::Affine { of, weight, bias } if *of == number => {
+                let (weight, bias, activation) = (weight.clone(), bias.clone(), Activation::Identity);
+                layers.push(Layer { inputs: width, outputs: bias.len(), weight, bias, activation });
+                width = layers.last()?.outputs;
+            }
+            Step::Elementwise { of, function: Elementwise::Activation(activation), .. } if *of == number => {
+                let last = layers.last_mut().filter(|layer| layer.activation == Activation::Identity)?;
+                last.activation = *activation;
+            }
+            _ => return None,
+        }
+    }
+    let outputs = layers.last()?.outputs;
+    let scaling = Scaling {
+        input_mean: vec![0.0; inputs],
+        input_scale: vec![1.0; inputs],
+        output_mean: vec![0.0; outputs],
+        output_scale: vec![1.0; outputs],
+    };
+    Some(ScaledNetwork { scaling, layers })
+}

@@ -1,0 +1,241 @@
+//! Models of other tools: a file with a trained network, and an interface that says what its columns are, become a surrogate.
+
+pub mod builder;
+pub mod onnx;
+pub mod tensors;
+
+use crate::{
+    Error, Result,
+    interface::{Interface, InterfaceCausality, InterfaceInput, InterfaceVariability, Mapping, Source},
+    surrogate,
+    table::Table,
+};
+use builder::Builder;
+use metafmu_runtime::{
+    Encoding, Evaluator, Input, Map, Metadata, Model, Output, Precision, Provenance, Role, Surrogate, Variability,
+    graph::Step,
+};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use sha2::{Digest, Sha256};
+use std::path::Path;
+
+/// A model that was read: columns by name, and the graph between them.
+#[derive(Debug)]
+pub struct Imported {
+    /// Names of the columns that it takes, in the order of the graph's.
+    pub inputs: Vec<String>,
+    /// Names of the columns that it gives.
+    pub outputs: Vec<String>,
+    /// The graph.
+    pub builder: Builder,
+    /// Which number of which value each column that it gives is.
+    pub columns: Vec<[u32; 2]>,
+    /// Whether it was made to be computed in single precision.
+    pub is_single: bool,
+    /// What wrote it.
+    pub producer: String,
+}
+
+impl Imported {
+    /// The model as a map between variables.
+    ///
+    /// # Errors
+    /// A sentence, if it becomes too large.
+    pub fn into_map(self, mapping: &Mapping, variables: usize) -> std::result::Result<Map, String> {
+        let Self { inputs, mut builder, mut columns, .. } = self;
+        let in_order = inputs.len() == variables
+            && mapping.inputs.iter().enumerate().all(|(column, source)| *source == Source::Input(column));
+        if !in_order {
+            builder = builder.after(variables, arranged(&mapping.inputs, variables));
+            columns.iter_mut().for_each(|[of, _]| *of += 1);
+        }
+        builder.finish(mapping.outputs.iter().map(|output| columns[*output]).collect())
+    }
+}
+
+/// The columns of a model, of variables and constants.
+fn arranged(sources: &[Source], variables: usize) -> Step {
+    let of_input = |source: &Source| match source {
+        Source::Input(input) => Some([0, *input as u32]),
+        Source::Value(_) => None,
+    };
+    if let Some(columns) = sources.iter().map(of_input).collect() {
+        return Step::Columns { columns };
+    }
+    let (mut weight, mut bias) = (vec![0.0; sources.len() * variables], vec![0.0; sources.len()]);
+    for (column, source) in sources.iter().enumerate() {
+        match source {
+            Source::Input(input) => weight[column * variables + input] = 1.0,
+            Source::Value(value) => bias[column] = *value,
+        }
+    }
+    Step::Affine { of: 0, weight: weight.into(), bias: bias.into() }
+}
+
+/// Points at which the ranges of outputs are found, if there are no data.
+const POINTS: usize = 4096;
+
+/// The surrogate of a model: `bytes` are those of its file, `data` a table with a column for each input, whose ranges count where the
+/// interface has none.
+///
+/// # Errors
+/// [`Error::Study`] with the keys of the interface that do not fit, [`Error::Import`] if the model has no finite outputs, [`Error::Table`].
+pub fn surrogate(
+    (path, bytes): (&Path, &[u8]),
+    imported: Imported,
+    interface: &Interface,
+    data: Option<&Path>,
+) -> Result<Surrogate> {
+    let mapping = interface.mapping(&imported.inputs, &imported.outputs)?;
+    let names: Vec<&str> = interface.variables().map(|(name, _)| name.as_str()).collect();
+    let rows = data.map(|data| rows(data, &names)).transpose()?;
+    let inputs = inputs(interface, rows.as_deref())?;
+    let (is_single, producer) = (imported.is_single, imported.producer.clone());
+    let refused = |problem: String| Error::Import { path: path.to_owned(), problems: vec![problem] };
+    let map = imported.into_map(&mapping, names.len()).map_err(refused)?;
+    let outputs = interface.outputs.iter().map(|(name, output)| Output {
+        name: name.clone(),
+        unit: output.unit.clone(),
+        description: output.description.clone(),
+        min: 0.0,
+        max: 0.0,
+    });
+    let has_time = inputs.iter().any(|input| input.role == Role::Time);
+    let digest = Sha256::new().chain_update(interface.text().as_bytes()).chain_update(bytes).finalize();
+    let metadata = Metadata {
+        name: interface.name.clone(),
+        description: interface.description.clone(),
+        inputs,
+        outputs: outputs.collect(),
+        states: Vec::new(),
+        arrays: Vec::new(),
+        bounds: None,
+        precision: if is_single && matches!(map, Map::Network(_)) { Precision::Single } else { Precision::Double },
+        time_step: interface.time.step,
+        stop_time: (!has_time).then_some(interface.time.stop),
+        provenance: Provenance {
+            tool: match producer.as_str() {
+                "" => concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
+                producer => format!("metafmu {}, of a model by {producer}", env!("CARGO_PKG_VERSION")),
+            },
+            study_digest: digest.iter().map(|byte| format!("{byte:02x}")).collect(),
+            seed: 0,
+            train_rows: rows.as_ref().map_or(0, |rows| rows.len() as u64),
+            content_digest: "0".repeat(64),
+        },
+    };
+    let made =
+        |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
+    let mut surrogate = made(metadata, map)?;
+    let points = rows.unwrap_or_else(|| points(surrogate.inputs()));
+    let ranges = output_ranges(&surrogate, &points).map_err(refused)?;
+    let mut metadata = surrogate.metadata().clone();
+    for (output, [min, max]) in metadata.outputs.iter_mut().zip(ranges) {
+        (output.min, output.max) = (min, max);
+    }
+    let Model::Response(map) = surrogate.model().clone() else { unreachable!("it was made so") };
+    surrogate = made(metadata, map)?;
+    surrogate::seal(surrogate)
+}
+
+/// The inputs of the FMU; every range that is missing is a problem.
+fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
+    let mut problems = crate::diagnostics::Problems::default();
+    let mut inputs = Vec::new();
+    for (position, (name, options)) in interface.variables().enumerate() {
+        let values = || rows.into_iter().flatten().map(|row| row[position]);
+        let found = (rows.is_some()).then(|| {
+            values().fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(value), max.max(value)])
+        });
+        let of_time = (options.causality == InterfaceCausality::Time).then_some([0.0, interface.time.stop]);
+        let usual = of_time.or(found);
+        let (min, max) = (options.min.or(usual.map(|[min, _]| min)), options.max.or(usual.map(|[_, max]| max)));
+        let (Some(min), Some(max)) = (min, max) else {
+            let message = "has no range: expected `min` and `max`, or a table of training data, by --data";
+            problems.add(format!("inputs.{name}"), message);
+            continue;
+        };
+        if min > max {
+            problems.add(
+                format!("inputs.{name}"),
+                format!("a range from {min} to {max}: the table and the interface do not fit each other"),
+            );
+            continue;
+        }
+        let start = options.start.unwrap_or(if of_time.is_some() { min } else { 0.5 * min + 0.5 * max });
+        problems.expect(
+            (min..=max).contains(&start),
+            format!("inputs.{name}.start"),
+            start,
+            &format!("a value from {min} to {max}"),
+        );
+        inputs.push(Input {
+            name: if of_time.is_some() { "time".into() } else { name.clone() },
+            role: role(options),
+            unit: options.unit.clone(),
+            description: options.description.clone(),
+            min,
+            max,
+            start,
+            encoding: Encoding::Plain,
+        });
+    }
+    interface.refuse(problems)?;
+    Ok(inputs)
+}
+
+fn role(options: &InterfaceInput) -> Role {
+    match (options.causality, options.variability) {
+        (InterfaceCausality::Input, _) => Role::Input,
+        (InterfaceCausality::Time, _) => Role::Time,
+        (InterfaceCausality::Parameter, Some(InterfaceVariability::Tunable)) => Role::Parameter(Variability::Tunable),
+        (InterfaceCausality::Parameter, _) => Role::Parameter(Variability::Fixed),
+    }
+}
+
+/// The rows of some columns of a table.
+fn rows(path: &Path, names: &[&str]) -> Result<Vec<Vec<f64>>> {
+    let mut table = Table::open(path)?;
+    let columns = names.iter().map(|name| table.column(name)).collect::<Result<Vec<usize>>>()?;
+    let mut rows = Vec::new();
+    while table.next_row()? {
+        rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);
+    }
+    if rows.is_empty() {
+        return Err(Error::Import { path: path.to_owned(), problems: vec!["no rows, expected at least one".into()] });
+    }
+    Ok(rows)
+}
+
+/// Random points in the ranges, and the one before a host sets anything.
+fn points(inputs: &[Input]) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut point =
+        || inputs.iter().map(|input| input.min + random.random::<f64>() * (input.max - input.min)).collect();
+    let mut points: Vec<Vec<f64>> = (0..POINTS).map(|_| point()).collect();
+    points.push(inputs.iter().map(|input| input.start).collect());
+    points
+}
+
+fn output_ranges(surrogate: &Surrogate, points: &[Vec<f64>]) -> std::result::Result<Vec<[f64; 2]>, String> {
+    let evaluator = Evaluator::new(surrogate);
+    let mut scratch = evaluator.scratch();
+    let mut values = vec![0.0; evaluator.results()];
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; values.len()];
+    for point in points {
+        evaluator.evaluate(point, &mut values, &mut scratch);
+        for ((range, value), output) in ranges.iter_mut().zip(&values).zip(surrogate.outputs()) {
+            if !value.is_finite() {
+                let inputs = surrogate.inputs().iter().zip(point).take(8);
+                let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
+                return Err(format!(
+                    "output `{}` is {value} at {}: the ranges lead where the model is not defined",
+                    output.name,
+                    at.join(", ")
+                ));
+            }
+            *range = [range[0].min(*value), range[1].max(*value)];
+        }
+    }
+    Ok(ranges)
+}

@@ -1,0 +1,195 @@
+//! Models of other tools as ONNX files: a feed-forward graph becomes a map of one row of its inputs.
+//!
+//! Every tensor is followed through the graph for a single row: its batch has the size 1, all other dimensions are known, and what only
+//! moves elements (a reshape, a slice, a concatenation) is a choice of columns. What does not depend on the inputs is computed here.
+
+mod attributes;
+mod node;
+mod operators;
+mod proto;
+mod shape;
+mod tensor;
+mod trees;
+
+use super::{Imported, builder::Builder};
+use crate::{Error, Result};
+use node::{Row, Value};
+use prost::Message;
+use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, ValueInfoProto, type_name};
+use std::{collections::HashMap, path::Path};
+use tensor::Tensor;
+
+/// Oldest and newest version of the standard operators whose meaning is known here.
+const OPSETS: std::ops::RangeInclusive<i64> = 7..=24;
+
+/// Reads an ONNX file.
+///
+/// # Errors
+/// [`Error::Io`] if it cannot be read, [`Error::Import`] with the nodes and operators that do not fit.
+pub fn load(path: &Path) -> Result<Imported> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    read(&bytes, Some(folder)).map_err(|problems| Error::Import { path: path.to_owned(), problems })
+}
+
+/// Reads the bytes of an ONNX file; `folder` is where external data may be.
+///
+/// # Errors
+/// Sentences that say what does not fit.
+pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported, Vec<String>> {
+    let one = |problem: String| vec![problem];
+    let model = ModelProto::decode(bytes).map_err(|error| one(format!("not an ONNX model, or cut short: {error}")))?;
+    let graph = model.graph.as_ref().ok_or_else(|| one("no graph: not an ONNX model, or an empty one".into()))?;
+    let opset = opset(&model).map_err(one)?;
+    let unknown = unknown_operators(graph);
+    if !unknown.is_empty() {
+        return Err(unknown);
+    }
+    let mut reader = Reader::new(graph, opset, folder).map_err(one)?;
+    for (number, node) in graph.node.iter().enumerate() {
+        reader.node(node).map_err(|problem| one(format!("{}: {problem}", node::title(number, node))))?;
+    }
+    let producer = [model.producer_name.as_str(), model.producer_version.as_str()].join(" ").trim().to_owned();
+    reader.finish(graph, producer)
+}
+
+/// The version of the standard operators.
+fn opset(model: &ModelProto) -> std::result::Result<i64, String> {
+    let standard = model.opset_import.iter().find(|set| node::is_standard(&set.domain));
+    let version = standard.map_or(*OPSETS.end(), |set| set.version);
+    if OPSETS.contains(&version) {
+        return Ok(version);
+    }
+    let (first, last) = (OPSETS.start(), OPSETS.end());
+    Err(format!("operators of version (opset) {version}, expected {first} to {last}"))
+}
+
+/// A sentence for each operator that is not known here, with the nodes that have it.
+fn unknown_operators(graph: &GraphProto) -> Vec<String> {
+    let mut found: Vec<(String, Vec<String>)> = Vec::new();
+    for (number, node) in graph.node.iter().enumerate().filter(|(_, node)| !operators::is_known(node)) {
+        let (operator, title) = (node::operator(node), node::title(number, node));
+        match found.iter_mut().find(|(known, _)| *known == operator) {
+            Some((_, nodes)) => nodes.push(title),
+            None => found.push((operator, vec![title])),
+        }
+    }
+    let sentence = |(operator, nodes): (String, Vec<String>)| {
+        let nodes: Vec<&str> = nodes.iter().map(String::as_str).collect();
+        let nodes = crate::diagnostics::names::listed(&nodes[..nodes.len().min(20)]);
+        format!("operator {operator} ({nodes}) is not supported{}", operators::instead(&operator))
+    };
+    found.into_iter().map(sentence).collect()
+}
+
+/// A graph that is being followed.
+struct Reader {
+    opset: i64,
+    builder: Builder,
+    /// What is known of each name.
+    values: HashMap<String, Value>,
+    inputs: Vec<String>,
+    is_single: bool,
+}
+
+impl Reader {
+    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> std::result::Result<Self, String> {
+        let mut values = HashMap::new();
+        for proto in &graph.initializer {
+            let tensor =
+                Tensor::read(proto, folder).map_err(|problem| format!("initializer `{}`: {problem}", proto.name))?;
+            values.insert(proto.name.clone(), Value::Constant(tensor));
+        }
+        // older files list their initializers among the inputs
+        let given: Vec<&ValueInfoProto> =
+            graph.input.iter().filter(|input| !values.contains_key(&input.name)).collect();
+        let mut rows = Vec::new();
+        for input in &given {
+            let about = |problem: String| format!("input `{}`: {problem}", input.name);
+            rows.push((&input.name, input_shape(input).map_err(about)?));
+        }
+        if rows.is_empty() {
+            return Err("the graph has no inputs".into());
+        }
+        let names = rows.iter().flat_map(|(name, (shape, _))| element_names(name, shape.iter().product()));
+        let inputs: Vec<String> = names.collect();
+        let mut builder = Builder::new(inputs.len());
+        let is_single = rows.iter().all(|(_, (_, is_single))| *is_single);
+        let has_trees = graph.node.iter().any(|node| node.op_type.starts_with("TreeEnsemble"));
+        // what is compared with thresholds is rounded as it was there
+        let source = match is_single && has_trees {
+            true => builder.elementwise(0, metafmu_runtime::graph::Elementwise::Single, Vec::new())?,
+            false => 0,
+        };
+        let mut first = 0;
+        for (name, (shape, is_single)) in rows {
+            let count: usize = shape.iter().product();
+            let columns = (first..first + count).map(|column| [source as u32, column as u32]).collect();
+            let value = builder.columns(columns)?;
+            values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
+            first += count;
+        }
+        Ok(Self { opset, builder, values, inputs, is_single })
+    }
+
+    fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
+        let Self { mut builder, values, inputs, is_single, .. } = self;
+        let (mut columns, mut outputs) = (Vec::new(), Vec::new());
+        for output in &graph.output {
+            let row = match values.get(&output.name) {
+                Some(Value::Row(row)) => row.clone(),
+                Some(Value::Constant(tensor)) => {
+                    node::constant_row(&mut builder, tensor).map_err(|problem| vec![problem])?
+                }
+                None => return Err(vec![format!("output `{}` is made by no node", output.name)]),
+            };
+            let count: usize = row.shape.iter().product();
+            outputs.extend(element_names(&output.name, count));
+            columns.extend((0..count).map(|column| [row.value as u32, column as u32]));
+        }
+        if columns.is_empty() {
+            return Err(vec!["the graph has no outputs".into()]);
+        }
+        Ok(Imported { inputs, outputs, builder, columns, is_single, producer })
+    }
+}
+
+/// The names of a tensor's elements: its own if it has one, else with their places.
+fn element_names(name: &str, count: usize) -> Vec<String> {
+    match count {
+        1 => vec![name.to_owned()],
+        _ => (0..count).map(|place| format!("{name}[{place}]")).collect(),
+    }
+}
+
+/// The shape of one row of an input, the batch included, and whether it is in single precision.
+fn input_shape(input: &ValueInfoProto) -> std::result::Result<(Vec<usize>, bool), String> {
+    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
+    let is_single = match tensor.elem_type {
+        FLOAT => true,
+        DOUBLE => false,
+        other => return Err(format!("elements of type {}, expected float or double", type_name(other))),
+    };
+    let dims = &tensor.shape.as_ref().ok_or("no shape: expected one with the number of columns")?.dim;
+    let known = |dim: &proto::DimensionProto| dim.dim_value.filter(|value| *value > 0);
+    let mut shape = Vec::new();
+    for (place, dim) in dims.iter().enumerate() {
+        match (place, known(dim)) {
+            // one row; a vector of known length without a batch is one as well
+            (0, None) => shape.push(1),
+            (0, Some(rows)) if dims.len() == 1 => shape.push(rows as usize),
+            (0, Some(1)) => shape.push(1),
+            (0, Some(rows)) => return Err(format!("a batch of {rows} rows, expected 1 or a dimension that is free")),
+            (_, Some(value)) => shape.push(value as usize),
+            (place, None) => {
+                let name = dim.dim_param.as_deref().unwrap_or("?");
+                return Err(format!("dimension {place} is free (`{name}`), expected a number"));
+            }
+        }
+    }
+    let count = tensor::within_limits(&shape)?;
+    if count > metafmu_runtime::graph::MAX_VALUES {
+        return Err(format!("{count} columns, expected at most {}", metafmu_runtime::graph::MAX_VALUES));
+    }
+    Ok((shape, is_single))
+}

@@ -1,0 +1,71 @@
+//! Rows of numbers as tensors: which elements of one tensor another one has.
+
+use super::tensor::within_limits;
+
+/// The shape that two shapes are broadcast to.
+///
+/// # Errors
+/// A sentence if they do not fit each other.
+pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, String> {
+    let rank = a.len().max(b.len());
+    let dim = |shape: &[usize], place: usize| (place + shape.len()).checked_sub(rank).map_or(1, |place| shape[place]);
+    let shape: Option<Vec<usize>> = (0..rank)
+        .map(|place| match (dim(a, place), dim(b, place)) {
+            (a, b) if a == b => Some(a),
+            (1, other) | (other, 1) => Some(other),
+            _ => None,
+        })
+        .collect();
+    let shape = shape.ok_or_else(|| format!("shapes {a:?} and {b:?} that do not fit each other"))?;
+    within_limits(&shape)?;
+    Ok(shape)
+}
+
+/// For each element of a tensor of the shape `to` the one of `from` that it is, `from` being broadcast.
+pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
+    let strides = strides(from);
+    let missing = to.len() - from.len();
+    places(to, |index| {
+        let dims = index[missing..].iter().zip(from).zip(&strides);
+        dims.map(|((index, dim), stride)| if *dim == 1 { 0 } else { index * stride }).sum()
+    })
+}
+
+/// For each element of a tensor of a shape something of its index.
+pub fn places(shape: &[usize], mut place: impl FnMut(&[usize]) -> usize) -> Vec<usize> {
+    let count = shape.iter().product();
+    let mut index = vec![0; shape.len()];
+    let mut found = Vec::with_capacity(count);
+    for _ in 0..count {
+        found.push(place(&index));
+        for (index, dim) in index.iter_mut().zip(shape).rev() {
+            *index += 1;
+            if *index < *dim {
+                break;
+            }
+            *index = 0;
+        }
+    }
+    found
+}
+
+/// How far apart elements are whose index differs by one.
+pub fn strides(shape: &[usize]) -> Vec<usize> {
+    let mut strides = vec![1; shape.len()];
+    for place in (1..shape.len()).rev() {
+        strides[place - 1] = strides[place] * shape[place];
+    }
+    strides
+}
+
+/// The place of an axis that may be counted from the end.
+///
+/// # Errors
+/// A sentence if there is no such axis.
+pub fn axis(axis: i64, rank: usize) -> Result<usize, String> {
+    let place = if axis < 0 { axis + rank as i64 } else { axis };
+    usize::try_from(place)
+        .ok()
+        .filter(|place| *place < rank)
+        .ok_or_else(|| format!("axis {axis} of a tensor of {rank} dimensions"))
+}

@@ -1,0 +1,208 @@
+//! `ai.onnx.ml.TreeEnsembleRegressor`: decision trees, random forests, gradient boosting.
+
+use super::{
+    Reader,
+    attributes::Attributes,
+    node::{Row, Value},
+    proto::NodeProto,
+};
+use metafmu_runtime::{
+    graph::{Elementwise, Step},
+    regression::{Forest, LEAF, Node, Tree},
+};
+use std::collections::HashMap;
+
+/// Nodes of all trees together, each once for every output that it adds to.
+const MAX_NODES: usize = 1 << 24;
+
+/// A node as the file has it.
+struct Given {
+    column: usize,
+    threshold: f64,
+    comparison: Comparison,
+    below: [i64; 2],
+}
+
+/// Which branch is taken.
+#[derive(Clone, Copy, PartialEq)]
+enum Comparison {
+    Leaf,
+    /// The first one if the input is at most the threshold.
+    AtMost,
+    /// The first one if it is less.
+    Less,
+    /// The second one if it is at most the threshold.
+    More,
+    /// The second one if it is less.
+    AtLeast,
+}
+
+impl Reader {
+    pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, String> {
+        let attributes = Attributes::of(node);
+        let row = self.row(node, 0)?;
+        let columns = self.builder.width(row.value);
+        let (share, mut base) =
+            (attributes.text("aggregate_function").unwrap_or("SUM".into()), attributes.numbers("base_values")?.values);
+        refuse_transform(attributes)?;
+        let outputs = usize::try_from(attributes.integer("n_targets").unwrap_or(1)).unwrap_or(0);
+        if outputs == 0 || outputs > MAX_NODES {
+            return Err(format!("{outputs} targets"));
+        }
+        let (nodes, trees) = given_nodes(attributes, columns)?;
+        let leaves = leaves(attributes, outputs)?;
+        let scale = match share.as_str() {
+            "SUM" => 1.0,
+            "AVERAGE" => 1.0 / trees.len().max(1) as f64,
+            other => return Err(format!("aggregate function {other}, expected SUM or AVERAGE")),
+        };
+        let forest = forest(&nodes, &trees, &leaves, (outputs, scale))?;
+        let value = self.builder.add(Step::Forest { of: row.value, forest, outputs }, outputs)?;
+        let value = Value::Row(Row { shape: vec![1, outputs], value, is_single: row.is_single });
+        if base.is_empty() {
+            return Ok(value);
+        }
+        if base.len() == 1 {
+            base = vec![base[0]; outputs];
+        }
+        if base.len() != outputs {
+            return Err(format!("{} base values, expected {outputs}", base.len()));
+        }
+        let parameters = [vec![1.0; outputs], base].concat();
+        self.mapped(&value, Elementwise::Linear, parameters)
+    }
+}
+
+/// Only what regressors have.
+pub fn refuse_transform(attributes: Attributes) -> Result<(), String> {
+    match attributes.text("post_transform").as_deref() {
+        None | Some("NONE") => Ok(()),
+        Some(other) => Err(format!("post_transform {other}, expected NONE")),
+    }
+}
+
+type Key = (i64, i64);
+
+/// The nodes by tree and number, and the trees with their first nodes.
+fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, Given>, Vec<Key>), String> {
+    let integers = |name: &str| attributes.integers(name).unwrap_or_default();
+    let (trees, ids) = (integers("nodes_treeids"), integers("nodes_nodeids"));
+    let (first, second) = (integers("nodes_truenodeids"), integers("nodes_falsenodeids"));
+    let features = integers("nodes_featureids");
+    let modes = attributes.texts("nodes_modes");
+    let thresholds = attributes.numbers("nodes_values")?;
+    let count = ids.len();
+    let lengths = [trees.len(), first.len(), second.len(), features.len(), modes.len(), thresholds.values.len()];
+    if count == 0 || lengths.iter().any(|length| *length != count) {
+        return Err(format!(
+            "nodes_* attributes of {count} and {lengths:?} elements, expected the same number of each"
+        ));
+    }
+    let (mut nodes, mut roots) = (HashMap::new(), Vec::<Key>::new());
+    for place in 0..count {
+        let key = (trees[place], ids[place]);
+        let comparison = match modes[place].as_str() {
+            "LEAF" => Comparison::Leaf,
+            "BRANCH_LEQ" => Comparison::AtMost,
+            "BRANCH_LT" => Comparison::Less,
+            "BRANCH_GT" => Comparison::More,
+            "BRANCH_GTE" => Comparison::AtLeast,
+            other => {
+                return Err(format!(
+                    "a node of mode {other}, expected LEAF, BRANCH_LEQ, BRANCH_LT, BRANCH_GT or BRANCH_GTE"
+                ));
+            }
+        };
+        let column = usize::try_from(features[place]).unwrap_or(usize::MAX);
+        if comparison != Comparison::Leaf && column >= columns {
+            return Err(format!("node {} of tree {} looks at feature {}, of {columns}", key.1, key.0, features[place]));
+        }
+        // the largest number that is less than the threshold, in the precision of the inputs
+        let less = |threshold: f64| match thresholds.is_single {
+            true => f64::from((threshold as f32).next_down()),
+            false => threshold.next_down(),
+        };
+        let threshold = match comparison {
+            Comparison::Less | Comparison::AtLeast => less(thresholds.values[place]),
+            _ => thresholds.values[place],
+        };
+        let given = Given { column, threshold, comparison, below: [first[place], second[place]] };
+        if nodes.insert(key, given).is_some() {
+            return Err(format!("two nodes {} of tree {}", key.1, key.0));
+        }
+        // the first node of a tree that is listed is its root
+        if roots.last().is_none_or(|(tree, _)| *tree != key.0) {
+            if roots.iter().any(|(tree, _)| *tree == key.0) {
+                return Err(format!("nodes of tree {} in several places", key.0));
+            }
+            roots.push(key);
+        }
+    }
+    Ok((nodes, roots))
+}
+
+/// What leaves add to which output.
+fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(usize, f64)>>, String> {
+    let integers = |name: &str| attributes.integers(name).unwrap_or_default();
+    let (trees, ids, targets) = (integers("target_treeids"), integers("target_nodeids"), integers("target_ids"));
+    let weights = attributes.numbers("target_weights")?.values;
+    let lengths = [ids.len(), targets.len(), weights.len()];
+    if lengths.iter().any(|length| *length != trees.len()) {
+        return Err(format!(
+            "target_* attributes of {} and {lengths:?} elements, expected the same number of each",
+            trees.len()
+        ));
+    }
+    let mut leaves: HashMap<Key, Vec<(usize, f64)>> = HashMap::new();
+    for (((tree, id), target), weight) in trees.iter().zip(ids).zip(targets).zip(weights) {
+        let output = usize::try_from(*target).ok().filter(|output| *output < outputs);
+        let output = output.ok_or_else(|| format!("target {target} of {outputs}"))?;
+        leaves.entry((*tree, *id)).or_default().push((output, weight));
+    }
+    Ok(leaves)
+}
+
+fn forest(
+    nodes: &HashMap<Key, Given>,
+    roots: &[Key],
+    leaves: &HashMap<Key, Vec<(usize, f64)>>,
+    (outputs, scale): (usize, f64),
+) -> Result<Forest, String> {
+    let mut forest = Forest::default();
+    for root in roots {
+        for output in 0..outputs {
+            let tree = Tree { root: forest.nodes.len() as u32, output: output as u32 };
+            // node by node, each before those below it: the node that points at it, and on which side
+            let mut waiting: Vec<(i64, Option<(usize, usize)>)> = vec![(root.1, None)];
+            let begin = forest.nodes.len();
+            while let Some((id, above)) = waiting.pop() {
+                let given = nodes.get(&(root.0, id)).ok_or_else(|| format!("no node {id} in tree {}", root.0))?;
+                let place = forest.nodes.len();
+                if place - begin > nodes.len() {
+                    return Err(format!("tree {} has a cycle", root.0));
+                }
+                if place >= MAX_NODES {
+                    return Err(format!("more than {MAX_NODES} nodes"));
+                }
+                if let Some((above, side)) = above {
+                    forest.nodes[above].below[side] = place as u32;
+                }
+                if given.comparison == Comparison::Leaf {
+                    let added = leaves.get(&(root.0, id)).into_iter().flatten();
+                    let number: f64 = added.filter(|(to, _)| *to == output).map(|(_, weight)| weight).sum();
+                    forest.nodes.push(Node { column: LEAF, number: scale * number, below: [0; 2] });
+                    continue;
+                }
+                forest.nodes.push(Node { column: given.column as u32, number: given.threshold, below: [0; 2] });
+                let [mut first, mut second] = given.below;
+                if matches!(given.comparison, Comparison::More | Comparison::AtLeast) {
+                    std::mem::swap(&mut first, &mut second);
+                }
+                waiting.push((second, Some((place, 1))));
+                waiting.push((first, Some((place, 0))));
+            }
+            forest.trees.push(tree);
+        }
+    }
+    Ok(forest)
+}

@@ -1,0 +1,284 @@
+//! Models that are only tensors by name, `.npz` of numpy or `.safetensors`: the interface says which are the layers.
+
+use super::{Imported, builder::Builder};
+use crate::{
+    diagnostics::{Problems, names::expected_one_of},
+    interface::{Interface, LayerOptions},
+};
+use metafmu_runtime::{Activation, Numbers, graph::Elementwise};
+use safetensors::{Dtype, SafeTensors};
+use std::{
+    collections::BTreeMap,
+    io::{Cursor, Read},
+};
+use zip::ZipArchive;
+
+/// Bytes of one tensor that are read at most.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// Tensors by name.
+pub type Tensors = BTreeMap<String, Tensor>;
+
+/// A tensor of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor {
+    /// Its dimensions.
+    pub shape: Vec<usize>,
+    /// Its numbers, row by row.
+    pub numbers: Numbers,
+}
+
+/// Whether these bytes are an archive of numpy.
+pub fn is_npz(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"PK\x03\x04")
+}
+
+/// Whether these bytes are a file of safetensors.
+pub fn is_safetensors(bytes: &[u8]) -> bool {
+    bytes.get(8) == Some(&b'{') && bytes[..8].ends_with(&[0, 0])
+}
+
+/// The tensors of an archive of numpy.
+///
+/// # Errors
+/// Sentences about what is no array of numbers.
+pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
+    let broken = |error: zip::result::ZipError| vec![format!("not an archive of numpy (.npz): {error}")];
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
+    let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
+    for index in 0..archive.len() {
+        let entry = archive.by_index(index).map_err(broken)?;
+        let name = entry.name().map_err(broken)?.trim_end_matches(".npy").to_owned();
+        let mut content = Vec::new();
+        match entry.take(MAX_BYTES + 1).read_to_end(&mut content) {
+            Ok(_) if content.len() as u64 > MAX_BYTES => {
+                problems.push(format!("`{name}`: more than {MAX_BYTES} bytes"))
+            }
+            Ok(_) => match read_npy(&content) {
+                Ok(tensor) => drop(tensors.insert(name, tensor)),
+                Err(problem) => problems.push(format!("`{name}`: {problem}")),
+            },
+            Err(error) => problems.push(format!("`{name}`: {error}")),
+        }
+    }
+    if problems.is_empty() { Ok(tensors) } else { Err(problems) }
+}
+
+/// An array of numpy (format 1.0 to 3.0): a header that is a dictionary of Python, then the numbers.
+fn read_npy(bytes: &[u8]) -> Result<Tensor, String> {
+    let no_array = || "not an array of numpy".to_owned();
+    let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or_else(no_array)?;
+    let (version, rest) = rest.split_at_checked(2).ok_or_else(no_array)?;
+    let width = if version[0] == 1 { 2 } else { 4 };
+    let (length, rest) = rest.split_at_checked(width).ok_or_else(no_array)?;
+    let length = length.iter().rev().fold(0usize, |length, byte| length << 8 | usize::from(*byte));
+    let (header, data) = rest.split_at_checked(length).ok_or_else(no_array)?;
+    let header = String::from_utf8_lossy(header);
+    let value = |key: &str| header.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
+    let kind = value("descr").and_then(|rest| rest.split('\'').nth(1)).ok_or_else(no_array)?;
+    let is_fortran = value("fortran_order").is_some_and(|rest| rest.starts_with("True"));
+    let dims = value("shape").and_then(|rest| rest.strip_prefix('(')?.split_once(')')).ok_or_else(no_array)?.0;
+    let dims = dims.split(',').map(str::trim).filter(|dim| !dim.is_empty());
+    let shape: Vec<usize> = dims.map(|dim| dim.parse().map_err(|_| no_array())).collect::<Result<_, _>>()?;
+    let numbers = match kind {
+        "<f4" => Numbers::Single(data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()),
+        "<f8" => Numbers::Double(data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()),
+        other => return Err(format!("elements of type {other:?}, expected \"<f4\" or \"<f8\"")),
+    };
+    let tensor = checked(shape, numbers)?;
+    match (is_fortran, tensor.shape.as_slice()) {
+        (true, &[rows, columns]) => {
+            let turned = Tensor { shape: vec![columns, rows], numbers: tensor.numbers };
+            Ok(Tensor { shape: vec![rows, columns], numbers: transposed(&turned) })
+        }
+        _ => Ok(tensor),
+    }
+}
+
+/// The tensors of a file of safetensors.
+///
+/// # Errors
+/// Sentences about tensors of other types.
+pub fn read_safetensors(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
+    let file =
+        SafeTensors::deserialize(bytes).map_err(|error| vec![format!("not safetensors, or cut short: {error}")])?;
+    let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
+    for (name, view) in file.tensors() {
+        let data = view.data();
+        let numbers = match view.dtype() {
+            Dtype::F32 => {
+                Numbers::Single(data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+            }
+            Dtype::F64 => {
+                Numbers::Double(data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+            }
+            other => {
+                problems.push(format!("`{name}`: elements of type {other:?}, expected F32 or F64"));
+                continue;
+            }
+        };
+        match checked(view.shape().to_vec(), numbers) {
+            Ok(tensor) => drop(tensors.insert(name, tensor)),
+            Err(problem) => problems.push(format!("`{name}`: {problem}")),
+        }
+    }
+    if problems.is_empty() { Ok(tensors) } else { Err(problems) }
+}
+
+fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<Tensor, String> {
+    let count = shape.iter().try_fold(1usize, |count, dim| count.checked_mul(*dim));
+    if count != Some(numbers.len()) {
+        return Err(format!("{} numbers of a shape {shape:?}", numbers.len()));
+    }
+    let wrong = numbers.iter().position(|number| !number.is_finite());
+    match wrong {
+        Some(place) => Err(format!("element {place} is {}, expected a finite number", numbers.get(place))),
+        None => Ok(Tensor { shape, numbers }),
+    }
+}
+
+/// The network of an interface's layers.
+///
+/// # Errors
+/// [`crate::Error::Study`] with the keys of the interface that do not fit the tensors.
+pub fn layers(tensors: &Tensors, interface: &Interface) -> crate::Result<Imported> {
+    let mut problems = Problems::default();
+    if interface.layers.is_empty() {
+        let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
+        let message = format!("no layers, expected them of the tensors {}", crate::diagnostics::names::listed(&known));
+        problems.add("layers", message);
+    }
+    let (mut builder, mut value): (Option<Builder>, usize) = (None, 0);
+    let (mut width, mut is_single) = (0, true);
+    for (number, options) in interface.layers.iter().enumerate() {
+        let key = format!("layers[{number}]");
+        let Some((weight, bias)) = layer(tensors, options, (number > 0).then_some(width), &key, &mut problems) else {
+            break;
+        };
+        let inputs = weight.len() / bias.len();
+        is_single &= weight.as_single().is_some();
+        width = bias.len();
+        let builder = builder.get_or_insert_with(|| Builder::new(inputs));
+        let Some((function, parameters)) = activation(&options.activation) else {
+            let known: Vec<&str> = ACTIVATIONS.iter().map(|(name, ..)| *name).collect();
+            let message = format!("\"{}\", {}", options.activation, expected_one_of(&options.activation, &known));
+            problems.add(format!("{key}.activation"), message);
+            break;
+        };
+        let added = builder.affine(value, weight, bias);
+        match added.and_then(|affine| builder.elementwise(affine, function, parameters)) {
+            Ok(made) => value = made,
+            Err(problem) => {
+                problems.add(key, problem);
+                break;
+            }
+        }
+    }
+    interface.refuse(problems)?;
+    let builder = builder.unwrap_or_else(|| Builder::new(1));
+    let names = |what: &str, count: usize| (0..count).map(|place| format!("{what}[{place}]")).collect();
+    Ok(Imported {
+        inputs: names("x", builder.width(0)),
+        outputs: names("y", width),
+        columns: (0..width).map(|column| [value as u32, column as u32]).collect(),
+        builder,
+        is_single,
+        producer: String::new(),
+    })
+}
+
+/// `W` with a row for each output, and `b`.
+fn layer(
+    tensors: &Tensors,
+    options: &LayerOptions,
+    before: Option<usize>,
+    key: &str,
+    problems: &mut Problems,
+) -> Option<(Numbers, Numbers)> {
+    let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
+    let mut find = |name: &str, what: &str, dimensions: usize| {
+        let found = tensors.get(name);
+        match found {
+            None => {
+                problems.add(format!("{key}.{what}"), format!("no tensor `{name}`, {}", expected_one_of(name, &known)))
+            }
+            Some(tensor) if tensor.shape.len() != dimensions || tensor.numbers.is_empty() => {
+                let message = format!("`{name}` has the shape {:?}, expected {dimensions} dimensions", tensor.shape);
+                problems.add(format!("{key}.{what}"), message);
+                return None;
+            }
+            Some(_) => {}
+        }
+        found
+    };
+    let weight = find(&options.weight, "weight", 2)?;
+    let bias = match &options.bias {
+        Some(bias) => Some(find(bias, "bias", 1)?),
+        None => None,
+    };
+    let (rows, columns) = (weight.shape[0], weight.shape[1]);
+    // what is known tells whether rows are outputs
+    let fits = |outputs: usize, inputs: usize| {
+        bias.is_none_or(|bias| bias.numbers.len() == outputs) && before.is_none_or(|before| before == inputs)
+    };
+    let is_transposed = match (options.transposed, fits(rows, columns), fits(columns, rows)) {
+        (Some(transposed), plain, turned) if (transposed && turned) || (!transposed && plain) => transposed,
+        (None, true, false) => false,
+        (None, false, true) => true,
+        (None, true, true) if rows == columns || (bias.is_none() && before.is_none()) => {
+            let message =
+                "may be either way round: expected `transposed = true` if its columns are outputs, else false";
+            problems
+                .add(format!("{key}.weight"), format!("`{}` of shape [{rows}, {columns}] {message}", options.weight));
+            return None;
+        }
+        (None, true, true) => false,
+        _ => {
+            let bias = bias.map_or("none".into(), |bias| bias.numbers.len().to_string());
+            let before = before.map_or(String::new(), |before| format!(", and the layer before has {before} outputs"));
+            let message =
+                format!("`{}` has the shape [{rows}, {columns}], its bias {bias} numbers{before}", options.weight);
+            problems.add(format!("{key}.weight"), message);
+            return None;
+        }
+    };
+    let outputs = if is_transposed { columns } else { rows };
+    let weight_numbers = if is_transposed { transposed(weight) } else { weight.numbers.clone() };
+    let none = || match &weight_numbers {
+        Numbers::Single(_) => vec![0.0f32; outputs].into(),
+        Numbers::Double(_) => vec![0.0f64; outputs].into(),
+    };
+    let bias = bias.map_or_else(none, |bias| bias.numbers.clone());
+    Some((weight_numbers, bias))
+}
+
+/// The numbers of a matrix column by column.
+fn transposed(tensor: &Tensor) -> Numbers {
+    let (rows, columns) = (tensor.shape[0], tensor.shape[1]);
+    let places = || (0..columns).flat_map(move |column| (0..rows).map(move |row| row * columns + column));
+    match &tensor.numbers {
+        Numbers::Single(values) => places().map(|place| values[place]).collect::<Vec<f32>>().into(),
+        Numbers::Double(values) => places().map(|place| values[place]).collect::<Vec<f64>>().into(),
+    }
+}
+
+/// Names of activations, with their functions and parameters.
+const ACTIVATIONS: [(&str, Elementwise, &[f64]); 12] = [
+    ("tanh", Elementwise::Activation(Activation::Tanh), &[]),
+    ("sigmoid", Elementwise::Activation(Activation::Sigmoid), &[]),
+    ("relu", Elementwise::Activation(Activation::Relu), &[]),
+    ("gelu", Elementwise::Activation(Activation::Gelu), &[]),
+    ("gelu-exact", Elementwise::GeluExact, &[]),
+    ("silu", Elementwise::Activation(Activation::Silu), &[]),
+    ("sine", Elementwise::Activation(Activation::Sine), &[]),
+    ("identity", Elementwise::Activation(Activation::Identity), &[]),
+    ("leaky-relu", Elementwise::LeakyRelu, &[0.01]),
+    ("elu", Elementwise::Elu, &[1.0]),
+    ("softplus", Elementwise::Softplus, &[]),
+    ("softsign", Elementwise::Softsign, &[]),
+];
+
+fn activation(name: &str) -> Option<(Elementwise, Vec<f64>)> {
+    let found = ACTIVATIONS.iter().find(|(known, ..)| *known == name)?;
+    Some((found.1, found.2.to_vec()))
+}

@@ -1,0 +1,254 @@
+//! Trained models of other tools become surrogates, without a study.
+
+use super::predict::is_surrogate;
+use crate::{
+    Error, Result,
+    diagnostics::{Problems, names::listed},
+    files,
+    import::{self, Imported, onnx, tensors},
+    interface::Interface,
+    surrogate,
+    table::Table,
+};
+use metafmu_runtime::{Evaluator, Surrogate};
+use serde::Serialize;
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
+
+/// What is imported, and how.
+#[derive(Clone, Debug)]
+pub struct ImportOptions {
+    /// File of the trained model.
+    pub model: PathBuf,
+    /// What its columns are.
+    pub interface: PathBuf,
+    /// Table of training data, for the ranges that the interface does not have.
+    pub data: Option<PathBuf>,
+    /// Table with rows of inputs and of the outputs that the model gave for them.
+    pub check: Option<PathBuf>,
+    /// How far outputs may be from those of the check, relative to the range that they have there.
+    pub tolerance: Option<f64>,
+    /// The model file; NAME.safetensors in the working directory unless given.
+    pub out: Option<PathBuf>,
+}
+
+/// A surrogate that was imported.
+#[derive(Clone, Debug, Serialize)]
+pub struct ImportedSurrogate {
+    /// The model file; none if the check failed.
+    pub model: Option<PathBuf>,
+    /// Its content digest.
+    pub content_digest: String,
+    /// How each output compares with the check.
+    pub check: Vec<Difference>,
+}
+
+/// The difference of an output from what was expected.
+#[derive(Clone, Debug, Serialize)]
+pub struct Difference {
+    /// The output.
+    pub output: String,
+    /// Its largest difference.
+    pub largest: f64,
+    /// The same relative to the range of what was expected.
+    pub relative: f64,
+    /// Row of the table, counted from 1.
+    pub row: u64,
+    /// Whether that is within the tolerance.
+    pub fits: bool,
+}
+
+/// Tolerance of a check: of a model in single precision, and of one in double.
+const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
+
+/// Reads a trained model of another tool and writes it as a model file.
+///
+/// # Errors
+/// [`Error::Import`] with what cannot be imported, [`Error::Study`] with the keys of the interface that do not fit, [`Error::Table`],
+/// [`Error::Io`], [`Error::SameFile`] if the model file would take the place of the model.
+pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
+    let interface = Interface::load(&options.interface)?;
+    let out = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.safetensors", interface.name)));
+    if !is_surrogate(&out) || out.extension().is_some_and(|extension| extension == "fmu") {
+        return Err(Error::NoSurrogate { path: out });
+    }
+    files::check_output(&out)?;
+    if out.exists() && out.canonicalize().ok() == options.model.canonicalize().ok() {
+        return Err(Error::SameFile { path: out });
+    }
+    let (bytes, model) = read(&options.model, Some(&interface))?;
+    let tolerance = options.tolerance.unwrap_or(TOLERANCES[usize::from(!model.is_single)]);
+    let surrogate = import::surrogate((&options.model, &bytes), model, &interface, options.data.as_deref())?;
+    let check = match &options.check {
+        Some(table) => check(&surrogate, table, tolerance)?,
+        None => Vec::new(),
+    };
+    let fits = check.iter().all(|difference| difference.fits);
+    if fits {
+        surrogate::save(&surrogate, &out)?;
+    }
+    let content_digest = surrogate.metadata().provenance.content_digest.clone();
+    Ok(ImportedSurrogate { model: fits.then_some(out), content_digest, check })
+}
+
+/// An interface file to begin with: names of all columns, and ranges if there is a table.
+///
+/// # Errors
+/// Those of [`import`].
+pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
+    let (_, imported) = read(model, None)?;
+    let stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
+    let mut text = String::new();
+    let of = |what: &str| Error::Import { path: model.to_owned(), problems: vec![what.into()] };
+    let names =
+        data.map(|data| column_names(data, imported.inputs.len(), imported.outputs.len())).transpose()?.flatten();
+    let (given, given_outputs) = match &names {
+        Some(names) => names.split_at(imported.inputs.len()),
+        None => (&[] as &[String], &[] as &[String]),
+    };
+    let (inputs, outputs) = (unique(&imported.inputs, given, &[]), Vec::new());
+    let outputs = unique(&imported.outputs, given_outputs, &[inputs.as_slice(), &outputs].concat());
+    let known = if data.is_some() { "# ranges are those of the table of training data, by --data\n" } else { "" };
+    write!(
+        text,
+        "# What the columns of {} are: names, units and ranges for `metafmu import`. docs/import.md has every key.\n\
+         name = \"{stem}\"\ndescription = \"\"\n\n[time]    # when the FMU is stepped, unless the host says otherwise\nstep = 0.01\nstop = 1.0\n\n\
+         # causality: \"input\" is driven by other components, \"parameter\" is set before the simulation (variability = \"tunable\": also\n\
+         # between two steps), \"time\" is the simulation time. `value = 1.0` in place of a range: a column that is always the same.\n{known}",
+        model.file_name().map_or("the model".into(), |name| name.to_string_lossy()),
+    )
+    .map_err(|_| of("cannot be described"))?;
+    for (column, name) in imported.inputs.iter().zip(&inputs) {
+        let range = match data {
+            Some(_) => "",
+            None => "# min =       # the training range\n# max =\n",
+        };
+        text += &format!(
+            "\n[inputs.{}]\ncolumn = {}\ncausality = \"input\"\nunit = \"\"\ndescription = \"\"\n{range}",
+            key(name),
+            quoted(column)
+        );
+    }
+    for (column, name) in imported.outputs.iter().zip(&outputs) {
+        text += &format!("\n[outputs.{}]\ncolumn = {}\nunit = \"\"\ndescription = \"\"\n", key(name), quoted(column));
+    }
+    Ok(text)
+}
+
+/// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.
+fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported)> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let refused = |problems| Error::Import { path: path.to_owned(), problems };
+    let tensors = match &bytes {
+        _ if tensors::is_npz(&bytes) => Some(tensors::read_npz(&bytes).map_err(refused)?),
+        _ if tensors::is_safetensors(&bytes) => Some(tensors::read_safetensors(&bytes).map_err(refused)?),
+        _ => None,
+    };
+    let imported = match (tensors, interface) {
+        (Some(tensors), Some(interface)) => tensors::layers(&tensors, interface)?,
+        (Some(tensors), None) => {
+            let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
+            return Err(refused(vec![format!(
+                "only tensors ({}): an interface has to say which are layers, [[layers]] with weight, bias and activation; \
+                 docs/import.md has an example",
+                listed(&known)
+            )]));
+        }
+        (None, interface) => {
+            if let Some(interface) = interface.filter(|interface| !interface.layers.is_empty()) {
+                let message = "belongs to models that are only tensors (.npz, .safetensors)";
+                interface.refuse(Problems::one("layers", message))?;
+            }
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            onnx::read(&bytes, Some(folder)).map_err(refused)?
+        }
+    };
+    Ok((bytes, imported))
+}
+
+/// Compares the outputs with those of a table, row by row.
+fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
+    let mut table = Table::open(path)?;
+    let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs());
+    let of_inputs = inputs.iter().map(|input| table.column(&input.name)).collect::<Result<Vec<usize>>>()?;
+    let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
+    let evaluator = Evaluator::new(surrogate);
+    let (mut scratch, mut found) = (evaluator.scratch(), vec![0.0; outputs.len()]);
+    let mut largest = vec![(0.0f64, 0u64); outputs.len()];
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];
+    let mut row = 0;
+    while table.next_row()? {
+        row += 1;
+        let point = of_inputs.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
+        evaluator.evaluate(&point, &mut found, &mut scratch);
+        for (output, column) in of_outputs.iter().enumerate() {
+            let expected = table.number(*column)?;
+            let difference = (found[output] - expected).abs();
+            let [min, max] = ranges[output];
+            ranges[output] = [min.min(expected), max.max(expected)];
+            // what is not a number counts as the largest difference
+            if difference.is_nan() || difference > largest[output].0 {
+                largest[output] = (difference, row);
+            }
+        }
+    }
+    if row == 0 {
+        return Err(Error::Import { path: path.to_owned(), problems: vec!["no rows, expected at least one".into()] });
+    }
+    let difference = |((output, (largest, row)), [min, max]): ((&metafmu_runtime::Output, (f64, u64)), [f64; 2])| {
+        // of a single value, or of values that are all the same
+        let scale = if max > min { max - min } else { max.abs().max(f64::MIN_POSITIVE) };
+        let relative = if largest == 0.0 { 0.0 } else { largest / scale };
+        Difference { output: output.name.clone(), largest, relative, row, fits: relative <= tolerance }
+    };
+    Ok(outputs.iter().zip(largest).zip(ranges).map(difference).collect())
+}
+
+/// The names of a table's columns, if there are as many as the model has, or as it has inputs.
+fn column_names(path: &Path, inputs: usize, outputs: usize) -> Result<Option<Vec<String>>> {
+    let table = Table::open(path)?;
+    let names: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
+    Ok((names.len() == inputs || names.len() == inputs + outputs).then_some(names))
+}
+
+/// Names for columns: those given, else made of the model's, all different.
+fn unique(columns: &[String], given: &[String], taken: &[String]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (place, column) in columns.iter().enumerate() {
+        let name = given.get(place).cloned().unwrap_or_else(|| identifier(column));
+        let is_free = |name: &str| !names.iter().chain(taken).any(|other| other == name);
+        let free = match is_free(&name) {
+            true => name,
+            false => (2..).map(|number| format!("{name}_{number}")).find(|name| is_free(name)).unwrap_or(name),
+        };
+        names.push(free);
+    }
+    names
+}
+
+/// A name of letters, digits and `_`.
+fn identifier(text: &str) -> String {
+    let mut name = String::new();
+    for c in text.chars() {
+        if c.is_ascii_alphanumeric() {
+            name.push(c);
+        } else if !name.ends_with('_') && !name.is_empty() {
+            name.push('_');
+        }
+    }
+    let name = name.trim_end_matches('_').to_owned();
+    if name.starts_with(|c: char| c.is_ascii_alphabetic()) { name } else { format!("v{name}") }
+}
+
+/// A key of TOML.
+fn key(name: &str) -> String {
+    let is_bare = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
+    if is_bare { name.to_owned() } else { quoted(name) }
+}
+
+/// A text of TOML.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
