@@ -122,6 +122,7 @@ study's surrogate of the same variables is measured on the same test runs.")]
   metafmu export out/single-pendulum/single-pendulum.safetensors --fmi 3 --sources
   metafmu export examples/single-pendulum.toml --fmi both --binary aarch64-linux=libfmu_template.so
   metafmu export examples/single-pendulum.toml --model ridge
+  metafmu export examples/single-pendulum.toml --onnx single-pendulum.onnx    # for other tools: no states
 
 The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model
 file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards
@@ -352,6 +353,9 @@ pub struct ExportModelArgs {
     /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` compares them
     #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
     pub model: Option<BaselineKind>,
+    /// Write the surrogate as an ONNX model instead, of one input `inputs` and one output `outputs`
+    #[arg(long, value_name = "FILE.onnx", conflicts_with_all = ["model", "fmi", "platform", "binary", "sources"])]
+    pub onnx: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

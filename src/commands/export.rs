@@ -5,14 +5,26 @@ use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
     Error, Result,
     pipeline::{
-        export::{ExportOptions, Plan, Written, export_baseline, export_file, export_network},
-        predict::is_surrogate,
+        export::{ExportOptions, Plan, Written, export_baseline, export_file, export_network, export_onnx},
+        predict::{is_surrogate, load_file},
     },
     study::FmiChoice,
 };
 use std::path::Path;
 
 pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
+    if let Some(path) = &args.onnx {
+        let surrogate = match is_surrogate(&args.export.study.study) {
+            true => load_file(&args.export.study.study)?,
+            false => project(&args.export.study)?.load_model()?,
+        };
+        let bytes = export_onnx(&surrogate, path)?;
+        match args.export.study.json {
+            true => print_json(&serde_json::json!({ "onnx": path, "bytes": bytes }))?,
+            false => print(&format!("{}\n", path.display()))?,
+        }
+        return Ok(Outcome::Fine);
+    }
     let written = match is_surrogate(&args.export.study.study) {
         true => of_file(args)?,
         false => of_study(args)?,

@@ -107,6 +107,15 @@ impl Builder {
     }
 }
 
+#[cfg(test)]
+impl Builder {
+    /// The graph as it was put together.
+    pub(super) fn unsimplified(mut self, outputs: Vec<[u32; 2]>) -> Graph {
+        self.columns(outputs).expect("a graph for tests is small");
+        Graph { inputs: self.widths[0], steps: self.steps }
+    }
+}
+
 /// The steps with something left out or two of them as one; none if there is nothing.
 fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
     let uses = uses(steps);
@@ -160,6 +169,7 @@ fn values(step: &Step) -> Vec<usize> {
         | Step::Distances { of, .. }
         | Step::Forest { of, .. } => vec![*of],
         Step::Combine { of, .. } => of.to_vec(),
+        Step::Select { of } => of.to_vec(),
         Step::Columns { columns } => columns.iter().map(|[of, _]| *of as usize).collect(),
     }
 }
@@ -187,6 +197,7 @@ fn rename(step: &mut Step, renamed: impl Fn(usize) -> usize) {
         | Step::Distances { of, .. }
         | Step::Forest { of, .. } => *of = renamed(*of),
         Step::Combine { of, .. } => *of = of.map(renamed),
+        Step::Select { of } => *of = of.map(renamed),
         Step::Columns { columns } => {
             columns.iter_mut().for_each(|[of, _]| *of = renamed(*of as usize) as u32);
         }

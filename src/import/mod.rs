@@ -239,3 +239,6 @@ fn output_ranges(surrogate: &Surrogate, points: &[Vec<f64>]) -> std::result::Res
     }
     Ok(ranges)
 }
+
+#[cfg(test)]
+mod tests;

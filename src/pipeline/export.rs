@@ -6,7 +6,7 @@ use crate::{
     baseline::{self, BaselineKind, Fitted, choose_rows},
     evaluation::Accuracy,
     evaluation::Verdict,
-    export::{Binary, Contents, pack},
+    export::{Binary, Contents, onnx, pack},
     files,
     fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
@@ -133,6 +133,17 @@ pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Resul
         return Err(Error::SameFile { path });
     }
     write(&target, &plan, &surrogate, None, &[])
+}
+
+/// A surrogate as an ONNX model; the result is the size of the file.
+///
+/// # Errors
+/// [`Error::NoOnnx`] if it has states, [`Error::Io`].
+pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
+    files::check_output(path)?;
+    let bytes = onnx(surrogate)?;
+    files::write_whole(path, &bytes)?;
+    Ok(bytes.len())
 }
 
 /// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.

@@ -71,11 +71,11 @@ class Build:
         return {version: fmu_of(self.folder, self.fmu.stem, version) for version in (2, 3)}
 
 
-def metafmu(*arguments, check=True):
+def metafmu(*arguments, check=True, cwd=ROOT):
     """Runs the command and returns what it printed."""
     assert METAFMU.exists(), "run `cargo build --release` first"
     command = [str(METAFMU), *map(str, arguments)]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    result = subprocess.run(command, capture_output=True, text=True, cwd=cwd)
     assert not check or result.returncode == 0, result.stderr
     return result
 

@@ -109,6 +109,12 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// What has a state is no function of its inputs.
+    #[error(
+        "the surrogate has states, a memory, or a network for each instant, which an ONNX model has not: expected one of the structure \
+         \"response\""
+    )]
+    NoOnnx,
     /// A model of another tool that cannot be imported.
     #[error("{}", problems.iter().map(|problem| format!("{}: {problem}", path.display())).collect::<Vec<_>>().join("\n"))]
     Import {

@@ -38,7 +38,7 @@
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `graph.inputs` | U32 | `[1]` | number of input columns |
-//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: standardised, 5: softmax, 6: distances, 7: forest, code: number of outputs |
+//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: standardised, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which |
 //! | `graph.K.weight`, `graph.K.bias` | F32 or F64 | `[outputs, inputs]`, `[outputs]` | of an affine step |
 //! | `graph.K.parameters` | F64 | `[parameters]` or `[parameters * length]` | of an elementwise step; `ε` of a standardised one |
 //! | `graph.K.columns` | U32 | `[outputs, 2]` | a value, and a position in it |

@@ -69,8 +69,33 @@ pub struct Numbers {
     pub is_single: bool,
 }
 
-/// The double with the fewest digits that is this single: 0.01 is meant by the single next to it. Frameworks that compute in double
-/// precision have it so, and those in single precision lose nothing.
+/// The double that is meant by a single. Attributes are singles, but frameworks that compute in double precision mean 0.01 by the single next
+/// to it: the number with the fewest decimal digits if there are few, a fraction such as 1/6, or the single itself if its last
+/// bits are zero, as of 0.25.
 fn shortest(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(f64::from(value))
+    const ROUND_BITS: u32 = 10;
+    const FEW_DIGITS: usize = 7;
+    if value.to_bits().trailing_zeros() >= ROUND_BITS {
+        return value.into();
+    }
+    let text = format!("{value:e}");
+    let digits = text.split('e').next().unwrap_or_default().chars().filter(char::is_ascii_digit).count();
+    let fraction = |parts: f64| (f64::from(value) * parts).round() / parts;
+    let fractions = [3.0, 6.0, 7.0, 9.0, 11.0, 12.0].map(fraction);
+    let meant = fractions.into_iter().find(|meant| digits > FEW_DIGITS && *meant as f32 == value);
+    meant.or_else(|| text.parse().ok()).unwrap_or(value.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shortest;
+
+    #[test]
+    fn decimals_and_powers_of_two_are_what_was_meant() {
+        for meant in
+            [0.01, 1e-5, 0.1, 1.673_263_2, 0.25, 1.0 / 6.0, -2.0 / 3.0, 2f64.powi(-16), 0.0, -3.0, 1.0 / 1024.0]
+        {
+            assert_eq!(shortest(meant as f32), meant);
+        }
+    }
 }

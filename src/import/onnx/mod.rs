@@ -6,7 +6,7 @@
 mod attributes;
 mod node;
 mod operators;
-mod proto;
+pub(crate) mod proto;
 mod shape;
 mod tensor;
 mod trees;

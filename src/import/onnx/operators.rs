@@ -15,7 +15,7 @@ use metafmu_runtime::{
 };
 
 /// Operators of the standard set that are known here.
-pub const STANDARD: [&str; 70] = [
+pub const STANDARD: [&str; 80] = [
     "Abs",
     "Add",
     "Atan",
@@ -86,6 +86,16 @@ pub const STANDARD: [&str; 70] = [
     "ReduceSumSquare",
     "ReduceL2",
     "RMSNormalization",
+    "And",
+    "Greater",
+    "GreaterOrEqual",
+    "Less",
+    "LessOrEqual",
+    "Mod",
+    "Not",
+    "Or",
+    "Sign",
+    "Where",
 ];
 
 /// Those of `ai.onnx.ml`.
@@ -191,6 +201,20 @@ impl Reader {
                 let sum = self.many(node, Operation::Add)?;
                 return self.mapped(&sum, Elementwise::Linear, vec![1.0 / node.input.len() as f64, 0.0]);
             }
+            "Greater" | "Less" | "GreaterOrEqual" | "LessOrEqual" => return self.compare(node),
+            "Where" => return self.choose(node),
+            // truth values are 1 and 0
+            "And" => return self.many(node, Operation::Multiply),
+            "Or" => return self.many(node, Operation::Maximum),
+            "Not" => (Elementwise::Linear, vec![-1.0, 1.0]),
+            "Mod" => return self.remainder(node),
+            "Sign" => {
+                let value = self.input(node, 0)?;
+                let negative = self.mapped(&value, Elementwise::Linear, vec![-1.0, 0.0])?;
+                let above = self.mapped(&value, Elementwise::Positive, Vec::new())?;
+                let below = self.mapped(&negative, Elementwise::Positive, Vec::new())?;
+                return self.combined(Operation::Subtract, &above, &below);
+            }
             "Pow" => return self.power(node),
             "PRelu" => return self.prelu(node),
             "Clip" => return self.clip(node),
@@ -225,8 +249,13 @@ impl Reader {
             }
             "Tan" | "Sinh" | "Cosh" => return self.of_two(node),
             "Selu" => {
-                let alpha = attributes.float("alpha", 1.673_263_242_354_377_2)?;
-                let gamma = attributes.float("gamma", 1.050_700_987_355_480_5)?;
+                // a single is meant to be the constant next to it
+                let meant = |name, constant: f64| -> Result<f64, String> {
+                    let given = attributes.float(name, constant)?;
+                    Ok(if given as f32 == constant as f32 { constant } else { given })
+                };
+                let alpha = meant("alpha", 1.673_263_242_354_377_2)?;
+                let gamma = meant("gamma", 1.050_700_987_355_480_5)?;
                 let value = self.input(node, 0)?;
                 let elu = self.mapped(&value, Elementwise::Elu, vec![alpha])?;
                 return self.mapped(&elu, Elementwise::Linear, vec![gamma, 0.0]);
@@ -812,6 +841,59 @@ impl Reader {
                 self.mapped(&product, Elementwise::Exponential, Vec::new())
             }
         }
+    }
+
+    /// 1 where it is so, else 0.
+    fn compare(&mut self, node: &NodeProto) -> Made {
+        let (a, b) = (self.input(node, 0)?, self.input(node, 1)?);
+        let (more, less) = if node.op_type.starts_with("Greater") { (a, b) } else { (b, a) };
+        if !node.op_type.ends_with("OrEqual") {
+            let difference = self.combined(Operation::Subtract, &more, &less)?;
+            return self.mapped(&difference, Elementwise::Positive, Vec::new());
+        }
+        let difference = self.combined(Operation::Subtract, &less, &more)?;
+        let is_less = self.mapped(&difference, Elementwise::Positive, Vec::new())?;
+        self.mapped(&is_less, Elementwise::Linear, vec![-1.0, 1.0])
+    }
+
+    fn choose(&mut self, node: &NodeProto) -> Made {
+        let (condition, a, b) = (self.input(node, 0)?, self.input(node, 1)?, self.input(node, 2)?);
+        let shape = broadcast(&broadcast(condition.shape(), a.shape())?, b.shape())?;
+        let condition = self.expanded(&condition, &shape)?;
+        let (a, b) = (self.expanded(&a, &shape)?, self.expanded(&b, &shape)?);
+        if let (Value::Constant(condition), Value::Constant(a), Value::Constant(b)) = (&condition, &a, &b) {
+            let pairs = a.data.doubles().into_iter().zip(b.data.doubles());
+            let chosen = condition.data.doubles().into_iter().zip(pairs);
+            let values = chosen.map(|(condition, (a, b))| if condition > 0.0 { a } else { b }).collect();
+            return Ok(Value::Constant(Tensor::like(&a.data, shape, values)));
+        }
+        let mut rows = Vec::new();
+        for value in [condition, a, b] {
+            rows.push(match value {
+                Value::Row(row) => row,
+                Value::Constant(tensor) => super::node::constant_row(&mut self.builder, &tensor)?,
+            });
+        }
+        let width = self.builder.width(rows[0].value);
+        let value = self.builder.add(Step::Select { of: [rows[0].value, rows[1].value, rows[2].value] }, width)?;
+        Ok(Value::Row(Row { shape, value, is_single: rows[1].is_single }))
+    }
+
+    /// Of whole numbers that are known.
+    fn remainder(&mut self, node: &NodeProto) -> Made {
+        let number = |place: usize| -> Result<Tensor, String> {
+            self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))
+        };
+        let (a, b) = (number(0)?, number(1)?);
+        let shape = broadcast(&a.shape, &b.shape)?;
+        let (of_a, of_b) = (broadcast_places(&a.shape, &shape), broadcast_places(&b.shape, &shape));
+        let (a, b) = (a.integers()?, b.integers()?);
+        let pairs = of_a.iter().zip(&of_b).map(|(first, second)| (a[*first], b[*second]));
+        let values = pairs.map(|(a, b)| {
+            a.checked_rem(b).map(|rest| if rest != 0 && (rest < 0) != (b < 0) { rest + b } else { rest })
+        });
+        let values: Option<Vec<i64>> = values.collect();
+        Ok(Value::Constant(Tensor { shape, data: Data::Integer(values.ok_or("a division by 0")?) }))
     }
 
     fn prelu(&mut self, node: &NodeProto) -> Made {

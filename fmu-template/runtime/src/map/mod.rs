@@ -133,7 +133,7 @@ impl Map {
     ///
     /// # Errors
     /// The first [`FormatError`].
-    pub(crate) fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
+    pub fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
         match self {
             Self::Network(network) => network.check(columns, outputs),
             Self::Regression(regression) => {

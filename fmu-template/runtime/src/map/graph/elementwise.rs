@@ -41,11 +41,13 @@ pub enum Elementwise {
     Arctangent,
     /// `x` rounded to single precision, of derivative 1: what a model in single precision compares with thresholds.
     Single,
+    /// 1 if `x` is positive, else 0; of derivative 0.
+    Positive,
 }
 
 impl Elementwise {
     /// All of them, in the order of their codes in the model file.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::Activation(Activation::Tanh),
         Self::Activation(Activation::Sigmoid),
         Self::Activation(Activation::Relu),
@@ -70,6 +72,7 @@ impl Elementwise {
         Self::ThresholdedRelu,
         Self::Arctangent,
         Self::Single,
+        Self::Positive,
     ];
 
     /// How many parameters it has, `p0` and `p1`.
@@ -142,6 +145,7 @@ impl Elementwise {
                 [x.atan(), slope, -2.0 * x * slope * slope]
             }
             Self::Single => [f64::from(x as f32), 1.0, 0.0],
+            Self::Positive => [if x > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0],
         }
     }
 

@@ -28,6 +28,7 @@ enum Prepared {
     Affine { of: usize, layer: Dense<f64, WIDTH> },
     Elementwise { of: usize, function: Elementwise, parameters: Vec<f64> },
     Combine { of: [usize; 2], operation: Operation },
+    Select { of: [usize; 3] },
     Columns { columns: Vec<[u32; 2]> },
     Standardise { of: usize, epsilon: f64 },
     Softmax { of: usize },
@@ -117,6 +118,7 @@ impl PreparedGraph {
                 Prepared::Elementwise { of: *of, function: *function, parameters: parameters.clone() }
             }
             Step::Combine { of, operation } => Prepared::Combine { of: *of, operation: *operation },
+            Step::Select { of } => Prepared::Select { of: *of },
             Step::Columns { columns } => Prepared::Columns { columns: columns.clone() },
             Step::Standardise { of, epsilon } => Prepared::Standardise { of: *of, epsilon: *epsilon },
             Step::Softmax { of } => Prepared::Softmax { of: *of },
@@ -208,6 +210,11 @@ impl PreparedGraph {
                 Prepared::Combine { of: [a, b], operation } => {
                     let (a, b) = (&before[*a], &before[*b]);
                     (0..width).for_each(|i| combine(*operation, N::load(a, i), N::load(b, i)).store(to, i));
+                }
+                Prepared::Select { of } => {
+                    let [condition, a, b] = of.map(|of| &before[of]);
+                    let conditions = flat(&condition.value)[..width].iter().enumerate();
+                    conditions.for_each(|(i, condition)| N::load(if *condition > 0.0 { a } else { b }, i).store(to, i));
                 }
                 Prepared::Columns { columns } => {
                     let column = |[of, column]: &[u32; 2]| N::load(&before[*of as usize], *column as usize);

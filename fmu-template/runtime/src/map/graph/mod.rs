@@ -49,6 +49,11 @@ pub enum Step {
         /// `op`
         operation: Operation,
     },
+    /// `y_i = a_i` where `c_i > 0`, else `b_i`; what is not chosen may be infinite or not a number.
+    Select {
+        /// `c`, `a` and `b`, of one length.
+        of: [usize; 3],
+    },
     /// `y_i` is a number of some value: parts of vectors, or several of them as one.
     Columns {
         /// For each `y_i` the number of a value, and the position in it.
@@ -169,6 +174,11 @@ impl Step {
             }
             Self::Combine { of: [a, b], .. } => {
                 expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*a)?])?;
+                width(*a)
+            }
+            Self::Select { of: [condition, a, b] } => {
+                expect_shape(&format!("graph.{number}"), &[width(*a)?], &[width(*condition)?])?;
+                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*condition)?])?;
                 width(*a)
             }
             Self::Columns { columns } => {

@@ -16,6 +16,7 @@ const STANDARDISE: u32 = 4;
 const SOFTMAX: u32 = 5;
 const DISTANCES: u32 = 6;
 const FOREST: u32 = 7;
+const SELECT: u32 = 8;
 
 impl Graph {
     pub(crate) fn tensors(&self) -> Vec<Tensor> {
@@ -58,6 +59,8 @@ impl Step {
                 let code = place(Operation::ALL.iter().position(|known| known == operation));
                 [COMBINE, code, *a as u32, *b as u32]
             }
+            // the condition stands where others have their code
+            Self::Select { of: [condition, a, b] } => [SELECT, *condition as u32, *a as u32, *b as u32],
             Self::Columns { .. } => [COLUMNS, 0, 0, 0],
             Self::Standardise { of, .. } => [STANDARDISE, 0, *of as u32, 0],
             Self::Softmax { of } => [SOFTMAX, 0, *of as u32, 0],
@@ -87,7 +90,7 @@ impl Step {
                 vec![doubles("centres", shape, centres), doubles("lengths", vec![lengths.len()], lengths)]
             }
             Self::Forest { forest, .. } => forest.tensors(),
-            Self::Combine { .. } | Self::Softmax { .. } => Vec::new(),
+            Self::Combine { .. } | Self::Select { .. } | Self::Softmax { .. } => Vec::new(),
         }
     }
 
@@ -121,6 +124,7 @@ impl Step {
                 let operation = *Operation::ALL.get(code as usize).ok_or_else(|| unknown(code, 1))?;
                 Ok(Self::Combine { of: [of, b as usize], operation })
             }
+            SELECT => Ok(Self::Select { of: [code as usize, of, b as usize] }),
             COLUMNS => {
                 let view = take(tensors, &format!("{prefix}columns"), Dtype::U32, 2)?;
                 let columns = elements(view.data(), u32::from_le_bytes).as_chunks::<2>().0.to_vec();

@@ -1,0 +1,16 @@
+//! Whatever the bytes of an ONNX file, reading it ends with columns or with sentences, and the map between all columns can be evaluated.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use metafmu::{import::onnx, interface::{Mapping, Source}};
+
+fuzz_target!(|bytes: &[u8]| {
+    let Ok(imported) = onnx::read(bytes, None) else { return };
+    let inputs = imported.inputs.len();
+    let mapping = Mapping {
+        inputs: (0..inputs).map(Source::Input).collect(),
+        outputs: (0..imported.outputs.len()).collect(),
+    };
+    let Ok(map) = imported.into_map(&mapping, inputs) else { return };
+    map.check(inputs, mapping.outputs.len()).expect("a graph that was read is a valid one");
+});

@@ -1,0 +1,542 @@
+//! A surrogate without a state as an ONNX model: nobody is locked in.
+//!
+//! The model has one input, `inputs`, a row of all inputs of the surrogate for each point, and one output, `outputs`. Names, units and ranges
+//! are in the model's metadata. It computes in double precision unless the surrogate does so in single; where ONNX Runtime has an
+//! operator in single precision only, it is written with others. The operators are those of opset 17 and of `ai.onnx.ml` 3.
+
+use crate::{
+    Error, Result,
+    import::onnx::proto::{
+        AttributeProto, DOUBLE, DimensionProto, FLOAT, GraphProto, INT64, ModelProto, NodeProto, OperatorSetIdProto,
+        ShapeProto, StringStringEntryProto, TensorProto, TensorTypeProto, TypeProto, ValueInfoProto,
+    },
+};
+use metafmu_runtime::{
+    Activation, Encoding, Input, Map, Model, Precision, ScaledNetwork, Scaling, Surrogate,
+    graph::{Elementwise, Graph, Operation, Step},
+    regression::{Forest, Function, KernelMachine, LEAF, Polynomial, Regression},
+};
+use prost::Message;
+use std::f64::consts::{PI, TAU};
+
+const IR_VERSION: i64 = 8;
+const OPSET: i64 = 17;
+const MACHINE_LEARNING: &str = "ai.onnx.ml";
+
+/// The bytes of the ONNX model; the same surrogate always gives the same.
+///
+/// # Errors
+/// [`Error::NoOnnx`] if the surrogate has states, a memory or a network for each instant.
+pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
+    let Model::Response(map) = surrogate.model() else {
+        return Err(Error::NoOnnx);
+    };
+    let is_single = surrogate.metadata().precision == Precision::Single && matches!(map, Map::Network(_));
+    let mut writer = Writer { is_single, nodes: Vec::new(), constants: Vec::new() };
+    let columns = writer.columns(surrogate.inputs());
+    let outputs = match map {
+        Map::Network(network) => writer.network(network, columns),
+        Map::Regression(regression) => writer.regression(regression, columns),
+        Map::Graph(graph) => writer.graph(graph, columns),
+    };
+    writer.add("Identity", &[&outputs], Vec::new(), "outputs");
+    Ok(writer.model(surrogate).encode_to_vec())
+}
+
+/// Nodes and constants of a graph that is being written; what they make is named by its number.
+struct Writer {
+    is_single: bool,
+    nodes: Vec<NodeProto>,
+    constants: Vec<TensorProto>,
+}
+
+impl Writer {
+    fn kind(&self) -> i32 {
+        if self.is_single { FLOAT } else { DOUBLE }
+    }
+
+    // ---- nodes
+
+    fn add(&mut self, operator: &str, inputs: &[&str], attribute: Vec<AttributeProto>, output: &str) {
+        let is_ml = operator.starts_with("TreeEnsemble");
+        self.nodes.push(NodeProto {
+            input: inputs.iter().map(|&name| name.into()).collect(),
+            output: vec![output.into()],
+            name: format!("{operator}_{}", self.nodes.len()),
+            op_type: operator.into(),
+            attribute,
+            domain: if is_ml { MACHINE_LEARNING.into() } else { String::new() },
+        });
+    }
+
+    fn with(&mut self, operator: &str, inputs: &[&str], attribute: Vec<AttributeProto>) -> String {
+        let output = format!("v{}", self.nodes.len());
+        self.add(operator, inputs, attribute, &output);
+        output
+    }
+
+    fn of(&mut self, operator: &str, inputs: &[&str]) -> String {
+        self.with(operator, inputs, Vec::new())
+    }
+
+    /// A constant of real numbers.
+    fn reals(&mut self, shape: &[usize], values: &[f64]) -> String {
+        let raw_data = match self.is_single {
+            true => values.iter().flat_map(|value| (*value as f32).to_le_bytes()).collect(),
+            false => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        };
+        self.constant(self.kind(), shape, raw_data)
+    }
+
+    /// A single real number.
+    fn real(&mut self, value: f64) -> String {
+        self.reals(&[], &[value])
+    }
+
+    fn integers(&mut self, values: &[i64]) -> String {
+        self.constant(INT64, &[values.len()], values.iter().flat_map(|value| value.to_le_bytes()).collect())
+    }
+
+    fn constant(&mut self, data_type: i32, shape: &[usize], raw_data: Vec<u8>) -> String {
+        let name = format!("c{}", self.constants.len());
+        let dims = shape.iter().map(|dim| *dim as i64).collect();
+        self.constants.push(TensorProto { dims, data_type, name: name.clone(), raw_data, ..Default::default() });
+        name
+    }
+
+    // ---- functions
+
+    fn binary(&mut self, operator: &str, a: &str, number: f64) -> String {
+        let number = self.real(number);
+        self.of(operator, &[a, &number])
+    }
+
+    /// `factor x + offset`, with one of each or one for each column.
+    fn linear(&mut self, x: &str, factors: &[f64], offsets: &[f64]) -> String {
+        let (factors, offsets) = (self.reals(&[factors.len()], factors), self.reals(&[offsets.len()], offsets));
+        let product = self.of("Mul", &[x, &factors]);
+        self.of("Add", &[&product, &offsets])
+    }
+
+    fn picked(&mut self, x: &str, columns: &[i64]) -> String {
+        let columns = self.integers(columns);
+        self.with("Gather", &[x, &columns], vec![integer("axis", 1)])
+    }
+
+    fn joined(&mut self, parts: &[String]) -> String {
+        match parts {
+            [one] => one.clone(),
+            parts => {
+                let names: Vec<&str> = parts.iter().map(String::as_str).collect();
+                self.with("Concat", &names, vec![integer("axis", 1)])
+            }
+        }
+    }
+
+    fn affine(&mut self, x: &str, weight: &[f64], bias: &[f64]) -> String {
+        let inputs = weight.len() / bias.len();
+        let (weight, bias) = (self.reals(&[bias.len(), inputs], weight), self.reals(&[bias.len()], bias));
+        self.with("Gemm", &[x, &weight, &bias], vec![integer("transB", 1)])
+    }
+
+    /// The columns of the inputs after their encoding.
+    fn columns(&mut self, inputs: &[Input]) -> String {
+        if inputs.iter().all(|input| input.encoding.is_plain()) {
+            return "inputs".into();
+        }
+        let mut parts = Vec::new();
+        for (place, Input { min, max, encoding, .. }) in inputs.iter().enumerate() {
+            let x = self.picked("inputs", &[place as i64]);
+            match encoding {
+                Encoding::Plain => parts.push(x),
+                Encoding::Periodic => {
+                    let from_min = self.binary("Sub", &x, *min);
+                    let angle = self.binary("Mul", &from_min, TAU / (max - min));
+                    parts.push(self.of("Sin", &[&angle]));
+                    parts.push(self.of("Cos", &[&angle]));
+                }
+                Encoding::Nominal(values) => {
+                    let known = self.reals(&[1, values.len()], values);
+                    let difference = self.of("Sub", &[&x, &known]);
+                    let distance = self.of("Abs", &[&difference]);
+                    let nearest = self.with("ArgMin", &[&distance], vec![integer("axis", 1), integer("keepdims", 1)]);
+                    let places: Vec<i64> = (0..values.len() as i64).collect();
+                    let places = self.integers(&places);
+                    let is_nearest = self.of("Equal", &[&nearest, &places]);
+                    parts.push(self.with("Cast", &[&is_nearest], vec![integer("to", self.kind().into())]));
+                }
+            }
+        }
+        self.joined(&parts)
+    }
+
+    fn standardised(&mut self, x: &str, Scaling { input_mean, input_scale, .. }: &Scaling) -> String {
+        if input_mean.iter().all(|mean| *mean == 0.0) && input_scale.iter().all(|scale| *scale == 1.0) {
+            return x.into();
+        }
+        let (mean, scale) =
+            (self.reals(&[input_mean.len()], input_mean), self.reals(&[input_scale.len()], input_scale));
+        let difference = self.of("Sub", &[x, &mean]);
+        self.of("Div", &[&difference, &scale])
+    }
+
+    fn network(&mut self, network: &ScaledNetwork, columns: String) -> String {
+        let mut x = self.standardised(&columns, &network.scaling);
+        for layer in &network.layers {
+            let (weight, bias): (Vec<f64>, Vec<f64>) = (layer.weight.iter().collect(), layer.bias.iter().collect());
+            x = self.affine(&x, &weight, &bias);
+            x = self.activation(layer.activation, x);
+        }
+        self.linear(&x, &network.scaling.output_scale, &network.scaling.output_mean)
+    }
+
+    fn activation(&mut self, activation: Activation, x: String) -> String {
+        match activation {
+            Activation::Identity => x,
+            Activation::Tanh => self.of("Tanh", &[&x]),
+            Activation::Sigmoid => self.of("Sigmoid", &[&x]),
+            Activation::Relu => self.of("Relu", &[&x]),
+            Activation::Sine => self.of("Sin", &[&x]),
+            Activation::Silu => {
+                let gate = self.of("Sigmoid", &[&x]);
+                self.of("Mul", &[&x, &gate])
+            }
+            Activation::Gelu => {
+                let square = self.of("Mul", &[&x, &x]);
+                let factor = self.linear(&square, &[0.044715 * (2.0 / PI).sqrt()], &[(2.0 / PI).sqrt()]);
+                let argument = self.of("Mul", &[&x, &factor]);
+                let tanh = self.of("Tanh", &[&argument]);
+                let half = self.linear(&tanh, &[0.5], &[0.5]);
+                self.of("Mul", &[&x, &half])
+            }
+        }
+    }
+
+    fn regression(&mut self, regression: &Regression, columns: String) -> String {
+        let Regression { scaling, function } = regression;
+        let z = self.standardised(&columns, scaling);
+        let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
+        let y = match function {
+            Function::Polynomial(polynomial) => self.polynomial(polynomial, &z, (inputs, outputs)),
+            Function::Forest(forest) => self.forest(forest, &z, outputs),
+            Function::Kernel(machines) => {
+                let of_each: Vec<String> = machines.machines.iter().map(|machine| self.kernel(machine, &z)).collect();
+                self.joined(&of_each)
+            }
+        };
+        self.linear(&y, &scaling.output_scale, &scaling.output_mean)
+    }
+
+    /// Legendre polynomials of all columns by Bonnet's recursion, and their products.
+    fn polynomial(&mut self, polynomial: &Polynomial, z: &str, (inputs, outputs): (usize, usize)) -> String {
+        let degree = polynomial.degrees.iter().copied().max().unwrap_or(0);
+        let mut of_degree = vec![self.linear(z, &[0.0], &[1.0]), z.to_owned()];
+        for k in 1..i32::from(degree) {
+            let (k, next) = (f64::from(k), f64::from(k) + 1.0);
+            let before = of_degree.len() - 2;
+            let product = self.of("Mul", &[z, &of_degree[before + 1]]);
+            let first = self.binary("Mul", &product, (2.0 * k + 1.0) / next);
+            let second = self.binary("Mul", &of_degree[before], k / next);
+            of_degree.push(self.of("Sub", &[&first, &second]));
+        }
+        let all = self.joined(&of_degree);
+        let terms = polynomial.terms(inputs);
+        let mut product: Option<String> = None;
+        for input in 0..inputs {
+            let place =
+                |term: usize| i64::from(polynomial.degrees[term * inputs + input]) * inputs as i64 + input as i64;
+            let factor = self.picked(&all, &(0..terms).map(place).collect::<Vec<i64>>());
+            product = Some(match product {
+                None => factor,
+                Some(product) => self.of("Mul", &[&product, &factor]),
+            });
+        }
+        let product = product.unwrap_or(all);
+        self.affine(&product, &polynomial.coefficients, &vec![0.0; outputs])
+    }
+
+    fn kernel(&mut self, KernelMachine { lengths, centres, weights, bias }: &KernelMachine, z: &str) -> String {
+        if weights.is_empty() {
+            let first = self.picked(z, &[0]);
+            return self.linear(&first, &[0.0], &[*bias]);
+        }
+        let distances = self.distances(z, centres, lengths);
+        let exponent = self.binary("Mul", &distances, -0.5);
+        let kernels = self.of("Exp", &[&exponent]);
+        self.affine(&kernels, weights, &[*bias])
+    }
+
+    fn distances(&mut self, x: &str, centres: &[f64], lengths: &[f64]) -> String {
+        let axis = self.integers(&[1]);
+        let rows = self.of("Unsqueeze", &[x, &axis]);
+        let centres = self.reals(&[1, centres.len() / lengths.len(), lengths.len()], centres);
+        let lengths = self.reals(&[lengths.len()], lengths);
+        let difference = self.of("Sub", &[&rows, &centres]);
+        let relative = self.of("Div", &[&difference, &lengths]);
+        let square = self.of("Mul", &[&relative, &relative]);
+        let axes = self.integers(&[2]);
+        self.with("ReduceSum", &[&square, &axes], vec![integer("keepdims", 0)])
+    }
+
+    fn forest(&mut self, forest: &Forest, x: &str, outputs: usize) -> String {
+        let count = forest.nodes.len();
+        let mut tree_of = vec![0i64; count];
+        let mut targets: Vec<(i64, i64, i64, f64)> = Vec::new();
+        for (number, tree) in forest.trees.iter().enumerate() {
+            let mut waiting = vec![tree.root];
+            while let Some(place) = waiting.pop() {
+                let node = &forest.nodes[place as usize];
+                tree_of[place as usize] = number as i64;
+                match node.column {
+                    LEAF => targets.push((number as i64, place.into(), tree.output.into(), node.number)),
+                    _ => waiting.extend(node.below),
+                }
+            }
+        }
+        // the first node of each tree is its root; nodes of a tree are together, as the forest has them
+        let is_leaf = |place: usize| forest.nodes[place].column == LEAF;
+        let of_nodes = |of: &dyn Fn(usize) -> i64| (0..count).map(of).collect::<Vec<i64>>();
+        let texts =
+            (0..count).map(|place| if is_leaf(place) { b"LEAF".to_vec() } else { b"BRANCH_LEQ".to_vec() }).collect();
+        let below =
+            |side: usize| of_nodes(&|place| if is_leaf(place) { 0 } else { forest.nodes[place].below[side].into() });
+        let numbers: Vec<f64> =
+            forest.nodes.iter().map(|node| if node.column == LEAF { 0.0 } else { node.number }).collect();
+        let weights: Vec<f64> = targets.iter().map(|(.., weight)| *weight).collect();
+        let attributes = vec![
+            integers("nodes_treeids", tree_of.clone()),
+            integers("nodes_nodeids", of_nodes(&|place| place as i64)),
+            integers(
+                "nodes_featureids",
+                of_nodes(&|place| if is_leaf(place) { 0 } else { forest.nodes[place].column.into() }),
+            ),
+            tensor("nodes_values_as_tensor", &numbers),
+            AttributeProto { name: "nodes_modes".into(), strings: texts, kind: 8, ..Default::default() },
+            integers("nodes_truenodeids", below(0)),
+            integers("nodes_falsenodeids", below(1)),
+            integers("target_treeids", targets.iter().map(|target| target.0).collect()),
+            integers("target_nodeids", targets.iter().map(|target| target.1).collect()),
+            integers("target_ids", targets.iter().map(|target| target.2).collect()),
+            tensor("target_weights_as_tensor", &weights),
+            integer("n_targets", outputs as i64),
+        ];
+        // ONNX Runtime sums double trees in double and gives singles
+        let found = self.with("TreeEnsembleRegressor", &[x], attributes);
+        self.with("Cast", &[&found], vec![integer("to", self.kind().into())])
+    }
+
+    // ---- graphs of other tools
+
+    fn graph(&mut self, graph: &Graph, columns: String) -> String {
+        let mut values = vec![columns];
+        for step in &graph.steps {
+            let made = self.step(step, &values);
+            values.push(made);
+        }
+        values.pop().expect("a graph has its inputs")
+    }
+
+    fn step(&mut self, step: &Step, values: &[String]) -> String {
+        match step {
+            Step::Affine { of, weight, bias } => {
+                let (weight, bias): (Vec<f64>, Vec<f64>) = (weight.iter().collect(), bias.iter().collect());
+                self.affine(&values[*of], &weight, &bias)
+            }
+            Step::Elementwise { of, function, parameters } => self.elementwise(&values[*of], *function, parameters),
+            Step::Combine { of: [a, b], operation } => {
+                let operator = match operation {
+                    Operation::Add => "Add",
+                    Operation::Subtract => "Sub",
+                    Operation::Multiply => "Mul",
+                    Operation::Divide => "Div",
+                    Operation::Maximum => "Max",
+                    Operation::Minimum => "Min",
+                };
+                self.of(operator, &[&values[*a], &values[*b]])
+            }
+            Step::Select { of: [condition, a, b] } => {
+                let zero = self.real(0.0);
+                let chosen = self.of("Greater", &[&values[*condition], &zero]);
+                self.of("Where", &[&chosen, &values[*a], &values[*b]])
+            }
+            Step::Columns { columns } => {
+                let mut parts: Vec<String> = Vec::new();
+                // stretches of columns of one value
+                let mut rest = columns.as_slice();
+                while let Some([of, _]) = rest.first() {
+                    let length = rest.iter().take_while(|[other, _]| other == of).count();
+                    let places: Vec<i64> = rest[..length].iter().map(|[_, column]| (*column).into()).collect();
+                    parts.push(self.picked(&values[*of as usize], &places));
+                    rest = &rest[length..];
+                }
+                self.joined(&parts)
+            }
+            Step::Standardise { of, epsilon } => {
+                let mean = self.with("ReduceMean", &[&values[*of]], vec![integers("axes", vec![1])]);
+                let difference = self.of("Sub", &[&values[*of], &mean]);
+                let square = self.of("Mul", &[&difference, &difference]);
+                let variance = self.with("ReduceMean", &[&square], vec![integers("axes", vec![1])]);
+                let variance = self.binary("Add", &variance, *epsilon);
+                let deviation = self.of("Sqrt", &[&variance]);
+                self.of("Div", &[&difference, &deviation])
+            }
+            Step::Softmax { of } => self.with("Softmax", &[&values[*of]], vec![integer("axis", 1)]),
+            Step::Distances { of, centres, lengths } => self.distances(&values[*of], centres, lengths),
+            Step::Forest { of, forest, outputs } => self.forest(forest, &values[*of], *outputs),
+        }
+    }
+
+    /// In operators that ONNX Runtime has in double precision, too.
+    fn elementwise(&mut self, x: &str, function: Elementwise, parameters: &[f64]) -> String {
+        let count = function.parameters().max(1);
+        let rows: Vec<&[f64]> = parameters.chunks(parameters.len().div_ceil(count).max(1)).collect();
+        let row = |number: usize| rows.get(number).copied().unwrap_or(&[0.0]);
+        let negative_part = |writer: &mut Self| writer.binary("Min", x, 0.0);
+        let positive_part = |writer: &mut Self| writer.binary("Max", x, 0.0);
+        match function {
+            Elementwise::Activation(activation) => self.activation(activation, x.into()),
+            Elementwise::Linear => self.linear(x, row(0), row(1)),
+            Elementwise::Cosine => self.of("Cos", &[x]),
+            Elementwise::Exponential => self.of("Exp", &[x]),
+            Elementwise::Logarithm => self.of("Log", &[x]),
+            Elementwise::Reciprocal => self.of("Reciprocal", &[x]),
+            Elementwise::Absolute => self.of("Abs", &[x]),
+            Elementwise::Power => {
+                let exponents = self.reals(&[row(0).len()], row(0));
+                self.of("Pow", &[x, &exponents])
+            }
+            Elementwise::Erf => self.erf(x),
+            Elementwise::GeluExact => {
+                let argument = self.binary("Mul", x, std::f64::consts::FRAC_1_SQRT_2);
+                let erf = self.erf(&argument);
+                let half = self.linear(&erf, &[0.5], &[0.5]);
+                self.of("Mul", &[x, &half])
+            }
+            Elementwise::LeakyRelu => {
+                let (above, below) = (positive_part(self), negative_part(self));
+                let slopes = self.reals(&[row(0).len()], row(0));
+                let below = self.of("Mul", &[&below, &slopes]);
+                self.of("Add", &[&above, &below])
+            }
+            Elementwise::Elu => {
+                let (above, below) = (positive_part(self), negative_part(self));
+                let power = self.of("Exp", &[&below]);
+                let less = self.binary("Sub", &power, 1.0);
+                let factors = self.reals(&[row(0).len()], row(0));
+                let below = self.of("Mul", &[&less, &factors]);
+                self.of("Add", &[&above, &below])
+            }
+            Elementwise::Softplus => {
+                let above = positive_part(self);
+                let magnitude = self.of("Abs", &[x]);
+                let negative = self.of("Neg", &[&magnitude]);
+                let power = self.of("Exp", &[&negative]);
+                let sum = self.binary("Add", &power, 1.0);
+                let logarithm = self.of("Log", &[&sum]);
+                self.of("Add", &[&above, &logarithm])
+            }
+            Elementwise::Softsign => {
+                let magnitude = self.of("Abs", &[x]);
+                let sum = self.binary("Add", &magnitude, 1.0);
+                self.of("Div", &[x, &sum])
+            }
+            Elementwise::Clip => {
+                let (least, most) = (self.reals(&[row(0).len()], row(0)), self.reals(&[row(1).len()], row(1)));
+                let above = self.of("Max", &[x, &least]);
+                self.of("Min", &[&above, &most])
+            }
+            Elementwise::ThresholdedRelu => {
+                let thresholds = self.reals(&[row(0).len()], row(0));
+                let is_above = self.of("Greater", &[x, &thresholds]);
+                let is_above = self.with("Cast", &[&is_above], vec![integer("to", self.kind().into())]);
+                self.of("Mul", &[x, &is_above])
+            }
+            Elementwise::Positive => {
+                let zero = self.real(0.0);
+                let is_positive = self.of("Greater", &[x, &zero]);
+                self.with("Cast", &[&is_positive], vec![integer("to", self.kind().into())])
+            }
+            Elementwise::Arctangent => self.in_single("Atan", x),
+            Elementwise::Single => {
+                let single = self.with("Cast", &[x], vec![integer("to", FLOAT.into())]);
+                self.with("Cast", &[&single], vec![integer("to", self.kind().into())])
+            }
+        }
+    }
+
+    fn erf(&mut self, x: &str) -> String {
+        self.in_single("Erf", x)
+    }
+
+    /// An operator that ONNX Runtime has in single precision only.
+    fn in_single(&mut self, operator: &str, x: &str) -> String {
+        let single = self.with("Cast", &[x], vec![integer("to", FLOAT.into())]);
+        let made = self.of(operator, &[&single]);
+        self.with("Cast", &[&made], vec![integer("to", self.kind().into())])
+    }
+
+    fn model(self, surrogate: &Surrogate) -> ModelProto {
+        let value = |name: &str, columns: usize| ValueInfoProto {
+            name: name.into(),
+            r#type: Some(TypeProto {
+                tensor_type: Some(TensorTypeProto {
+                    elem_type: self.kind(),
+                    shape: Some(ShapeProto {
+                        dim: vec![
+                            DimensionProto { dim_value: None, dim_param: Some("points".into()) },
+                            DimensionProto { dim_value: Some(columns as i64), dim_param: None },
+                        ],
+                    }),
+                }),
+            }),
+        };
+        let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs());
+        let json = |values: Vec<serde_json::Value>| serde_json::Value::from(values).to_string();
+        let names = |of: &mut dyn Iterator<Item = String>| json(of.map(serde_json::Value::from).collect());
+        let numbers = |of: &mut dyn Iterator<Item = f64>| json(of.map(serde_json::Value::from).collect());
+        let entries = [
+            ("input_names", names(&mut inputs.iter().map(|input| input.name.clone()))),
+            ("input_units", names(&mut inputs.iter().map(|input| input.unit.clone()))),
+            ("input_min", numbers(&mut inputs.iter().map(|input| input.min))),
+            ("input_max", numbers(&mut inputs.iter().map(|input| input.max))),
+            ("output_names", names(&mut outputs.iter().map(|output| output.name.clone()))),
+            ("output_units", names(&mut outputs.iter().map(|output| output.unit.clone()))),
+            ("content_digest", surrogate.metadata().provenance.content_digest.clone()),
+        ];
+        let set = |domain: &str, version| OperatorSetIdProto { domain: domain.into(), version };
+        let graph = GraphProto {
+            name: surrogate.metadata().name.clone(),
+            input: vec![value("inputs", inputs.len())],
+            output: vec![value("outputs", outputs.len())],
+            node: self.nodes,
+            initializer: self.constants,
+        };
+        ModelProto {
+            ir_version: IR_VERSION,
+            producer_name: "metafmu".into(),
+            producer_version: env!("CARGO_PKG_VERSION").into(),
+            graph: Some(graph),
+            opset_import: vec![set("", OPSET), set(MACHINE_LEARNING, 3)],
+            metadata_props: entries.map(|(key, value)| StringStringEntryProto { key: key.into(), value }).into(),
+        }
+    }
+}
+
+fn integer(name: &str, value: i64) -> AttributeProto {
+    AttributeProto { name: name.into(), i: Some(value), kind: 2, ..Default::default() }
+}
+
+fn integers(name: &str, values: Vec<i64>) -> AttributeProto {
+    AttributeProto { name: name.into(), ints: values, kind: 7, ..Default::default() }
+}
+
+fn tensor(name: &str, values: &[f64]) -> AttributeProto {
+    let t = TensorProto {
+        dims: vec![values.len() as i64],
+        data_type: DOUBLE,
+        name: name.into(),
+        raw_data: values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        ..Default::default()
+    };
+    AttributeProto { name: name.into(), t: Some(t), kind: 4, ..Default::default() }
+}

@@ -1,0 +1,117 @@
+use super::{builder::Builder, *};
+use metafmu_runtime::{
+    Activation, example,
+    graph::{Elementwise, Graph, Operation},
+};
+
+const LINEAR: Elementwise = Elementwise::Linear;
+const TANH: Elementwise = Elementwise::Activation(Activation::Tanh);
+
+fn numbers(count: usize, seed: u64) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..count).map(|_| random.random::<f64>() - 0.5).collect()
+}
+
+fn outputs(map: Map, point: &[f64; 3]) -> Vec<f64> {
+    let surrogate = Surrogate::new(example::surrogate().metadata().clone(), Model::Response(map)).unwrap();
+    let evaluator = Evaluator::new(&surrogate);
+    let mut outputs = vec![0.0; 2];
+    evaluator.evaluate(point, &mut outputs, &mut evaluator.scratch());
+    outputs
+}
+
+/// The same steps as they are, and made fewer.
+fn both(build: impl Fn(&mut Builder) -> usize) -> (Graph, Map) {
+    let columns = |value: usize| vec![[value as u32, 0], [value as u32, 1]];
+    let mut builder = Builder::new(3);
+    let value = build(&mut builder);
+    let steps = format!("{builder:?}");
+    let mut plain = Builder::new(3);
+    build(&mut plain);
+    assert_eq!(format!("{plain:?}"), steps);
+    let graph = plain.unsimplified(columns(value));
+    (graph, builder.finish(columns(value)).unwrap())
+}
+
+fn affine(builder: &mut Builder, of: usize, outputs: usize, seed: u64) -> usize {
+    let width = builder.width(of);
+    builder.affine(of, numbers(outputs * width, seed).into(), numbers(outputs, seed + 1).into()).unwrap()
+}
+
+fn check(what: &str, (graph, map): (Graph, Map), is_network: bool) {
+    assert_eq!(matches!(map, Map::Network(_)), is_network, "{what}: {map:?}");
+    for point in [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]] {
+        let (expected, found) = (outputs(Map::Graph(graph.clone()), &point), outputs(map.clone(), &point));
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-13 * expected.abs().max(1.0), "{what}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn fewer_steps_give_the_same() {
+    let each = |width: usize, seed| numbers(2 * width, seed);
+    let perceptron = both(|builder| {
+        let scaled = builder.elementwise(0, LINEAR, each(3, 1)).unwrap();
+        let hidden = affine(builder, scaled, 5, 2);
+        let normal = builder.elementwise(hidden, LINEAR, each(5, 4)).unwrap();
+        let tanh = builder.elementwise(normal, TANH, Vec::new()).unwrap();
+        let same = builder.elementwise(tanh, Elementwise::Activation(Activation::Identity), Vec::new()).unwrap();
+        let last = affine(builder, same, 4, 5);
+        let scaled = builder.elementwise(last, LINEAR, vec![2.0, -1.0]).unwrap();
+        let again = builder.elementwise(scaled, LINEAR, each(4, 7)).unwrap();
+        builder.columns(vec![[again as u32, 3], [again as u32, 0]]).unwrap()
+    });
+    check("a perceptron with scalings", perceptron, true);
+    let bottleneck = both(|builder| {
+        let narrow = affine(builder, 0, 2, 1);
+        let wide = affine(builder, narrow, 6, 3);
+        let tanh = builder.elementwise(wide, TANH, Vec::new()).unwrap();
+        affine(builder, tanh, 2, 5)
+    });
+    check("layers without an activation between them", bottleneck, true);
+    let arranged = both(|builder| {
+        let columns = builder.columns(vec![[0, 2], [0, 0], [0, 2], [0, 1]]).unwrap();
+        let hidden = affine(builder, columns, 5, 3);
+        let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
+        affine(builder, tanh, 2, 5)
+    });
+    check("columns in another order, one of them twice", arranged, true);
+    let residual = both(|builder| {
+        let hidden = affine(builder, 0, 3, 3);
+        let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
+        let unused = builder.elementwise(hidden, LINEAR, vec![1.0, 1.0]).unwrap();
+        builder.elementwise(unused, TANH, Vec::new()).unwrap();
+        let width = builder.width(tanh);
+        let sum = builder.add(Step::Combine { of: [tanh, 0], operation: Operation::Add }, width).unwrap();
+        affine(builder, sum, 2, 5)
+    });
+    assert!(matches!(&residual.1, Map::Graph(graph) if graph.steps.len() == 4), "{:?}", residual.1);
+    check("a residual", residual, false);
+    let shared = both(|builder| {
+        let scaled = builder.elementwise(0, LINEAR, each(3, 1)).unwrap();
+        let first = affine(builder, scaled, 2, 2);
+        let second = affine(builder, scaled, 2, 4);
+        builder.add(Step::Combine { of: [first, second], operation: Operation::Multiply }, 2).unwrap()
+    });
+    check("a value that two steps take", shared, false);
+    let inputs_alone = both(|builder| builder.columns(vec![[0, 0], [0, 1], [0, 2]]).unwrap());
+    check("nothing but columns", inputs_alone, false);
+}
+
+#[test]
+fn a_graph_that_is_too_large_is_refused() {
+    let mut builder = Builder::new(3);
+    let mut value = 0;
+    let error = (0..40).find_map(|_| {
+        let columns = (0..2 * builder.width(value)).map(|column| [value as u32, (column / 2) as u32]).collect();
+        match builder.columns(columns) {
+            Ok(next) => {
+                value = next;
+                None
+            }
+            Err(error) => Some(error),
+        }
+    });
+    assert!(error.unwrap().contains("expected at most"));
+}

@@ -1,0 +1,226 @@
+"""ONNX graphs for the tests: what fits, and what does not or is malicious."""
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+FLOAT, DOUBLE, INT64 = TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.INT64
+RANDOM = np.random.default_rng(7)
+
+
+def model(nodes, initializers=(), inputs=(("x", ["n", 3]),), outputs=(("y", None),), kind=FLOAT, opset=20, ml=3, **more):
+    """A model of nodes; constants are given by name."""
+    value = lambda name, shape: helper.make_tensor_value_info(name, kind, shape)
+    graph = helper.make_graph(
+        list(nodes),
+        "graph",
+        [value(*each) for each in inputs],
+        [value(*each) for each in outputs],
+        [numpy_helper.from_array(array, name) for name, array in dict(initializers).items()],
+    )
+    sets = [helper.make_opsetid("", opset), helper.make_opsetid("ai.onnx.ml", ml)]
+    return helper.make_model(graph, opset_imports=sets, ir_version=9, **more)
+
+
+def node(operator, inputs, outputs="y", **attributes):
+    """A node; names are separated by spaces, `-` is one that is left out."""
+    names = lambda text: ["" if name == "-" else name for name in text.split()]
+    return helper.make_node(operator, names(inputs), names(outputs), **attributes)
+
+
+def reals(*shape, low=-1.0, high=1.0, of=np.float32):
+    return RANDOM.uniform(low, high, shape).astype(of)
+
+
+def integers(*values):
+    return np.array(values, dtype=np.int64)
+
+
+def dense(width=3, outputs=2, of=np.float32):
+    return {"w": reals(width, outputs, of=of), "b": reals(outputs, of=of)}
+
+
+def fitting(of=np.float32):
+    """Names and models of graphs that fit, each with an input `x` of three columns."""
+    kind = FLOAT if of == np.float32 else DOUBLE
+    make = lambda *nodes, opset=20, **constants: model(nodes, constants, kind=kind, opset=opset)
+    r = lambda *shape, **more: reals(*shape, of=of, **more)
+    unary = {
+        "Abs": {}, "Atan": {}, "Celu": {"alpha": 1.5}, "Cos": {}, "Cosh": {}, "Elu": {"alpha": 0.5}, "Erf": {}, "Exp": {},
+        "HardSigmoid": {"alpha": 0.25}, "HardSwish": {}, "LeakyRelu": {"alpha": 0.25}, "Mish": {}, "Neg": {}, "Relu": {},
+        "Selu": {}, "Sigmoid": {}, "Sin": {}, "Sinh": {}, "Softmax": {"axis": -1}, "Softplus": {}, "Softsign": {}, "Tan": {},
+        "Tanh": {}, "ThresholdedRelu": {"alpha": 0.25}, "Identity": {},
+    }
+    if of == np.float64:
+        # the reference has these, or a constant in them, in single precision
+        del unary["Erf"], unary["HardSwish"], unary["Selu"]
+    for operator, attributes in unary.items():
+        yield operator, make(node(operator, "x", **attributes))
+    if of == np.float32:
+        yield "Gelu", make(node("Gelu", "x"))
+    yield "Gelu-tanh", make(node("Gelu", "x", approximate="tanh"))
+    yield "Log", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Log", "s"), c=r(3, low=0.5))
+    yield "Sqrt", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Sqrt", "s"), c=r(3, low=0.5))
+    yield "Reciprocal", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Reciprocal", "s"), c=r(3, low=0.5))
+    yield "Pow", make(node("Pow", "x c"), c=np.array([2.0], of))
+    yield "Pow-of-each", make(node("Abs", "x", "a"), node("Pow", "a c"), c=np.array([2.0, 1.5, 3.0], of))
+    yield "Pow-of-constant", make(node("Pow", "c x"), c=np.array([2.0, 1.5, 3.0], of))
+    yield "Pow-of-two", make(node("Exp", "x", "a"), node("Pow", "a x"))
+    yield "PRelu", make(node("PRelu", "x c"), c=r(3))
+    yield "Clip", make(node("Clip", "x l u"), l=np.array(-0.5, of), u=np.array(0.25, of))
+    yield "Clip-one", make(node("Clip", "x - u"), u=np.array(0.25, of))
+    yield "Gemm", make(node("Gemm", "x w b", transB=1, alpha=0.5, beta=2.0), w=r(2, 3), b=r(2))
+    yield "Gemm-without-bias", make(node("Gemm", "x w"), w=r(3, 2))
+    yield "MatMul-of-constant-first", make(
+        node("Transpose", "x", "t", perm=[1, 0]), node("MatMul", "w t", "p"), node("Transpose", "p", perm=[1, 0]), w=r(2, 3)
+    )
+    yield "MatMul-vector", make(node("MatMul", "x w"), w=r(3))
+    yield "perceptron", make(
+        node("MatMul", "x w", "a"), node("Add", "a b", "s"), node("Tanh", "s", "t"), node("Gemm", "t v c"),
+        w=r(3, 5), b=r(5), v=r(5, 2), c=r(2),
+    )
+    yield "arithmetic", make(
+        node("Sub", "x c", "a"), node("Div", "a d", "e"), node("Sub", "c e", "f"), node("Mul", "f e", "g"), node("Div", "c k"),
+        c=r(3), d=r(3, low=0.5), k=r(3, low=0.5),
+    )
+    yield "arithmetic-of-rows", make(
+        node("Exp", "x", "e"), node("Div", "x e", "d"), node("Max", "x d c", "m"), node("Min", "m e", "n"), node("Sum", "n x e", "s"),
+        node("Mean", "s d"), c=r(3),
+    )
+    yield "residual", make(node("MatMul", "x w", "a"), node("Tanh", "a", "t"), node("Add", "t x", "s"), node("MatMul", "s v"), w=r(3, 3), v=r(3, 2))
+    yield "BatchNormalization", make(node("BatchNormalization", "x s b m v", epsilon=2.0**-16), s=r(3), b=r(3), m=r(3), v=r(3, low=0.5))
+    yield "LayerNormalization", make(node("LayerNormalization", "x s b", epsilon=2.0**-16), s=r(3), b=r(3))
+    yield "Dropout", make(node("Dropout", "x"))
+    yield "Flatten", make(node("Unsqueeze", "x a", "u"), node("Flatten", "u"), a=integers(2))
+    yield "Reshape", make(node("Reshape", "x s", "r"), node("MatMul", "r w", "p"), node("Reshape", "p t"), s=integers(0, 3, 1), w=r(1, 2), t=integers(-1, 6))
+    yield "shapes-computed", make(
+        node("Shape", "x", "s"), node("Gather", "s z", "n", axis=0), node("Concat", "n m", "t", axis=0), node("Reshape", "x t"),
+        z=integers(0), m=integers(-1),
+    )
+    yield "Squeeze", make(node("Unsqueeze", "x a", "u"), node("Squeeze", "u a"), a=integers(1))
+    yield "Transpose", make(node("Unsqueeze", "x a", "u"), node("Transpose", "u", "t", perm=[0, 2, 1]), node("Flatten", "t"), a=integers(1))
+    yield "Where", make(
+        node("Greater", "x c", "g"), node("Exp", "x", "e"), node("Where", "g x e", "w"), node("LessOrEqual", "w x", "l"), node("Not", "l", "o"),
+        node("And", "g o", "a"), node("Where", "a d w"), c=r(3), d=r(3),
+    )
+    yield "Sign", make(node("Sign", "x"))
+    yield "Concat", make(node("Tanh", "x", "t"), node("Concat", "x t", axis=1))
+    yield "Slice", make(node("Slice", "x s e a p"), s=integers(-1), e=integers(-4), a=integers(1), p=integers(-2))
+    yield "Split", make(node("Split", "x p", "a c", axis=1), node("MatMul", "c w", "m"), node("Add", "a m"), p=integers(1, 2), w=r(2, 1))
+    yield "Gather", make(node("Gather", "x i", axis=1), i=integers(2, 0, -2))
+    yield "Expand", make(node("Slice", "x s e a", "c"), node("Expand", "c t"), s=integers(0), e=integers(1), a=integers(1), t=integers(1, 4))
+    yield "Tile", make(node("Tile", "x t"), t=integers(1, 2))
+    for operator in ["ReduceMean", "ReduceSum", "ReduceProd", "ReduceSumSquare", "ReduceL2"]:
+        yield operator, make(node(operator, "x a"), a=integers(1))
+    yield "ReduceMean-flat", make(node("ReduceMean", "x a", keepdims=0), a=integers(-1))
+    yield "Cast", make(node("Cast", "x", "c", to=DOUBLE), node("Mul", "c d", "p"), node("Cast", "p", to=kind), d=np.array([2.0, 3.0, 4.0]))
+    yield "Constant", make(node("Constant", "", "c", value=numpy_helper.from_array(r(3))), node("Mul", "x c"))
+    yield "old", make(node("Clip", "x", "c", min=-0.5, max=0.5), node("Slice", "c", starts=[1], ends=[3], axes=[1]), opset=9)
+    yield "unused", make(node("MatMul", "x w", "a"), node("Tanh", "x", "t"), node("Identity", "a"), w=r(3, 2))
+
+
+def malformed():
+    """Names, bytes or models, and a part of the message of what is refused."""
+    make = lambda *nodes, **constants: model(nodes, constants)
+    tanh = make(node("Tanh", "x"))
+    data = tanh.SerializeToString()
+
+    def changed(change, of=tanh):
+        copy = onnx.ModelProto()
+        copy.CopyFrom(of)
+        change(copy)
+        return copy
+
+    def tensor(**fields):
+        return changed(lambda m: m.graph.initializer.append(TensorProto(name="c", **fields)), make(node("Add", "x c")))
+
+    def external(**entries):
+        pairs = [onnx.StringStringEntryProto(key=key, value=str(value)) for key, value in entries.items()]
+        return tensor(dims=[3], data_type=FLOAT, data_location=1, external_data=pairs)
+
+    w = reals(3, 2)
+    yield "empty", b"", "no graph"
+    yield "text", b"hello, this is no model at all", "not an ONNX model"
+    yield "cut", make(node("MatMul", "x w"), w=reals(3, 200)).SerializeToString()[:700], "not an ONNX model, or cut short"
+    yield "noise", bytes(RANDOM.integers(0, 256, 4000, dtype=np.uint8)), ""
+    yield "nested", b"\x3a\x80\x80\x80\x80\x10" + data, "not an ONNX model"
+    yield "no-graph", changed(lambda m: m.ClearField("graph")), "no graph"
+    yield "old-opset", changed(lambda m: setattr(m.opset_import[0], "version", 5)), "operators of version (opset) 5, expected 7 to 24"
+    yield "new-opset", changed(lambda m: setattr(m.opset_import[0], "version", 99)), "(opset) 99"
+    yield "no-inputs", model([node("Identity", "c")], {"c": reals(1, 3)}, inputs=()), "the graph has no inputs"
+    yield "no-outputs", model([node("Tanh", "x")], outputs=()), "the graph has no outputs"
+    yield "output-of-nothing", model([node("Tanh", "x", "z")]), "output `y` is made by no node"
+    yield "cycle", make(node("Add", "x b", "a"), node("Tanh", "a", "b"), node("Identity", "b")), "node 0 (Add): input `b` is made by no earlier node"
+    yield "out-of-order", make(node("Identity", "t"), node("Tanh", "x", "t")), "input `t` is made by no earlier node"
+    yield "twice", make(node("Tanh", "x"), node("Sin", "x")), "output `y` is made twice"
+    yield "missing-input", make(node("Add", "x -")), "input 1 is missing"
+    yield "unknown-operator", make(node("Tanhh", "x")), "operator `Tanhh` (node 0 (Tanhh)) is not supported; did you mean `Tanh`?"
+    yield "other-domain", changed(lambda m: setattr(m.graph.node[0], "domain", "com.microsoft")), "operator `com.microsoft.Tanh`"
+    yield "lstm", make(node("LSTM", "x w w"), w=w), "operator `LSTM` (node 0 (LSTM)) is not supported: a recurrent model has a state"
+    yield "conv", make(node("Conv", "x w"), w=w), "expected a feed-forward network of dense layers"
+    yield "branch", make(node("If", "x")), "expected a graph without branches"
+    yield "classifier", make(node("ArgMax", "x")), "expected a regression"
+    yield "two-products", make(node("Transpose", "x", "t", perm=[1, 0]), node("MatMul", "x t")), "both follow from the inputs"
+    yield "wrong-width", make(node("MatMul", "x w"), w=reals(4, 2)), "a product of shapes [1, 3] and [4, 2]"
+    yield "wrong-bias", make(node("Gemm", "x w b"), w=w, b=reals(3)), "shapes [1, 2] and [3]"
+    yield "gemm-of-three", make(node("Gemm", "x w"), w=reals(1, 3, 2)), "expected two dimensions"
+    yield "wrong-add", make(node("Add", "x c"), c=reals(4)), "that do not fit each other"
+    yield "wrong-reshape", make(node("Reshape", "x s"), s=integers(2, 2)), "is to become [2, 2]"
+    yield "two-rests", make(node("Reshape", "x s"), s=integers(-1, -1)), "a dimension of -1"
+    yield "negative-reshape", make(node("Reshape", "x s"), s=integers(-3, -1)), "a dimension of -3"
+    yield "shape-of-input", make(node("Reshape", "x x")), "follows from the graph's inputs, expected a constant"
+    yield "real-shape", make(node("Reshape", "x s"), s=reals(2)), "expected whole ones"
+    yield "huge-reshape", make(node("Expand", "x s"), s=integers(1 << 40, 3)), "more than"
+    yield "huge-tile", make(node("Tile", "x t"), t=integers(1, 1 << 62)), "more than"
+    yield "huge-constant", make(node("ConstantOfShape", "s", "c"), node("Add", "x c"), s=integers(1 << 20, 1 << 20)), "more than"
+    yield "huge-range", make(node("Range", "a e d", "r"), node("Gather", "x r"), a=integers(0), e=integers(1 << 62), d=integers(1)), "more than"
+    yield "many-values", make(node("Expand", "x s", "e"), node("Tanh", "e"), s=integers(1 << 22, 3)), "expected at most"
+    yield "wide-product", make(node("Expand", "x s", "e"), node("ReduceSum", "e a", "r"), node("Expand", "r s"), s=integers(1 << 20, 3), a=integers(1)), "expected at most"
+    yield "wrong-axis", make(node("Gather", "x i", axis=5), i=integers(0)), "axis 5 of a tensor of 2 dimensions"
+    yield "wrong-index", make(node("Gather", "x i", axis=1), i=integers(3)), "index 3 of 3"
+    yield "wrong-permutation", make(node("Transpose", "x", perm=[0, 0])), "perm [0, 0] of 2 dimensions"
+    yield "wrong-split", make(node("Split", "x s", "y z", axis=1), s=integers(1, 1)), "3 elements in parts of [1, 1]"
+    yield "step-of-zero", make(node("Slice", "x s e a p"), s=integers(0), e=integers(3), a=integers(1), p=integers(0)), "a step of 0"
+    yield "empty-slice", make(node("Slice", "x s e a"), s=integers(2), e=integers(1), a=integers(1)), "nothing is left"
+    yield "by-zero", make(node("Div", "x c"), c=np.zeros(3, np.float32)), "a division by a constant that is 0"
+    yield "log-of-negative", make(node("Log", "c", "l"), node("Add", "x l"), c=-np.ones(3, np.float32)), "not finite"
+    yield "training", make(node("BatchNormalization", "x s s s s", training_mode=1), s=np.ones(3, np.float32)), "export it after `eval()`"
+    yield "channels", make(node("BatchNormalization", "x s s s s"), s=np.ones(4, np.float32)), "has 4 elements, expected 3"
+    yield "softmax-axis", make(node("Softmax", "x", axis=0)), "axis 0 of 2, expected the last one"
+    yield "not-a-number", make(node("Add", "x c"), c=np.array([1.0, np.nan, 0.0], np.float32)), "initializer `c`: a number is not finite"
+    yield "cast-to-integer", make(node("Cast", "x", to=INT64)), "a cast to int64, expected float or double"
+    yield "too-few-numbers", tensor(dims=[3], data_type=FLOAT, raw_data=b"1234"), "1 elements of data, its shape has 3"
+    yield "odd-bytes", tensor(dims=[3], data_type=FLOAT, raw_data=b"12345678901"), "elements of data"
+    yield "huge-tensor", tensor(dims=[1 << 31, 1 << 31], data_type=FLOAT), "more than"
+    yield "negative-tensor", tensor(dims=[-3], data_type=FLOAT), "a negative dimension"
+    yield "deep-tensor", tensor(dims=[1] * 99, data_type=FLOAT), "99 dimensions"
+    yield "half", tensor(dims=[3], data_type=TensorProto.FLOAT16, raw_data=b"123456"), "elements of type float16"
+    yield "strings", tensor(dims=[1], data_type=TensorProto.STRING, string_data=[b"a"]), "elements of type string"
+    yield "external-above", external(location="../secret.bin"), "expected a file in the folder of the model"
+    yield "external-absolute", external(location="/etc/passwd"), "expected a file in the folder of the model"
+    yield "external-link", external(location="link.bin", length=12), "expected a file in the folder of the model"
+    yield "external-device", external(location="folder"), "expected a file in the folder of the model"
+    yield "external-missing", external(location="none.bin"), "`none.bin`: "
+    yield "external-without-location", external(offset=0), "without a `location`"
+    yield "external-beyond", external(location="data.bin", offset=8, length=1 << 40), "but the file has 12"
+    yield "external-offset", external(location="data.bin", offset="ten"), '`offset` "ten", expected a number'
+    yield "batch", model([node("Tanh", "x")], inputs=(("x", [8, 3]),)), "a batch of 8 rows"
+    yield "free-width", model([node("Tanh", "x")], inputs=(("x", ["n", "m"]),)), "dimension 1 is free (`m`)"
+    yield "integer-input", model([node("Tanh", "x")], kind=INT64), "input `x`: elements of type int64"
+    yield "wide-input", model([node("Tanh", "x")], inputs=(("x", ["n", 1 << 26]),)), "expected at most"
+    tree = dict(nodes_treeids=[0] * 3, nodes_nodeids=[0, 1, 2], nodes_featureids=[0] * 3, nodes_values=[0.0] * 3, nodes_truenodeids=[1, 0, 0],
+                nodes_falsenodeids=[2, 0, 0], nodes_modes=["BRANCH_LEQ", "LEAF", "LEAF"], target_treeids=[0, 0], target_nodeids=[1, 2],
+                target_ids=[0, 0], target_weights=[1.0, 2.0], n_targets=1)
+    trees = lambda **changes: model([node("TreeEnsembleRegressor", "x", domain="ai.onnx.ml", **{**tree, **changes})])
+    yield "tree-cycle", trees(nodes_truenodeids=[0, 0, 0]), "tree 0 has a cycle"
+    yield "tree-without-node", trees(nodes_truenodeids=[7, 0, 0]), "no node 7 in tree 0"
+    yield "tree-feature", trees(nodes_featureids=[9, 0, 0]), "looks at feature 9, of 3"
+    yield "tree-mode", trees(nodes_modes=["BRANCH_EQ", "LEAF", "LEAF"]), "a node of mode BRANCH_EQ"
+    yield "tree-lengths", trees(nodes_values=[0.0]), "expected the same number of each"
+    yield "tree-target", trees(target_ids=[0, 5]), "target 5 of 1"
+    yield "tree-transform", trees(post_transform="LOGISTIC"), "post_transform LOGISTIC, expected NONE"
+    yield "tree-many-targets", trees(n_targets=1 << 40), "targets"
+    yield "svm-kernel", model([node("SVMRegressor", "x", domain="ai.onnx.ml", kernel_type="OWN", n_supports=1, support_vectors=[0.0] * 3, coefficients=[1.0], rho=[0.0])]), "kernel OWN"
+    yield "svm-lengths", model([node("SVMRegressor", "x", domain="ai.onnx.ml", n_supports=2, support_vectors=[0.0] * 3, coefficients=[1.0], rho=[0.0])]), "expected 2 and 2 times 3"
+    yield "scaler", model([node("Scaler", "x", domain="ai.onnx.ml", offset=[0.0] * 2, scale=[1.0])]), "attribute `offset` has 2 elements, expected 3"
+    yield "linear", model([node("LinearRegressor", "x", domain="ai.onnx.ml", coefficients=[1.0], targets=1)]), "expected 1 times 3 and 1"

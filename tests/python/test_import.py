@@ -1,0 +1,315 @@
+"""`metafmu import`: trained models of other tools give in the FMU what ONNX Runtime and numpy say; what does not fit is refused."""
+
+import resource
+import subprocess
+
+import fmpy
+import numpy as np
+import onnx
+import onnxruntime
+import pandas as pd
+import pytest
+from conftest import METAFMU, ROOT, fmu_of, metafmu
+from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
+from graphs import fitting, malformed
+from onnx.reference import ReferenceEvaluator
+from safetensors.numpy import save_file
+from skl2onnx import to_onnx
+from sklearn.decomposition import PCA
+from sklearn.ensemble import BaggingRegressor, ExtraTreesRegressor, GradientBoostingRegressor, RandomForestRegressor, VotingRegressor
+from sklearn.linear_model import HuberRegressor, Lasso, LinearRegression, Ridge
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, PolynomialFeatures, RobustScaler, StandardScaler
+from sklearn.svm import SVR, NuSVR
+from sklearn.tree import DecisionTreeRegressor
+
+TOLERANCE = {np.float32: 1e-6, np.float64: 1e-12}
+RANDOM = np.random.default_rng(3)
+ROWS = RANDOM.uniform(-1.0, 1.0, (60, 3))
+
+
+def of_runtime(model, rows):
+    """What ONNX Runtime gives for these rows."""
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(model.SerializeToString(), options)
+    name = session.get_inputs()[0].name
+    # one by one: a graph that was made for a row may mix the rows of a batch
+    return np.array([session.run(None, {name: row[None, :]})[0].ravel() for row in rows])
+
+
+def of_reference(model, rows):
+    """What the definition of ONNX gives, in numpy: ONNX Runtime has not all operators in double precision."""
+    reference = ReferenceEvaluator(model)
+    name = model.graph.input[0].name
+    return np.array([reference.run(None, {name: row[None, :]})[0].ravel() for row in rows])
+
+
+def imported(folder, model, rows, expected, of=np.float32):
+    """The model file, compared with what was expected on the way."""
+    path = folder / "model.onnx"
+    path.write_bytes(model.SerializeToString())
+    names = [f"y{k}" for k in range(expected.shape[1])]
+    table = pd.DataFrame(np.c_[rows, expected].astype(float), columns=["a", "b", "c", *names])
+    table.to_csv(folder / "rows.csv", index=False, float_format="%.17g")
+    metafmu("import", path, "--new", folder / "interface.toml", "--data", folder / "rows.csv", cwd=folder)
+    run = metafmu("import", path, "--interface", folder / "interface.toml", "--data", folder / "rows.csv", "--check", folder / "rows.csv",
+                  "--tolerance", str(TOLERANCE[of]), "--out", folder / "model.safetensors", cwd=folder)
+    assert "largest difference" in run.stdout
+    return folder / "model.safetensors"
+
+
+@pytest.mark.parametrize("of", [np.float32, np.float64], ids=["single", "double"])
+def test_operators_are_those_of_onnx(tmp_path, of):
+    """Of ONNX Runtime in single precision, of the definition in double."""
+    evaluate = of_runtime if of == np.float32 else of_reference
+    count = 0
+    for name, model in fitting(of):
+        folder = tmp_path / name
+        folder.mkdir()
+        rows = ROWS.astype(of)
+        expected = evaluate(model, rows)
+        try:
+            imported(folder, model, rows, expected, of)
+        except AssertionError as error:
+            raise AssertionError(name) from error
+        count += 1
+    assert count > 40, count
+
+
+REGRESSIONS = {
+    "linear": LinearRegression(),
+    "lasso": Lasso(alpha=0.01),
+    "huber": HuberRegressor(),
+    "polynomial": make_pipeline(PolynomialFeatures(3), Ridge()),
+    "components": make_pipeline(StandardScaler(), PCA(2), Ridge()),
+    "robust": make_pipeline(RobustScaler(), Ridge()),
+    "svr": make_pipeline(MinMaxScaler(), SVR()),
+    "svr-polynomial": SVR(kernel="poly", degree=2),
+    "svr-sigmoid": make_pipeline(MaxAbsScaler(), NuSVR(kernel="sigmoid")),
+    "tree": DecisionTreeRegressor(),
+    "forest": RandomForestRegressor(10),
+    "extra-trees": ExtraTreesRegressor(10),
+    "boosting": GradientBoostingRegressor(n_estimators=20),
+    "bagging": BaggingRegressor(n_estimators=4),
+    "voting": VotingRegressor([("a", Ridge()), ("b", SVR())]),
+}
+
+
+@pytest.mark.parametrize("name", REGRESSIONS)
+def test_regressions_of_scikit_learn(tmp_path, name):
+    train = RANDOM.uniform(-1.0, 1.0, (200, 3))
+    model = REGRESSIONS[name].fit(train, np.sin(train[:, 0]) + train[:, 1] * train[:, 2])
+    """Beside scikit-learn itself: ONNX Runtime sums in single precision."""
+    rows = ROWS.astype(np.float32)
+    graph = to_onnx(model, rows[:1])
+    imported(tmp_path, graph, rows, model.predict(rows.astype(float))[:, None])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["perceptron", "residual", "LayerNormalization", "Softmax"])
+def test_the_fmu_gives_what_onnx_runtime_gives(tmp_path, name, version):
+    """The values, and directional derivatives beside differences of ONNX Runtime's."""
+    model = dict(fitting(np.float64))[name]
+    expected = of_runtime(model, ROWS)
+    path = imported(tmp_path, model, ROWS, expected, np.float64)
+    metafmu("export", path, "--fmi", str(version), "--out", tmp_path, cwd=tmp_path)
+    fmu = fmu_of(tmp_path, "model", version)
+    assert not validate_fmu(str(fmu))
+    assert metafmu("validate", fmu).returncode == 0
+    for row, outputs in zip(ROWS[:5], expected):
+        values = dict(zip("abc", row))
+        result = simulate_fmu(str(fmu), start_values=values, stop_time=0.1, output_interval=0.1)
+        found = [result[f"y{k}"][-1] for k in range(len(outputs))]
+        assert np.abs(found - outputs).max() < 1e-12
+    derivatives = by_fmpy(fmu, ROWS[0], len(expected[0]))
+    for column, found in enumerate(derivatives):
+        step = np.eye(3)[column] * 1e-6
+        differences = (of_runtime(model, (ROWS[0] + step)[None])[0] - of_runtime(model, (ROWS[0] - step)[None])[0]) / 2e-6
+        assert np.abs(found - differences).max() < 1e-8, (column, found, differences)
+
+
+def by_fmpy(fmu, row, outputs):
+    """Directional derivatives along each input."""
+    description = fmpy.read_model_description(str(fmu))
+    unpacked = fmpy.extract(str(fmu))
+    reference = {variable.name: variable.valueReference for variable in description.modelVariables}
+    instance = fmpy.instantiate_fmu(unpacked, description, "CoSimulation")
+    is_new = description.fmiVersion.startswith("3")
+    names = [f"y{k}" for k in range(outputs)]
+    if is_new:
+        instance.setFloat64([reference[name] for name in "abc"], list(row))
+        instance.enterInitializationMode(startTime=0.0)
+        instance.exitInitializationMode()
+        return [np.array(instance.getDirectionalDerivative([reference[name] for name in names], [reference[along]], [1.0])) for along in "abc"]
+    instance.setReal([reference[name] for name in "abc"], list(row))
+    instance.setupExperiment(startTime=0.0)
+    instance.enterInitializationMode()
+    instance.exitInitializationMode()
+    return [np.array(instance.getDirectionalDerivative([reference[name] for name in names], [reference[along]], [1.0])) for along in "abc"]
+
+
+def test_tensors_by_name(tmp_path):
+    """What numpy computes of arrays in .npz and .safetensors files, rows or columns being outputs."""
+    w0, b0, w1, b1 = RANDOM.normal(size=(3, 8)), RANDOM.normal(size=8), RANDOM.normal(size=(8, 2)), RANDOM.normal(size=2)
+    expected = np.tanh(ROWS @ w0 + b0) @ w1 + b1
+    pd.DataFrame(np.c_[ROWS, expected], columns=["a", "b", "c", "u", "v"]).to_csv(tmp_path / "rows.csv", index=False, float_format="%.17g")
+    interface = """name = "layers"
+    inputs = { a = {}, b = {}, c = {} }
+    outputs = { u = {}, v = { unit = "N" } }
+    [[layers]]
+    weight = "w0"
+    bias = "b0"
+    activation = "tanh"
+    [[layers]]
+    weight = "w1"
+    bias = "b1"
+    """
+    (tmp_path / "interface.toml").write_text(interface)
+    np.savez(tmp_path / "columns.npz", w0=w0, b0=b0, w1=np.asfortranarray(w1), b1=b1)
+    save_file({"w0": np.ascontiguousarray(w0.T), "b0": b0, "w1": np.ascontiguousarray(w1.T), "b1": b1}, tmp_path / "rows.safetensors")
+    for name in ["columns.npz", "rows.safetensors"]:
+        run = metafmu("import", name, "--interface", "interface.toml", "--data", "rows.csv", "--check", "rows.csv", "--tolerance", "1e-13", cwd=tmp_path)
+        assert run.stdout.endswith("layers.safetensors\n")
+        predicted = metafmu("predict", "layers.safetensors", "rows.csv", cwd=tmp_path).stdout
+        assert predicted.startswith("u,v,")
+
+
+def test_a_column_may_be_constant_and_columns_may_be_in_another_order(tmp_path):
+    model = dict(fitting(np.float64))["perceptron"]
+    (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
+    (tmp_path / "interface.toml").write_text(
+        'name = "arranged"\n'
+        'inputs.c = { column = "x[2]", min = -1.0, max = 1.0 }\n'
+        'inputs.fixed = { column = "x[1]", value = 0.25 }\n'
+        'inputs.a = { column = "x[0]", min = -1.0, max = 1.0, causality = "parameter" }\n'
+        'outputs.second = { column = "y[1]" }\n'
+    )
+    metafmu("import", "model.onnx", "--interface", "interface.toml", cwd=tmp_path)
+    pd.DataFrame(ROWS[:, [2, 0]], columns=["c", "a"]).to_csv(tmp_path / "rows.csv", index=False, float_format="%.17g")
+    run = metafmu("predict", "arranged.safetensors", "rows.csv", "--out", "out.csv", cwd=tmp_path)
+    assert run.returncode == 0
+    found = pd.read_csv(tmp_path / "out.csv")["second"].to_numpy()
+    rows = np.c_[ROWS[:, 0], np.full(len(ROWS), 0.25), ROWS[:, 2]]
+    assert np.abs(found - of_runtime(model, rows)[:, 1]).max() < 1e-12
+
+
+def test_a_model_that_gives_something_else_is_not_written(tmp_path):
+    model = dict(fitting(np.float64))["perceptron"]
+    expected = of_runtime(model, ROWS)
+    imported(tmp_path, model, ROWS, expected, np.float64)
+    (tmp_path / "model.safetensors").unlink()
+    table = pd.read_csv(tmp_path / "rows.csv")
+    table.loc[7, "y1"] += 1e-6
+    table.to_csv(tmp_path / "rows.csv", index=False)
+    run = metafmu("import", "model.onnx", "--interface", "interface.toml", "--data", "rows.csv", "--check", "rows.csv", cwd=tmp_path, check=False)
+    assert run.returncode == 1
+    assert "in row 8: not what was expected" in run.stdout
+    assert not (tmp_path / "model.safetensors").exists()
+
+
+MALFORMED = list(malformed())
+
+
+@pytest.mark.parametrize("name, model, message", MALFORMED, ids=[name for name, *_ in MALFORMED])
+def test_what_does_not_fit_is_refused(tmp_path, name, model, message):
+    """With a message to act on, within 2 GB of memory."""
+    (tmp_path / "data.bin").write_bytes(b"123456789012")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link.bin").symlink_to("/etc/passwd")
+    content = model if isinstance(model, bytes) else model.SerializeToString()
+    (tmp_path / "model.onnx").write_bytes(content)
+    limited = lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+    run = subprocess.run([METAFMU, "import", "model.onnx", "--new", "i.toml"], cwd=tmp_path, capture_output=True, text=True,
+                         preexec_fn=limited, timeout=60)
+    assert run.returncode == 2, run
+    assert run.stderr.startswith("error: model.onnx: ") and message in run.stderr, run.stderr
+    assert not (tmp_path / "i.toml").exists()
+
+
+INTERFACES = {
+    "unknown": ('inputs.a = { column = "x[9]" }', 'interface.toml:2: inputs.a.column: "x[9]" is no column of the model'),
+    "twice": (
+        'inputs = { a = { column = "x[0]" }, b = { column = "x[0]" }, c = { column = "x[1]" } }',
+        'inputs.b.column: "x[0]" is the column of `a` already',
+    ),
+    "missing": ('inputs = { a = { column = "x[0]" }, b = { column = "x[1]" } }', "no input for the columns x[2]"),
+    "count": ("inputs = { a = {}, b = {} }", "2 inputs, but the model has 3 columns of inputs"),
+    "some": ('inputs = { a = { column = "x[0]" }, b = {}, c = {} }', "inputs.b: no `column`, which others have"),
+    "no-range": ("inputs = { a = {}, b = { min = 0.0, max = 1.0 }, c = {} }", "inputs.a: has no range"),
+    "empty-range": ("inputs = { a = { min = 1.0, max = 0.0 }, b = {}, c = {} }", "inputs.a.max: 0, expected at least min, which is 1"),
+    "start": ("inputs = { a = { min = 0.0, max = 1.0, start = 2.0 }, b = {}, c = {} }", "inputs.a.start: 2, expected a value from 0 to 1"),
+    "variability": ('inputs = { a = { variability = "fixed" }, b = {}, c = {} }', 'inputs.a.variability: belongs to causality = "parameter"'),
+    "times": (
+        'inputs = { a = { causality = "time" }, b = { causality = "time" }, c = {} }',
+        'inputs.b.causality: "time", but `a` is the time already',
+    ),
+    "key": ("inputs = { a = { unti = 1 }, b = {}, c = {} }", "did you mean `unit`?"),
+    "value": ("inputs = { a = { value = 1.0, min = 0.0 }, b = {}, c = {} }", "inputs.a.min: belongs to a variable"),
+    "layers": ('inputs = { a = {}, b = {}, c = {} }\nlayers = [{ weight = "w" }]', "layers: belongs to models that are only tensors"),
+    "name": ("inputs = { in_domain = {}, b = {}, c = {} }", "`in_domain` is the name of a variable that every FMU of metafmu has"),
+    "same-names": ("inputs = { u = {}, b = {}, c = {} }", "outputs.u: `u` is an input already"),
+    "study": ("source = { system = 'single-pendulum' }\ninputs = { a = {}, b = {}, c = {} }", "this is a study, expected an interface"),
+}
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_mistakes_of_an_interface(tmp_path, name):
+    text, message = INTERFACES[name]
+    (tmp_path / "model.onnx").write_bytes(dict(fitting(np.float32))["perceptron"].SerializeToString())
+    # top-level keys go before tables
+    (tmp_path / "interface.toml").write_text(f'name = "x"\n{text}\noutputs = {{ u = {{}}, v = {{}} }}\n')
+    run = metafmu("import", "model.onnx", "--interface", "interface.toml", cwd=tmp_path, check=False)
+    assert run.returncode == 2 and message in run.stderr, run.stderr
+    assert "interface.toml:" in run.stderr
+
+
+def test_an_imported_model_is_exported_to_onnx_again(tmp_path):
+    """In double precision, but for operators that ONNX Runtime has in single precision only."""
+    count = 0
+    for name, model in fitting(np.float64):
+        folder = tmp_path / name
+        folder.mkdir()
+        expected = of_reference(model, ROWS)
+        path = imported(folder, model, ROWS, expected, np.float64)
+        metafmu("export", path, "--onnx", folder / "again.onnx", cwd=folder)
+        again = onnx.load(folder / "again.onnx")
+        onnx.checker.check_model(again)
+        limit = 1e-6 if name in ("Atan", "Erf", "Gelu") else 1e-12
+        scale = np.ptp(expected, axis=0)
+        assert np.all(np.abs(of_runtime(again, ROWS) - expected) <= limit * scale), name
+        count += 1
+    assert count > 40
+
+
+@pytest.mark.parametrize("name", ["forest", "svr", "polynomial"])
+def test_regressions_are_exported_to_onnx_again(tmp_path, name):
+    model = REGRESSIONS[name].fit(ROWS, np.sin(ROWS[:, 0]))
+    rows = ROWS.astype(np.float32)
+    graph = to_onnx(model, rows[:1])
+    path = imported(tmp_path, graph, rows, of_runtime(graph, rows))
+    metafmu("export", path, "--onnx", tmp_path / "again.onnx", cwd=tmp_path)
+    found = of_runtime(onnx.load(tmp_path / "again.onnx"), rows.astype(float))
+    assert np.abs(found - of_runtime(graph, rows)).max() < 1e-6
+
+
+def test_our_surrogates_are_exported_to_onnx(pendulum, tmp_path):
+    """The network of the paper's pendulum at rows of its test runs."""
+    table = pd.read_csv(pendulum.folder / "test.csv")
+    points = table[["L", "c", "thetad0", "time"]].to_numpy()[::97]
+    pd.DataFrame(points, columns=["L", "c", "thetad0", "time"]).to_csv(tmp_path / "points.csv", index=False, float_format="%.17g")
+    path = pendulum.folder / "single-pendulum.safetensors"
+    metafmu("export", path, "--onnx", tmp_path / "network.onnx")
+    metafmu("predict", path, tmp_path / "points.csv", "--out", tmp_path / "out.csv")
+    expected = pd.read_csv(tmp_path / "out.csv")[["theta [rad]", "thetad [rad/s]", "thetadd [rad/s2]"]].to_numpy()
+    model = onnx.load(tmp_path / "network.onnx")
+    assert {entry.key: entry.value for entry in model.metadata_props}["output_names"] == '["theta","thetad","thetadd"]'
+    found = of_runtime(model, points)
+    assert np.all(np.abs(found - expected) <= 1e-12 * np.ptp(expected, axis=0))
+
+
+def test_what_has_states_is_not_exported_to_onnx(tmp_path):
+    study = ROOT / "examples/dynamics/crane-study.toml"
+    run = metafmu("export", study, "--onnx", tmp_path / "crane.onnx", check=False)
+    assert run.returncode == 2
