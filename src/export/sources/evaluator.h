@@ -1,6 +1,6 @@
 /*
- * What computes the surrogate: a network (network.c), equations of motion (motion.c), other functions of states
- * (state_space.c) or of past samples (discrete.c). A point has one value for each input and, after them, one for each
+ * What computes the surrogate: maps (maps.c), equations of motion (motion.c), other functions of states (state_space.c)
+ * or of past samples (discrete.c). A point has one value for each input and, after them, one for each
  * state, or what a model of samples remembers; results are the outputs and, after them, the states' derivatives with
  * respect to time. Nothing here allocates or keeps anything between two calls but in the scratch.
  */

@@ -22,6 +22,8 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
     let stages = |count: usize| 4.0 * sub_steps * count as f64;
     let cost = Cost::of(network.as_ref(), 0);
     Part {
+        header: "state_space.h",
+        defines: Vec::new(),
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
