@@ -308,7 +308,7 @@ pub struct ExportModelArgs {
     #[command(flatten)]
     pub export: ExportArgs,
     /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` compares them
-    #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
+    #[arg(long, value_name = "MODEL")]
     pub model: Option<BaselineKind>,
 }
 

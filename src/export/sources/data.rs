@@ -132,6 +132,10 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
         ("MODEL_HAS_STATES", u8::from(states > 0).to_string()),
+        (
+            "MODEL_HAS_EQUATIONS",
+            u8::from(matches!(surrogate.model(), Model::Motion(_) | Model::StateSpace(_))).to_string(),
+        ),
     ];
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {

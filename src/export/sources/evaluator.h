@@ -67,13 +67,17 @@ static inline double driven(const Step *step, const double point[COLUMN_COUNT], 
 
 #endif
 
-#if MODEL_HAS_STATES
+#if MODEL_HAS_EQUATIONS
 
 /* Puts the results at the point of scratch->real there. */
 void model_respond(Scratch *scratch);
 
 /* The same in scratch->jet, with derivatives along the curve that the point's jets are. */
 void model_follow(Scratch *scratch);
+
+#endif
+
+#if MODEL_HAS_STATES
 
 /* The rates of the states at a point. */
 void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT]);

@@ -403,6 +403,8 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
         turning(Activation::Tanh),
         turning(Activation::Gelu),
         left_alone(),
+        without_states(true),
+        without_states(false),
     ] {
         compare(&surrogate, [1.0, 1.0], &SANITIZERS);
     }
@@ -470,6 +472,31 @@ fn left_alone() -> Surrogate {
         functions: Dictionary::new(&factors, 0, &[]).unwrap(),
         network: None,
         results: vec![Given::State(0), Given::State(0)],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+}
+
+/// Functions of a force and, if there is one, a parameter, without any state.
+fn without_states(has_parameter: bool) -> Surrogate {
+    let oscillator = example::oscillator(None);
+    let mut metadata = oscillator.metadata().clone();
+    let parameters = usize::from(has_parameter);
+    metadata.inputs = [&metadata.inputs[..parameters], &metadata.inputs[3..]].concat();
+    metadata.states.clear();
+    metadata.outputs.push(metadata.outputs[0].clone());
+    metadata.outputs[1].name = "square".into();
+    let factors = vec![Factor::Power { middle: 0.5, half: 2.0 }; parameters + 1];
+    let term = |order: i16, coefficients: [f64; 2]| Term {
+        exponents: [vec![1; parameters], vec![order]].concat(),
+        coefficients: coefficients.to_vec(),
+    };
+    let terms = [term(1, [0.5, 0.25]), term(2, [0.0, -1.5])];
+    let space = StateSpace {
+        counts: [parameters, 1, 0],
+        functions: Dictionary::new(&factors, 2, &terms).unwrap(),
+        network: None,
+        results: vec![Given::Function(0), Given::Function(1)],
         step: 0.005,
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
@@ -749,6 +776,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
         compare_run(surrogate, &[("mu", 1.3), ("x_start", 0.8)], &["v", "der(v)"], 0.013);
     }
+    compare_run(without_states(true), &[("mu", 1.3)], &["domain_distance"], 0.013);
     compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
 }
@@ -920,6 +948,7 @@ fn the_validator_finds_nothing() {
         example::crane(),
         example::encoded(&example::with_input()),
         turning(Activation::Tanh),
+        without_states(false),
         example::recorded(),
     ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
