@@ -351,7 +351,7 @@ pub struct ExportModelArgs {
     #[command(flatten)]
     pub export: ExportArgs,
     /// Fit this baseline and package it instead of the network, as NAME-MODEL.fmu; `metafmu compare` compares them
-    #[arg(long, value_name = "MODEL", conflicts_with = "sources")]
+    #[arg(long, value_name = "MODEL")]
     pub model: Option<BaselineKind>,
     /// Write the surrogate as an ONNX model instead, of one input `inputs` and one output `outputs`
     #[arg(long, value_name = "FILE.onnx", conflicts_with_all = ["model", "fmi", "platform", "binary", "sources"])]

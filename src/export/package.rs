@@ -62,7 +62,7 @@ struct Entry {
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
-/// the same place, [`Error::NoSources`] if there is no source code of such a surrogate.
+/// the same place.
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, figures, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
@@ -82,7 +82,7 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     ];
     entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
     if *sources {
-        let sources = sources::files(surrogate, &identifier, *version)?;
+        let sources = sources::files(surrogate, &identifier, *version);
         entries.extend(sources.into_iter().map(|(name, bytes)| file(&name, bytes)));
     }
     let mut places = HashSet::new();

@@ -10,7 +10,7 @@ use crate::{
     files,
     fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
-    study::{self, FmiChoice, Structure},
+    study::{self, FmiChoice},
     surrogate,
 };
 use metafmu_runtime::Surrogate;
@@ -54,11 +54,8 @@ impl Plan {
     /// Finds the libraries, so that one that is missing is found before the work and not after it.
     ///
     /// # Errors
-    /// [`Error::NoSources`], [`Error::Io`] of a library, the error of an unknown platform.
+    /// [`Error::Io`] of a library, the error of an unknown platform.
     pub fn new(project: &Project, options: &ExportOptions) -> Result<Self> {
-        if options.sources && project.study.network.structure == Structure::Fixed {
-            return Err(Error::NoSources);
-        }
         Self::of(options, project.study.export.fmi)
     }
 
@@ -120,7 +117,7 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
 /// surrogate's. What was measured of it is not known here, so their model cards do not say it.
 ///
 /// # Errors
-/// Those of [`load_file`], [`Error::NoSources`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
+/// Those of [`load_file`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
 /// the place of the file itself.
 pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
     let plan = Plan::of(options, FmiChoice::default())?;

@@ -150,8 +150,6 @@ def test_a_baseline_takes_the_same_columns_in_the_fmu_as_when_it_was_measured(st
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_sources_compute_what_the_library_does(built, tmp_path, monkeypatch, version):
-    if built.name == "fixed":
-        pytest.skip("has no sources, see test_structures.py")
     folder = shutil.copytree(built, tmp_path / "out")
     metafmu("export", built.with_suffix(".toml"), "--out", folder, "--sources", "--fmi", version)
     packed = fmu_of(folder, "study", version)

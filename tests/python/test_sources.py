@@ -25,6 +25,21 @@ def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
             np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("model", ["polynomial", "decision-tree", "svr"])
+def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model):
+    folder = shutil.copytree(pendulum.folder, tmp_path / "out")
+    metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", 2, "--model", model)
+    packed = str(folder / f"single-pendulum-{model}.fmu")
+    assert validate_fmu(packed) == []
+    unpacked = compiled_from_sources(packed, monkeypatch)
+    found, expected = (
+        fmpy.simulate_fmu(fmu, start_values={"L": 0.13}, stop_time=1, output_interval=0.01) for fmu in (str(unpacked), packed)
+    )
+    assert np.ptp(expected["theta"]) > 0.1
+    for name in expected.dtype.names:
+        np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+
+
 @pytest.fixture(scope="module")
 def crane(tmp_path_factory):
     folder = tmp_path_factory.mktemp("crane")

@@ -201,12 +201,6 @@ pub enum Error {
         /// The second platform.
         tuple: &'static str,
     },
-    /// A surrogate that is not written as C source code.
-    #[error(
-        "source code is not written of this model: one network for each instant (`network.structure = \"fixed\"`) would be \
-         hundreds of times as long, and regressions and networks whose last layer is not linear have no C code"
-    )]
-    NoSources,
     /// A baseline that could not be fitted or cannot be exported.
     #[error("model `{model}`: {problem}")]
     Baseline {

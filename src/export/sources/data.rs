@@ -1,15 +1,17 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
-use super::Kind;
 use metafmu_runtime::{
-    BuiltIn, Encoding, Evaluator, Input, Metadata, Quantity, Role, State, Surrogate, Variability, Variable,
+    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, State, Surrogate, Variability, Variable,
 };
 use std::fmt::Write;
 
 mod discrete;
 mod functions;
+mod maps;
 mod motion;
 mod network;
+mod operations;
+mod regression;
 mod state_space;
 mod states;
 
@@ -71,6 +73,10 @@ const NOTICE: &str = "/* Generated. */\n";
 
 /// What is generated of one kind of model.
 struct Part {
+    /// Header of the model.
+    header: &'static str,
+    /// Further definitions for the preprocessor.
+    defines: Vec<(&'static str, String)>,
     /// External names.
     names: Vec<&'static str>,
     /// Sizes, with a comment each where it takes one.
@@ -82,19 +88,25 @@ struct Part {
 }
 
 impl Part {
-    fn of(surrogate: &Surrogate, kind: Kind) -> Self {
-        match kind {
-            Kind::Network(network) => network::part(surrogate, network),
-            Kind::Motion(motion) => motion::part(surrogate, motion),
-            Kind::StateSpace(space) => state_space::part(surrogate, space),
-            Kind::Discrete(discrete) => discrete::part(surrogate, discrete),
+    fn of(surrogate: &Surrogate) -> Self {
+        match surrogate.model() {
+            Model::Response(Map::Network(network)) => {
+                maps::part(surrogate, &[], network::map(surrogate, std::slice::from_ref(network)))
+            }
+            Model::Response(Map::Regression(regression)) => maps::part(surrogate, &[], regression::map(regression)),
+            Model::PerInstant { instants, networks } => {
+                maps::part(surrogate, instants, network::map(surrogate, networks))
+            }
+            Model::Motion(motion) => motion::part(surrogate, motion),
+            Model::StateSpace(space) => state_space::part(surrogate, space),
+            Model::Discrete(discrete) => discrete::part(surrogate, discrete),
         }
     }
 }
 
 /// `model_data.h`
-pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
-    let Part { names, sizes, remark, .. } = Part::of(surrogate, kind);
+pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
+    let Part { header, defines, names, sizes, remark, .. } = Part::of(surrogate);
     let columns = Evaluator::new(surrogate).columns();
     let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
     let (inputs, outputs, states) = (surrogate.inputs().len(), surrogate.outputs().len(), surrogate.states().len());
@@ -116,12 +128,18 @@ pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
         ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
         ("BOUND_TIME_COUNT", bounds(surrogate).0.len(), "times of error bounds"),
     ];
-    for (name, value) in [
-        ("MODEL_HEADER", format!("\"{}.h\"", kind.file())),
+    let of_all = [
+        ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
         ("MODEL_HAS_STATES", u8::from(states > 0).to_string()),
-    ] {
-        push(&mut text, format_args!("{}#define {name} {value}\n", if name == "MODEL_HEADER" { "\n" } else { "" }));
+        (
+            "MODEL_HAS_EQUATIONS",
+            u8::from(matches!(surrogate.model(), Model::Motion(_) | Model::StateSpace(_))).to_string(),
+        ),
+    ];
+    text.push('\n');
+    for (name, value) in of_all.into_iter().chain(defines) {
+        push(&mut text, format_args!("#define {name} {value}\n"));
     }
     text.push_str("\nenum {\n");
     let count = common.len() + sizes.len();
@@ -135,7 +153,7 @@ pub fn header(surrogate: &Surrogate, kind: Kind, identifier: &str) -> String {
 }
 
 /// `model_data.c`
-pub fn source(surrogate: &Surrogate, kind: Kind) -> String {
+pub fn source(surrogate: &Surrogate) -> String {
     let Metadata { name, inputs, outputs, provenance, time_step, .. } = surrogate.metadata();
     let description =
         format!("surrogate `{name}` of {}, {} inputs, {} outputs", provenance.tool, inputs.len(), outputs.len());
@@ -151,7 +169,7 @@ pub fn source(surrogate: &Surrogate, kind: Kind) -> String {
     let (times, half_widths) = bounds(surrogate);
     array(&mut text, "const double model_bound_times", &times);
     array(&mut text, "const double model_bounds", &half_widths);
-    text + &Part::of(surrogate, kind).data
+    text + &Part::of(surrogate).data
 }
 
 /// Times and error bounds; zeros if there are none.

@@ -1,6 +1,6 @@
 /*
- * What computes the surrogate: a network (network.c), equations of motion (motion.c), other functions of states
- * (state_space.c) or of past samples (discrete.c). A point has one value for each input and, after them, one for each
+ * What computes the surrogate: maps (maps.c), equations of motion (motion.c), other functions of states (state_space.c)
+ * or of past samples (discrete.c). A point has one value for each input and, after them, one for each
  * state, or what a model of samples remembers; results are the outputs and, after them, the states' derivatives with
  * respect to time. Nothing here allocates or keeps anything between two calls but in the scratch.
  */
@@ -67,13 +67,17 @@ static inline double driven(const Step *step, const double point[COLUMN_COUNT], 
 
 #endif
 
-#if MODEL_HAS_STATES
+#if MODEL_HAS_EQUATIONS
 
 /* Puts the results at the point of scratch->real there. */
 void model_respond(Scratch *scratch);
 
 /* The same in scratch->jet, with derivatives along the curve that the point's jets are. */
 void model_follow(Scratch *scratch);
+
+#endif
+
+#if MODEL_HAS_STATES
 
 /* The rates of the states at a point. */
 void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT]);

@@ -1,5 +1,5 @@
 /*
- * Numbers that carry their derivatives: a formula that is written once, dictionary.h or equations.h, gives values, and
+ * Numbers that carry their derivatives: a formula that is written once gives values, and
  * exact derivatives along a curve. There are real numbers, jets of them, and jets of jets, which carry how the
  * derivatives along the motion change in a direction. Each function has the kind of its numbers in its name.
  */
@@ -58,6 +58,11 @@ static inline double real_reciprocal(double a)
     return 1.0 / a;
 }
 
+static inline double real_exponential(double a)
+{
+    return exp(a);
+}
+
 static inline void real_sine_and_cosine(double a, double *sine, double *cosine)
 {
     *sine = sin(a);
@@ -107,6 +112,12 @@ static inline Jet jet_reciprocal(Jet a)
     const double value = 1.0 / a.value;
     const double slope = -(value * value);
     return (Jet){value, slope * a.first, slope * (a.second - 2.0 * (value * a.first * a.first))};
+}
+
+static inline Jet jet_exponential(Jet a)
+{
+    const double value = exp(a.value);
+    return (Jet){value, value * a.first, value * (a.second + a.first * a.first)};
 }
 
 static inline void jet_sine_and_cosine(Jet a, Jet *sine, Jet *cosine)

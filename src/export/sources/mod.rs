@@ -17,8 +17,7 @@
 mod data;
 
 use crate::fmi::FmiVersion;
-use crate::{Error, Result};
-use metafmu_runtime::{Activation, Discrete, Model, Motion, ScaledNetwork, StateSpace, Surrogate};
+use metafmu_runtime::{Map, Model, Surrogate, regression::Function};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -40,13 +39,27 @@ const COMMON: [(&str, &str); 5] = [
 const ACTIVATION: [(&str, &str); 2] =
     [("activation.c", include_str!("activation.c")), ("activation.h", include_str!("activation.h"))];
 
+/// Of models without states.
+const MAPS: [(&str, &str); 2] = [("maps.c", include_str!("maps.c")), ("maps.h", include_str!("maps.h"))];
+
 const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("network.h", include_str!("network.h"))];
 
+/// Of formulas that are differentiated.
+const JETS: [(&str, &str); 1] = [("jets.h", include_str!("jets.h"))];
+
+const REGRESSION: [(&str, &str); 2] =
+    [("regression.c", include_str!("regression.c")), ("regression.h", include_str!("regression.h"))];
+
+const POLYNOMIAL: [(&str, &str); 1] = [("polynomial.h", include_str!("polynomial.h"))];
+
+const FOREST: [(&str, &str); 1] = [("forest.h", include_str!("forest.h"))];
+
+const KERNEL: [(&str, &str); 1] = [("kernel.h", include_str!("kernel.h"))];
+
 /// Of models with functions that were learned.
-const FUNCTIONS: [(&str, &str); 4] = [
+const FUNCTIONS: [(&str, &str); 3] = [
     ("functions.h", include_str!("functions.h")),
     ("jet_activation.h", include_str!("jet_activation.h")),
-    ("jets.h", include_str!("jets.h")),
     ("network_term.h", include_str!("network_term.h")),
 ];
 
@@ -80,63 +93,21 @@ const FMI3: [(&str, &str); 3] = [
     ("fmi3_absent.c", include_str!("fmi3_absent.c")),
 ];
 
-/// A model that the C code has.
-#[derive(Clone, Copy)]
-enum Kind<'a> {
-    Network(&'a ScaledNetwork),
-    Motion(&'a Motion),
-    StateSpace(&'a StateSpace),
-    Discrete(&'a Discrete),
-}
-
-impl<'a> Kind<'a> {
-    /// # Errors
-    /// [`Error::NoSources`] if the C code has no such model.
-    fn of(surrogate: &'a Surrogate) -> Result<Self> {
-        // the C code has a linear last layer, as all networks trained here
-        let is_linear = |network: &&ScaledNetwork| {
-            network.layers.last().is_some_and(|layer| layer.activation == Activation::Identity)
-        };
-        match surrogate.model() {
-            Model::Motion(motion) => Ok(Self::Motion(motion)),
-            Model::StateSpace(space) => Ok(Self::StateSpace(space)),
-            Model::Discrete(discrete) => Ok(Self::Discrete(discrete)),
-            Model::Response(_) | Model::PerInstant { .. } => {
-                surrogate.network().filter(is_linear).map(Self::Network).ok_or(Error::NoSources)
-            }
-        }
-    }
-
-    /// Name of its header and its code.
-    fn file(self) -> &'static str {
-        match self {
-            Self::Network(_) => "network",
-            Self::Motion(_) => "motion",
-            Self::StateSpace(_) => "state_space",
-            Self::Discrete(_) => "discrete",
-        }
-    }
-}
-
 /// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The
 /// same surrogate always gives the same bytes.
 ///
 /// `identifier` is the model identifier of the FMU.
-///
-/// # Errors
-/// [`Error::NoSources`] if the surrogate has a network for each instant, a regression, or a network whose last layer is not linear.
-pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Result<Vec<(String, Vec<u8>)>> {
-    let kind = Kind::of(surrogate)?;
+pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Vec<(String, Vec<u8>)> {
     let mut files: Vec<(String, Vec<u8>)> =
         fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
-    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, kind, identifier).into_bytes()));
-    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate, kind).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, identifier).into_bytes()));
+    files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate).into_bytes()));
     if version == FmiVersion::V3 {
         let description = build_description(&compiled(surrogate, version), identifier);
         files.push((format!("{FOLDER}/buildDescription.xml"), description.into_bytes()));
     }
     files.sort();
-    Ok(files)
+    files
 }
 
 /// Names of the files that are compiled, relative to the `sources/` folder, sorted: the `SourceFiles` of FMI 2.0.
@@ -170,12 +141,17 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
         FmiVersion::V3 => &FMI3,
     };
     let model: &[&[_]] = match surrogate.model() {
-        Model::Motion(_) => &[&FUNCTIONS, &STATES, &MOTION],
-        Model::StateSpace(_) => &[&FUNCTIONS, &STATES, &STATE_SPACE],
-        Model::Discrete(_) => &[&FUNCTIONS, &DISCRETE],
-        Model::Response(_) | Model::PerInstant { .. } => &[&NETWORK],
+        Model::Response(Map::Network(_)) | Model::PerInstant { .. } => &[&ACTIVATION, &MAPS, &NETWORK],
+        Model::Response(Map::Regression(regression)) => match regression.function {
+            Function::Polynomial(_) => &[&MAPS, &JETS, &REGRESSION, &POLYNOMIAL],
+            Function::Forest(_) => &[&MAPS, &JETS, &REGRESSION, &FOREST],
+            Function::Kernel(_) => &[&MAPS, &JETS, &REGRESSION, &KERNEL],
+        },
+        Model::Motion(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &MOTION],
+        Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],
+        Model::Discrete(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &DISCRETE],
     };
-    COMMON.into_iter().chain(ACTIVATION).chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
+    COMMON.into_iter().chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
 }
 
 #[cfg(test)]

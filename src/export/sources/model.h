@@ -1,7 +1,7 @@
 /*
  * The surrogate as data. model_data.h has the sizes, model_data.c the numbers; both are generated, everything else is
- * the same in every FMU of its kind. What the numbers of a model mean is in network.h, motion.h,
- * state_space.h or discrete.h.
+ * the same in every FMU of its kind. What the numbers of a model mean is in the headers maps.h, motion.h, state_space.h
+ * or discrete.h, and in those that they include.
  */
 #ifndef MODEL_H
 #define MODEL_H

@@ -1,8 +1,13 @@
-#include "activation.h"
+/*
+ * How long it takes at worst to compute the outputs, in multiplications, additions and divisions:
+ *
+ *     2            for a column,
+ *     2 i o        for a hidden layer of i columns and o nodes, rounded up to whole blocks of 16, besides activations:
+ *                  at most 50 operations of activation.c for a node,
+ *     2 i + 18     for an output, with the i nodes of the layer before, rounded up to whole blocks of 16, besides its
+ *                  activation if it has one.
+ */
 #include "evaluator.h"
-#include <math.h>
-
-static const double TAU = 6.283185307179586476925286766559;
 
 /* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
 enum { GROUP = 4 };
@@ -14,102 +19,26 @@ static void fill(double *values, size_t count, double value)
     }
 }
 
-/* Puts what the inputs become at a point into the scratch, and standardised into z. */
-static void standardise(Scratch *scratch, const double point[COLUMN_COUNT], double z[WIDTH])
+static void standardise(const Network *network, const double columns[MAP_COLUMNS], double z[WIDTH])
 {
-    double *feature = scratch->features;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        const Column *column = &model_columns[i];
-        const Turn *turn = &model_turns[i];
-        if (column->value_count > 0) {
-            const size_t hot = nearest(column, point[i]);
-            for (size_t k = 0; k < column->value_count; k++) {
-                *feature++ = k == hot ? 1.0 : 0.0;
-            }
-        } else if (turn->period > 0.0) {
-            /* whole turns are taken off first, so that a period later the columns are the very same */
-            const double turns = (point[i] - turn->start) / turn->period;
-            const double angle = TAU * (turns - floor(turns));
-            *feature++ = sin(angle);
-            *feature++ = cos(angle);
-        } else {
-            *feature++ = point[i];
-        }
-    }
     fill(z, WIDTH, 0.0);
-    for (size_t i = 0; i < FEATURE_COUNT; i++) {
-        z[i] = (scratch->features[i] - model_input_scaling[i].mean) / model_input_scaling[i].scale;
+    for (size_t i = 0; i < MAP_COLUMNS; i++) {
+        z[i] = (columns[i] - network->input_scaling[i].mean) / network->input_scaling[i].scale;
     }
 }
 
-/* First and second derivatives along a curve of what is in the scratch, standardised; second ones only if z2 is one. */
-static void standardise_rates(const Scratch *scratch, const double rates[COLUMN_COUNT], double z1[WIDTH],
-                              const double *second_rates, double *z2)
+static void standardise_rates(const Network *network, const double rates[MAP_COLUMNS], double z[WIDTH])
 {
-    size_t feature = 0;
-    fill(z1, WIDTH, 0.0);
-    if (z2 != NULL) {
-        fill(z2, WIDTH, 0.0);
-    }
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        const double bend = z2 == NULL ? 0.0 : second_rates[i];
-        if (model_columns[i].value_count > 0) {
-            feature += model_columns[i].value_count; /* constant nearly everywhere */
-            continue;
-        }
-        if (model_turns[i].period > 0.0) {
-            const double sine = scratch->features[feature];
-            const double cosine = scratch->features[feature + 1];
-            const double rate = TAU / model_turns[i].period * rates[i];
-            const double change = TAU / model_turns[i].period * bend;
-            z1[feature] = cosine * rate;
-            z1[feature + 1] = -sine * rate;
-            if (z2 != NULL) {
-                z2[feature] = cosine * change - sine * rate * rate;
-                z2[feature + 1] = -sine * change - cosine * rate * rate;
-            }
-            feature += 2;
-            continue;
-        }
-        z1[feature] = rates[i];
-        if (z2 != NULL) {
-            z2[feature] = bend;
-        }
-        feature++;
-    }
-    for (size_t i = 0; i < FEATURE_COUNT; i++) {
-        z1[i] /= model_input_scaling[i].scale;
-        if (z2 != NULL) {
-            z2[i] /= model_input_scaling[i].scale;
-        }
+    fill(z, WIDTH, 0.0);
+    for (size_t i = 0; i < MAP_COLUMNS; i++) {
+        z[i] = rates[i] / network->input_scaling[i].scale;
     }
 }
 
-/* Derivatives by the inputs from those by what is in the scratch, standardised. */
-static void by_inputs(const Scratch *scratch, const double *z, double gradient[COLUMN_COUNT])
-{
-    size_t feature = 0;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        if (model_columns[i].value_count > 0) {
-            gradient[i] = 0.0;
-            feature += model_columns[i].value_count;
-            continue;
-        }
-        gradient[i] = z[feature] / model_input_scaling[feature].scale;
-        if (model_turns[i].period > 0.0) {
-            const double by_cosine = z[feature + 1] / model_input_scaling[feature + 1].scale;
-            gradient[i] = TAU / model_turns[i].period *
-                          (scratch->features[feature + 1] * gradient[i] - scratch->features[feature] * by_cosine);
-            feature++;
-        }
-        feature++;
-    }
-}
-
-static void rescale(double derivative[OUTPUT_COUNT])
+static void rescale(const Network *network, double derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        derivative[i] *= model_output_scaling[i].scale;
+        derivative[i] *= network->output_scaling[i].scale;
     }
 }
 
@@ -188,87 +117,104 @@ static void transposed(const Layer *layer, const double *restrict y, double *res
     }
 }
 
-static void last_linear(const double x[WIDTH], double y[OUTPUT_COUNT])
+/* W x of the last layer */
+static void last_linear(const Network *network, const double x[WIDTH], double y[OUTPUT_COUNT])
 {
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
-        y[row] = dot(model_last_weights + row * LAST_COLUMNS, x, LAST_COLUMNS);
+        y[row] = dot(network->last_weights + row * LAST_COLUMNS, x, LAST_COLUMNS);
     }
 }
 
-static void last_transposed(const double y[OUTPUT_COUNT], double *restrict x)
+static void last_affine(const Network *network, const double x[WIDTH], double y[OUTPUT_COUNT])
+{
+    last_linear(network, x, y);
+    for (size_t row = 0; row < OUTPUT_COUNT; row++) {
+        y[row] += network->last_bias[row];
+    }
+}
+
+static void last_transposed(const Network *network, const double y[OUTPUT_COUNT], double *restrict x)
 {
     fill(x, WIDTH, 0.0);
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
-        const double *weights = model_last_weights + row * LAST_COLUMNS;
+        const double *weights = network->last_weights + row * LAST_COLUMNS;
         for (size_t column = 0; column < LAST_COLUMNS; column++) {
             x[column] += weights[column] * y[row];
         }
     }
 }
 
-void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double outputs[RESULT_COUNT])
+/* y becomes the activation of y; its first and second derivatives go to slope and curvature. */
+static void activate_last(Activation activation, double y[OUTPUT_COUNT], double slope[OUTPUT_COUNT],
+                          double curvature[OUTPUT_COUNT])
 {
+    for (size_t start = 0; start < OUTPUT_COUNT; start += BLOCK) {
+        double values[BLOCK] = {0.0};
+        double slopes[BLOCK];
+        double curvatures[BLOCK];
+        const size_t count = start + BLOCK < OUTPUT_COUNT ? BLOCK : OUTPUT_COUNT - start;
+        for (size_t i = 0; i < count; i++) {
+            values[i] = y[start + i];
+        }
+        activate_series(activation, values, slopes, curvatures);
+        for (size_t i = 0; i < count; i++) {
+            y[start + i] = values[i];
+            slope[start + i] = slopes[i];
+            curvature[start + i] = curvatures[i];
+        }
+    }
+}
+
+void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT])
+{
+    const Network *network = &model_networks[map];
     double *current = scratch->value[0];
     double *next = scratch->value[1];
-    standardise(scratch, point, current);
-    for (size_t i = 0; i < model_hidden_count; i++) {
-        affine(&model_hidden[i], current, next);
-        for (size_t block = 0; block < model_hidden[i].blocks; block++) {
-            activate(model_hidden[i].activation, next + block * BLOCK);
+    standardise(network, columns, current);
+    for (size_t i = 0; i < network->hidden_count; i++) {
+        const Layer *layer = &network->hidden[i];
+        affine(layer, current, next);
+        for (size_t block = 0; block < layer->blocks; block++) {
+            activate(layer->activation, next + block * BLOCK);
         }
         double *const before = current;
         current = next;
         next = before;
     }
-    last_linear(current, outputs);
+    last_affine(network, current, outputs);
+    if (network->last_activation != ACTIVATION_IDENTITY) {
+        double slope[OUTPUT_COUNT];
+        double curvature[OUTPUT_COUNT];
+        activate_last(network->last_activation, outputs, slope, curvature);
+    }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        outputs[i] = (outputs[i] + model_last_bias[i]) * model_output_scaling[i].scale + model_output_scaling[i].mean;
+        outputs[i] = outputs[i] * network->output_scaling[i].scale + network->output_scaling[i].mean;
     }
 }
 
-void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
-                       double derivative[RESULT_COUNT])
+void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
+                     const double rates[MAP_COLUMNS], const double *second_rates, double first_derivative[OUTPUT_COUNT],
+                     double *second_derivative)
 {
+    const Network *network = &model_networks[map];
+    const bool twice = second_derivative != NULL;
     size_t current = 0;
-    standardise(scratch, point, scratch->value[0]);
-    standardise_rates(scratch, direction, scratch->first[0], NULL, NULL);
-    for (size_t i = 0; i < model_hidden_count; i++) {
-        const Layer *layer = &model_hidden[i];
-        const size_t next = 1 - current;
-        double *value = scratch->value[next];
-        double *first = scratch->first[next];
-        affine(layer, scratch->value[current], value);
-        linear(layer, scratch->first[current], first);
-        for (size_t block = 0; block < layer->blocks * BLOCK; block += BLOCK) {
-            double slope[BLOCK];
-            double curvature[BLOCK];
-            activate_series(layer->activation, value + block, slope, curvature);
-            for (size_t row = 0; row < BLOCK; row++) {
-                first[block + row] *= slope[row];
-            }
-        }
-        current = next;
+    standardise(network, columns, scratch->value[0]);
+    standardise_rates(network, rates, scratch->first[0]);
+    if (twice) {
+        standardise_rates(network, second_rates, scratch->second[0]);
     }
-    last_linear(scratch->first[current], derivative);
-    rescale(derivative);
-}
-
-void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
-                       const double second_rates[COLUMN_COUNT], double first_derivative[RESULT_COUNT],
-                       double second_derivative[RESULT_COUNT])
-{
-    size_t current = 0;
-    standardise(scratch, point, scratch->value[0]);
-    standardise_rates(scratch, rates, scratch->first[0], second_rates, scratch->second[0]);
-    for (size_t i = 0; i < model_hidden_count; i++) {
-        const Layer *layer = &model_hidden[i];
+    for (size_t i = 0; i < network->hidden_count; i++) {
+        const Layer *layer = &network->hidden[i];
         const size_t next = 1 - current;
         double *value = scratch->value[next];
         double *first = scratch->first[next];
         double *second = scratch->second[next];
         affine(layer, scratch->value[current], value);
         linear(layer, scratch->first[current], first);
-        linear(layer, scratch->second[current], second);
+        if (twice) {
+            linear(layer, scratch->second[current], second);
+        }
         for (size_t block = 0; block < layer->blocks * BLOCK; block += BLOCK) {
             double slope[BLOCK];
             double curvature[BLOCK];
@@ -276,62 +222,86 @@ void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const
             for (size_t row = 0; row < BLOCK; row++) {
                 const double rate = first[block + row];
                 first[block + row] = slope[row] * rate;
-                second[block + row] = slope[row] * second[block + row] + curvature[row] * rate * rate;
+                if (twice) {
+                    second[block + row] = slope[row] * second[block + row] + curvature[row] * rate * rate;
+                }
             }
         }
         current = next;
     }
-    last_linear(scratch->first[current], first_derivative);
-    last_linear(scratch->second[current], second_derivative);
-    rescale(first_derivative);
-    rescale(second_derivative);
+    last_linear(network, scratch->first[current], first_derivative);
+    if (twice) {
+        last_linear(network, scratch->second[current], second_derivative);
+    }
+    if (network->last_activation != ACTIVATION_IDENTITY) {
+        double values[OUTPUT_COUNT];
+        double slope[OUTPUT_COUNT];
+        double curvature[OUTPUT_COUNT];
+        last_affine(network, scratch->value[current], values);
+        activate_last(network->last_activation, values, slope, curvature);
+        for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+            const double rate = first_derivative[i];
+            first_derivative[i] = slope[i] * rate;
+            if (twice) {
+                second_derivative[i] = slope[i] * second_derivative[i] + curvature[i] * rate * rate;
+            }
+        }
+    }
+    rescale(network, first_derivative);
+    if (twice) {
+        rescale(network, second_derivative);
+    }
 }
 
-/* Runs the hidden layers and notes the slopes of all activations. */
-static void record_slopes(Scratch *scratch, const double point[COLUMN_COUNT])
+void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
+                 const double weights[OUTPUT_COUNT], double gradient[MAP_COLUMNS])
 {
-    size_t current = 0;
-    double *slope = scratch->slopes;
-    standardise(scratch, point, scratch->value[0]);
-    for (size_t i = 0; i < model_hidden_count; i++) {
-        const Layer *layer = &model_hidden[i];
-        double *value = scratch->value[1 - current];
-        affine(layer, scratch->value[current], value);
+    const Network *network = &model_networks[map];
+    double scaled[OUTPUT_COUNT];
+    double *slopes = scratch->slopes;
+    size_t at = 0;
+    standardise(network, columns, scratch->value[0]);
+    /* the slopes of all activations */
+    for (size_t i = 0; i < network->hidden_count; i++) {
+        const Layer *layer = &network->hidden[i];
+        double *value = scratch->value[1 - at];
+        affine(layer, scratch->value[at], value);
         for (size_t block = 0; block < layer->blocks; block++) {
             double curvature[BLOCK];
-            activate_series(layer->activation, value + block * BLOCK, slope, curvature);
-            slope += BLOCK;
+            activate_series(layer->activation, value + block * BLOCK, slopes, curvature);
+            slopes += BLOCK;
         }
-        current = 1 - current;
-    }
-}
-
-void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
-                     double gradient[COLUMN_COUNT])
-{
-    double scaled[OUTPUT_COUNT];
-    double *current = scratch->first[0];
-    double *next = scratch->first[1];
-    size_t slopes = 0;
-    record_slopes(scratch, point);
-    for (size_t i = 0; i < model_hidden_count; i++) {
-        slopes += model_hidden[i].blocks * BLOCK;
+        at = 1 - at;
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        scaled[i] = weights[i] * model_output_scaling[i].scale;
+        scaled[i] = weights[i] * network->output_scaling[i].scale;
     }
-    last_transposed(scaled, current);
-    for (size_t i = model_hidden_count; i > 0; i--) {
-        const Layer *layer = &model_hidden[i - 1];
+    if (network->last_activation != ACTIVATION_IDENTITY) {
+        double values[OUTPUT_COUNT];
+        double slope[OUTPUT_COUNT];
+        double curvature[OUTPUT_COUNT];
+        last_affine(network, scratch->value[at], values);
+        activate_last(network->last_activation, values, slope, curvature);
+        for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+            scaled[i] *= slope[i];
+        }
+    }
+    double *current = scratch->first[0];
+    double *next = scratch->first[1];
+    last_transposed(network, scaled, current);
+    for (size_t i = network->hidden_count; i > 0; i--) {
+        const Layer *layer = &network->hidden[i - 1];
         const size_t rows = layer->blocks * BLOCK;
         slopes -= rows;
         for (size_t row = 0; row < rows; row++) {
-            current[row] *= scratch->slopes[slopes + row];
+            current[row] *= slopes[row];
         }
         transposed(layer, current, next);
         double *const before = current;
         current = next;
         next = before;
     }
-    by_inputs(scratch, current, gradient);
+    for (size_t i = 0; i < MAP_COLUMNS; i++) {
+        gradient[i] = current[i] / network->input_scaling[i].scale;
+    }
 }

@@ -7,9 +7,10 @@
 static void OF(compute)(const NUMBER point[COLUMN_COUNT], WORK *work)
 {
     NUMBER *columns = work->columns;
+    const size_t first_driven = FIRST_DRIVEN;
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         /* without the starts, which are before the inputs that are driven */
-        columns[i] = point[i + STATE_COUNT < FIRST_DRIVEN ? i : i + STATE_COUNT];
+        columns[i] = point[i + STATE_COUNT < first_driven ? i : i + STATE_COUNT];
     }
     OF(dictionary)(&model_functions, columns, work->functions, NULL, 0, work->atoms, work->slopes);
     if (model_functions_network.layer_count == 0) {

@@ -20,7 +20,7 @@
  *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
  * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
- * another stage.
+ * another stage, L + N, which without any state is all there is.
  */
 #include "evaluator.h"
 
@@ -57,6 +57,8 @@ void model_follow(Scratch *scratch)
     jet_respond(&scratch->jet);
 }
 
+#if MODEL_HAS_STATES
+
 void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT])
 {
     real_compute(point, &scratch->real);
@@ -64,3 +66,5 @@ void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rate
         rates[i] = real_result(OUTPUT_COUNT + i, point, &scratch->real);
     }
 }
+
+#endif

@@ -1,5 +1,5 @@
 /*
- * States x whose derivatives are any functions of parameters p, inputs u and states:
+ * States x, which may be none, whose derivatives are any functions of parameters p, inputs u and states:
  *
  *     xd = f(p, u, x)
  *     y = g(p, u, x)

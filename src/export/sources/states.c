@@ -1,16 +1,6 @@
 #include "evaluator.h"
 #include <math.h>
 
-void model_start(double point[COLUMN_COUNT])
-{
-    size_t state = INPUT_COUNT;
-    for (size_t i = 0; i < INPUT_COUNT; i++) {
-        if (model_columns[i].role == ROLE_START) {
-            point[state++] = point[i];
-        }
-    }
-}
-
 /* ---- Results and their derivatives ---- */
 
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT])
@@ -69,7 +59,19 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
     }
 }
 
+#if MODEL_HAS_STATES
+
 /* ---- The solver ---- */
+
+void model_start(double point[COLUMN_COUNT])
+{
+    size_t state = INPUT_COUNT;
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_START) {
+            point[state++] = point[i];
+        }
+    }
+}
 
 /* A Runge-Kutta method: each stage's time, its weights of the stages before it, and those of the result. */
 typedef struct {
@@ -248,3 +250,5 @@ Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *
     }
     return result;
 }
+
+#endif

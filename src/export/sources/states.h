@@ -1,6 +1,7 @@
 /*
- * What all models with continuous states have in common (states.c): derivatives of the results by jets, and the solver.
- * A model gives its results at the point of its scratch, in real numbers and in jets, and the rates of its states.
+ * What all models of equations have in common (states.c): derivatives of the results by jets and, with states, the
+ * solver. A model gives its results at the point of its scratch, in real numbers and in jets, and the rates of its
+ * states.
  */
 #ifndef STATES_H
 #define STATES_H
@@ -14,8 +15,10 @@ enum { SOLVER_STAGES = 7 }; /* of the method of Dormand and Prince */
 /* Working memory of a step: columns at a stage, the rates of the states at each stage, and the states before. */
 typedef struct {
     double stage[COLUMN_COUNT];
+#if MODEL_HAS_STATES
     double rates[SOLVER_STAGES][STATE_COUNT];
     double before[STATE_COUNT];
+#endif
 } Solver;
 
 #endif

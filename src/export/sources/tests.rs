@@ -10,10 +10,11 @@ use crate::{
     surrogate::seal,
 };
 use metafmu_runtime::{
-    BuiltIn, Domain, Drive, Dynamics, Evaluator, Given, Input, Layer, Map, Metadata, Model, Motion, Quantity, Role,
-    Scaling, Shown, StepError,
+    Activation, BuiltIn, Discrete, Domain, Drive, Dynamics, Encoder, Evaluator, Given, Input, Layer, Map, Metadata,
+    Model, Motion, Precision, Quantity, Role, ScaledNetwork, Scaling, Shown, StateSpace, StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
+    regression::{Forest, Function, KernelMachine, KernelMachines, LEAF, Node, Polynomial, Regression, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::{
@@ -36,7 +37,7 @@ fn compiler() -> Command {
 /// Writes the sources of a surrogate into a folder.
 fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
     fs::create_dir_all(folder.join(FOLDER)).unwrap();
-    for (name, bytes) in files(surrogate, &model_identifier(&surrogate.metadata().name), version).unwrap() {
+    for (name, bytes) in files(surrogate, &model_identifier(&surrogate.metadata().name), version) {
         fs::write(folder.join(name), bytes).unwrap();
     }
 }
@@ -135,7 +136,16 @@ fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
         ranges.iter().enumerate().map(column).collect()
     };
     let far = vec![ranges.iter().map(|[_, max]| max + 1e4).collect()];
-    [(0..300).map(point).collect(), far].concat()
+    let at = |instant: &f64| {
+        let mut point: Vec<f64> = point(1);
+        point[surrogate.time_column().unwrap()] = *instant;
+        point
+    };
+    let of_instants = match surrogate.model() {
+        Model::PerInstant { instants, .. } => instants.iter().map(at).collect(),
+        _ => Vec::new(),
+    };
+    [(0..300).map(point).collect(), of_instants, far].concat()
 }
 
 fn assert_close(found: &[f64], expected: &[f64], scale: f64, what: &str) {
@@ -183,41 +193,172 @@ fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
     }
 }
 
-fn compare_network(surrogate: &Surrogate, flags: &[&str]) {
+fn compare_networks(surrogate: &Surrogate, flags: &[&str]) {
+    let networks = match surrogate.model() {
+        Model::PerInstant { networks, .. } => networks,
+        _ => std::slice::from_ref(surrogate.network().unwrap()),
+    };
     // what is periodic or nominal has a scale of less than one
-    let scaling = &surrogate.network().unwrap().scaling;
-    let scale = scaling.output_scale.iter().copied().fold(1.0, f64::max);
-    let steep = scaling.input_scale.iter().copied().fold(1.0, f64::min);
+    let scalings = || networks.iter().map(|network| &network.scaling);
+    let scale = scalings().flat_map(|scaling| &scaling.output_scale).copied().fold(1.0, f64::max);
+    let steep = scalings().flat_map(|scaling| &scaling.input_scale).copied().fold(1.0, f64::min);
     compare(surrogate, [scale, steep], flags);
 }
 
+/// Hidden layers and their activations.
+const LAYERS: [(&[usize], Activation); 9] = [
+    (&[16], Activation::Tanh),
+    (&[33, 7, 50], Activation::Tanh),
+    (&[1, 130], Activation::Sigmoid),
+    (&[24, 24], Activation::Relu),
+    (&[24, 9], Activation::Gelu),
+    (&[24, 9], Activation::Silu),
+    (&[24, 9], Activation::Sine),
+    (&[24, 9], Activation::Identity),
+    (&[], Activation::Tanh),
+];
+
 #[test]
 fn outputs_and_derivatives_are_those_of_the_evaluator() {
-    for (hidden, activation) in [
-        (&[16][..], Activation::Tanh),
-        (&[33, 7, 50], Activation::Tanh),
-        (&[1, 130], Activation::Sigmoid),
-        (&[24, 24], Activation::Relu),
-        (&[24, 9], Activation::Gelu),
-        (&[24, 9], Activation::Silu),
-        (&[24, 9], Activation::Sine),
-        (&[24, 9], Activation::Identity),
-        (&[], Activation::Tanh),
-    ] {
-        compare_network(&example::with_network(hidden, activation), &[]);
+    for (hidden, activation) in LAYERS {
+        compare_networks(&example::with_network(hidden, activation), &[]);
     }
+}
+
+#[test]
+fn a_last_layer_may_have_an_activation() {
+    for (hidden, activation) in LAYERS {
+        compare_networks(&bent(&example::with_network(hidden, Activation::Tanh), activation), &[]);
+    }
+    compare_networks(&bent(&twenty_outputs(), Activation::Silu), &SANITIZERS);
+}
+
+#[test]
+fn networks_for_instants_are_interpolated_as_by_the_evaluator() {
+    for hidden in [&[33, 7, 50][..], &[1, 130], &[]] {
+        compare_networks(&example::per_instant(hidden, Activation::Sigmoid, Precision::Double), &[]);
+    }
+    let surrogate = example::per_instant(&[24, 9], Activation::Tanh, Precision::Double);
+    for surrogate in [bent(&surrogate, Activation::Gelu), example::encoded(&surrogate)] {
+        compare_networks(&surrogate, &SANITIZERS);
+    }
+}
+
+#[test]
+fn the_outputs_and_derivatives_of_a_regression_are_those_of_the_evaluator() {
+    let example = example::surrogate();
+    for example in [&example, &example::encoded(&example)] {
+        for surrogate in regressions(example) {
+            compare(&surrogate, [10.0, 0.03], &SANITIZERS);
+        }
+    }
+    for surrogate in [constant(), no_tree()] {
+        compare(&surrogate, [1.0, 1.0], &SANITIZERS);
+    }
+}
+
+/// The same with an activation after the last layers.
+fn bent(surrogate: &Surrogate, activation: Activation) -> Surrogate {
+    let bend = |network: &ScaledNetwork| {
+        let mut network = network.clone();
+        network.layers.last_mut().unwrap().activation = activation;
+        network
+    };
+    let model = match surrogate.model() {
+        Model::Response(Map::Network(network)) => Model::Response(Map::Network(bend(network))),
+        Model::PerInstant { instants, networks } => {
+            Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(bend).collect() }
+        }
+        _ => panic!("no networks"),
+    };
+    Surrogate::new(surrogate.metadata().clone(), model).unwrap()
+}
+
+/// More outputs than a block of rows has.
+fn twenty_outputs() -> Surrogate {
+    let surrogate = example::with_network(&[24], Activation::Tanh);
+    let mut metadata = surrogate.metadata().clone();
+    let mut network = surrogate.network().unwrap().clone();
+    let last = network.layers.last_mut().unwrap();
+    let weights = |count: usize, from: &metafmu_runtime::Numbers| -> Vec<f64> {
+        (0..count).map(|index| from.get(index % from.len()) * (0.3 + index as f64 / count as f64)).collect()
+    };
+    last.weight = weights(20 * 24, &last.weight).into();
+    last.bias = weights(20, &last.bias).into();
+    last.outputs = 20;
+    network.scaling.output_mean = (0..20).map(|index| 0.1 * f64::from(index)).collect();
+    network.scaling.output_scale = (1..=20).map(|index| 0.5 * f64::from(index)).collect();
+    let output = |index| metafmu_runtime::Output { name: format!("y{index}"), ..metadata.outputs[0].clone() };
+    metadata.outputs = (0..20).map(output).collect();
+    Surrogate::new(metadata, Model::Response(Map::Network(network))).unwrap()
+}
+
+/// A polynomial, a forest and kernels of the example's columns.
+fn regressions(example: &Surrogate) -> [Surrogate; 3] {
+    let n = Encoder::of(example.inputs()).width();
+    let regression = |function| {
+        let mut scaling = example.network().unwrap().scaling.clone();
+        if n == 3 {
+            // ranges become -1 to 1
+            scaling.input_scale = vec![0.05, 2.5, 1.0];
+        }
+        let map = Map::Regression(Regression { scaling, function });
+        Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
+    };
+    // degrees 0 to 6 in each column
+    let degrees = (0..8 * n).map(|index| (index * 5 % 8).saturating_sub(index % 3) as u8 % 7).collect();
+    let coefficients = (0..16).map(|index| 0.3 * (0.7 * f64::from(index)).sin()).collect();
+    let leaf = |number| Node { column: LEAF, number, below: [0; 2] };
+    let split = |column, number, below| Node { column, number, below };
+    let nodes = vec![
+        split(n as u32 - 1, 0.0, [1, 2]),
+        leaf(0.25),
+        split(0, -0.5, [3, 4]),
+        leaf(-1.0),
+        split(1, 0.25, [5, 6]),
+        leaf(0.5),
+        leaf(3.0),
+    ];
+    let trees = vec![Tree { root: 0, output: 0 }, Tree { root: 5, output: 1 }, Tree { root: 2, output: 1 }];
+    let machine = |bias: f64, centres: usize| KernelMachine {
+        lengths: (0..n).map(|column| 0.7 + 0.3 * column as f64).collect(),
+        centres: (0..centres * n).map(|index| (1.3 * index as f64).sin()).collect(),
+        weights: (0..centres).map(|index| (0.9 * index as f64).cos()).collect(),
+        bias,
+    };
+    [
+        regression(Function::Polynomial(Polynomial { degrees, coefficients })),
+        regression(Function::Forest(Forest { nodes, trees })),
+        regression(Function::Kernel(KernelMachines { machines: vec![machine(0.1, 7), machine(-2.0, 0)] })),
+    ]
+}
+
+/// A polynomial of degree zero.
+fn constant() -> Surrogate {
+    let example = example::surrogate();
+    let scaling = example.network().unwrap().scaling.clone();
+    let function = Function::Polynomial(Polynomial { degrees: vec![0; 3], coefficients: vec![0.5, -0.25] });
+    let map = Map::Regression(Regression { scaling, function });
+    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
+}
+
+fn no_tree() -> Surrogate {
+    let example = example::surrogate();
+    let scaling = example.network().unwrap().scaling.clone();
+    let map = Map::Regression(Regression { scaling, function: Function::Forest(Forest::default()) });
+    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
 }
 
 #[test]
 fn nominal_and_periodic_inputs_become_the_columns_of_the_evaluator() {
     for hidden in [&[24, 9][..], &[130], &[]] {
-        compare_network(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &SANITIZERS);
+        compare_networks(&example::encoded(&example::with_network(hidden, Activation::Tanh)), &SANITIZERS);
     }
 }
 
 #[test]
 fn fused_multiply_add_changes_no_more_than_rounding() {
-    compare_network(
+    compare_networks(
         &example::with_network(&[40, 40], Activation::Tanh),
         &["-O3", "-march=native", "-ffp-contract=fast"],
     );
@@ -262,6 +403,8 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
         turning(Activation::Tanh),
         turning(Activation::Gelu),
         left_alone(),
+        without_states(true),
+        without_states(false),
     ] {
         compare(&surrogate, [1.0, 1.0], &SANITIZERS);
     }
@@ -329,6 +472,31 @@ fn left_alone() -> Surrogate {
         functions: Dictionary::new(&factors, 0, &[]).unwrap(),
         network: None,
         results: vec![Given::State(0), Given::State(0)],
+        step: 0.005,
+    };
+    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+}
+
+/// Functions of a force and, if there is one, a parameter, without any state.
+fn without_states(has_parameter: bool) -> Surrogate {
+    let oscillator = example::oscillator(None);
+    let mut metadata = oscillator.metadata().clone();
+    let parameters = usize::from(has_parameter);
+    metadata.inputs = [&metadata.inputs[..parameters], &metadata.inputs[3..]].concat();
+    metadata.states.clear();
+    metadata.outputs.push(metadata.outputs[0].clone());
+    metadata.outputs[1].name = "square".into();
+    let factors = vec![Factor::Power { middle: 0.5, half: 2.0 }; parameters + 1];
+    let term = |order: i16, coefficients: [f64; 2]| Term {
+        exponents: [vec![1; parameters], vec![order]].concat(),
+        coefficients: coefficients.to_vec(),
+    };
+    let terms = [term(1, [0.5, 0.25]), term(2, [0.0, -1.5])];
+    let space = StateSpace {
+        counts: [parameters, 1, 0],
+        functions: Dictionary::new(&factors, 2, &terms).unwrap(),
+        network: None,
+        results: vec![Given::Function(0), Given::Function(1)],
         step: 0.005,
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
@@ -545,8 +713,16 @@ fn in_c_and_rust(surrogate: &Surrogate) -> Vec<[Fmu; 2]> {
 
 #[test]
 fn a_whole_run_is_that_of_the_packed_library() {
-    let surrogate = seal(example::with_network(&[20, 20], Activation::Tanh)).unwrap();
-    for fmus in in_c_and_rust(&surrogate) {
+    let example = example::with_network(&[20, 20], Activation::Tanh);
+    let [polynomial, forest, kernel] = regressions(&example);
+    let per_instant = example::per_instant(&[20, 20], Activation::Tanh, Precision::Double);
+    for surrogate in [bent(&example, Activation::Tanh), example, per_instant, polynomial, forest, kernel] {
+        compare_run_of_example(&seal(surrogate).unwrap());
+    }
+}
+
+fn compare_run_of_example(surrogate: &Surrogate) {
+    for fmus in in_c_and_rust(surrogate) {
         // inside the domain, and outside with each policy that goes on
         for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
             let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
@@ -600,6 +776,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
         compare_run(surrogate, &[("mu", 1.3), ("x_start", 0.8)], &["v", "der(v)"], 0.013);
     }
+    compare_run(without_states(true), &[("mu", 1.3)], &["domain_distance"], 0.013);
     compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
 }
@@ -759,11 +936,19 @@ fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
 
 #[test]
 fn the_validator_finds_nothing() {
+    let [polynomial, forest, kernel] = regressions(&example::surrogate());
+    let per_instant = example::per_instant(&[20], Activation::Tanh, Precision::Double);
     for surrogate in [
+        bent(&per_instant, Activation::Tanh),
+        example::encoded(&per_instant),
+        polynomial,
+        forest,
+        kernel,
         example::with_input(),
         example::crane(),
         example::encoded(&example::with_input()),
         turning(Activation::Tanh),
+        without_states(false),
         example::recorded(),
     ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
@@ -778,8 +963,15 @@ fn the_validator_finds_nothing() {
 fn error_bounds_are_read_as_in_the_library() {
     let mut metadata = example::with_bounds().metadata().clone();
     metadata.arrays.clear();
-    let example = example::surrogate();
-    let surrogate = Surrogate::new(metadata, example.model().clone()).unwrap();
+    let [polynomial, ..] = regressions(&example::surrogate());
+    let per_instant = example::per_instant(&[16], Activation::Tanh, Precision::Double);
+    let with_bounds = |of: &Surrogate| Surrogate::new(metadata.clone(), of.model().clone()).unwrap();
+    for surrogate in [example::surrogate(), per_instant, polynomial].iter().map(with_bounds) {
+        check_bounds(&surrogate);
+    }
+}
+
+fn check_bounds(surrogate: &Surrogate) {
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let folder = tempfile::tempdir().unwrap();
         let fmu = c_fmu(folder.path(), &seal(surrogate.clone()).unwrap(), version);
@@ -824,15 +1016,6 @@ fn error_bounds_grow_as_in_the_library() {
         assert_close(&found, &expected, 1.0, &format!("{version:?}"));
         assert!((expected[8] - 0.325).abs() < 1e-12 && expected[16] == 0.375, "{expected:?}");
     }
-}
-
-#[test]
-fn a_last_layer_that_is_not_linear_has_no_sources() {
-    let surrogate = example::surrogate();
-    let mut network = surrogate.network().unwrap().clone();
-    network.layers[1].activation = Activation::Tanh;
-    let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Response(Map::Network(network))).unwrap();
-    assert!(matches!(files(&surrogate, "example", FmiVersion::V3), Err(Error::NoSources)));
 }
 
 /// A program in C that calls everything: right, wrong, and with null pointers.
@@ -944,6 +1127,8 @@ fn the_same_host_drives_the_input_of_a_motion_by_both_interfaces() {
 #[test]
 fn several_fmus_can_be_linked_into_one_library() {
     let folder = tempfile::tempdir().unwrap();
+    let [polynomial, forest, kernel] = regressions(&example::surrogate());
+    let per_instant = example::per_instant(&[20], Activation::Tanh, Precision::Double);
     let mut objects = Vec::new();
     for (name, surrogate, version, prefix) in [
         ("one", example::surrogate(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=one_"),
@@ -955,10 +1140,15 @@ fn several_fmus_can_be_linked_into_one_library() {
         ("seven", turning(Activation::Tanh), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=seven_"),
         ("eight", example::recorded(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=eight_"),
         ("nine", window(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=nine_"),
+        ("ten", per_instant, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=ten_"),
+        ("eleven", polynomial.clone(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=eleven_"),
+        ("twelve", polynomial, FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=twelve_"),
+        ("thirteen", forest, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=thirteen_"),
+        ("fourteen", kernel, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=fourteen_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();
-        for (file, bytes) in files(&surrogate, name, version).unwrap() {
+        for (file, bytes) in files(&surrogate, name, version) {
             fs::write(sources.join(file.rsplit('/').next().unwrap()), bytes).unwrap();
         }
         for file in compiled(&surrogate, version) {
@@ -976,22 +1166,27 @@ fn several_fmus_can_be_linked_into_one_library() {
 
 #[test]
 fn the_files_are_sorted_reproducible_and_listed() {
+    let [polynomial, forest, kernel] = regressions(&example::surrogate());
     for (surrogate, model) in [
         (example::surrogate(), "network.c"),
+        (example::per_instant(&[20], Activation::Tanh, Precision::Double), "network.c"),
+        (polynomial, "regression.c"),
+        (forest, "regression.c"),
+        (kernel, "regression.c"),
         (example::crane(), "motion.c"),
         (example::oscillator(None), "state_space.c"),
         (example::recorded(), "discrete.c"),
     ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
-            let found = files(&surrogate, "example", version).unwrap();
-            assert_eq!(found, files(&surrogate, "example", version).unwrap());
+            let found = files(&surrogate, "example", version);
+            assert_eq!(found, files(&surrogate, "example", version));
             assert!(found.is_sorted());
             let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
             let compiled = compiled(&surrogate, version);
             for name in &compiled {
                 assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
             }
-            let models = ["network.c", "motion.c", "state_space.c", "discrete.c"];
+            let models = ["network.c", "regression.c", "motion.c", "state_space.c", "discrete.c"];
             assert_eq!(compiled.iter().filter(|name| models.contains(name)).collect::<Vec<_>>(), [&model]);
             assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }

@@ -21,6 +21,8 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
     let cost = Cost::of(network.as_ref(), 0);
     let samples = samples(surrogate, discrete);
     Part {
+        header: "discrete.h",
+        defines: Vec::new(),
         names: [&ACTIVATIONS[..], &NAMES].concat(),
         sizes: vec![
             ("PARAMETER_COUNT", parameters, ""),

@@ -3,6 +3,7 @@
 use super::{
     array,
     network::{activation, in_blocks, padded, padded_to_block},
+    operations::Operations,
     push, real,
 };
 use metafmu_runtime::{
@@ -164,18 +165,9 @@ pub(super) fn width<'a>(terms: impl IntoIterator<Item = &'a Term<'a>>) -> usize 
 }
 
 /// What is said of a step: numbers of operations, of sines and cosines, and of activations of networks.
-pub(super) fn remark(operations: f64, sines: f64, activations: f64, file: &str) -> String {
-    let mut text = String::from("\n/*\n * A step of model_time_step takes at worst\n *\n");
-    for (count, what) in [
-        (operations, "multiplications, additions and divisions"),
-        (sines, "sines and cosines"),
-        (activations, "activations of a network's nodes, by activation.c"),
-    ] {
-        if count > 0.0 {
-            push(&mut text, format_args!(" *     {count} {what}\n"));
-        }
-    }
-    text + &format!(" *\n * and {file} has the formula.\n */\n")
+pub(super) fn remark(arithmetic: f64, sines: f64, activations: f64, file: &str) -> String {
+    let operations = Operations { arithmetic, sines, activations, ..Operations::default() };
+    operations.remark("A step of model_time_step takes", &format!("{file} has"))
 }
 
 /// A network that adds to functions; without layers if there is none.

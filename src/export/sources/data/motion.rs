@@ -28,6 +28,8 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
     let sub_steps = states::sub_steps(surrogate, motion.step);
     let stages = |count: usize| 4.0 * sub_steps * count as f64;
     Part {
+        header: "motion.h",
+        defines: Vec::new(),
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("COORDINATE_COUNT", n, ""),

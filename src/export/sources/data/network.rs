@@ -1,7 +1,7 @@
-//! Scaling and weights of a network.
+//! Scaling and weights of networks.
 
-use super::{Part, array, push, real};
-use metafmu_runtime::{Activation, Encoder, Encoding, Input, Layer, Numbers, ScaledNetwork, Scaling, Surrogate};
+use super::{array, functions::table, maps::MapPart, operations::Operations, real};
+use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
 pub(super) const BLOCK: usize = 16;
@@ -12,80 +12,82 @@ pub(super) const BLOCK_SIZE: (&str, usize, &str) = ("BLOCK", BLOCK, "rows of a l
 /// External names of the activations.
 pub(super) const ACTIVATIONS: [&str; 3] = ["activate", "activate_series", "real_activate"];
 
-const NAMES: [&str; 7] = [
-    "model_hidden",
-    "model_hidden_count",
-    "model_input_scaling",
-    "model_last_bias",
-    "model_last_weights",
-    "model_output_scaling",
-    "model_turns",
-];
-
-pub fn part(surrogate: &Surrogate, network: &ScaledNetwork) -> Part {
-    let (last, hidden) = split(network);
-    let slopes: Vec<usize> = hidden.iter().map(|layer| padded(layer.outputs)).collect();
-    let features = Encoder::of(surrogate.inputs()).width();
-    let width = slopes.iter().copied().fold(padded(features), usize::max);
-    Part {
-        names: [&ACTIVATIONS[..], &NAMES].concat(),
+/// One network or several, with layers of the same sizes.
+pub fn map(surrogate: &Surrogate, networks: &[ScaledNetwork]) -> MapPart {
+    let first = &networks[0];
+    let (last, hidden) = split(first);
+    let columns = first.scaling.input_mean.len();
+    let slopes: usize = hidden.iter().map(|layer| padded(layer.outputs)).sum();
+    let width = hidden.iter().map(|layer| padded(layer.outputs)).fold(padded(columns), usize::max);
+    let rows = networks.iter().enumerate().map(|(index, network)| row(index, network));
+    let mut data = networks.iter().enumerate().map(|(index, network)| numbers(index, network)).collect();
+    table(&mut data, "const Network model_networks", rows, "");
+    MapPart {
+        header: "network.h",
+        defines: Vec::new(),
+        names: [&ACTIVATIONS[..], &["model_networks"]].concat(),
         sizes: vec![
-            ("FEATURE_COUNT", features, "columns of the network"),
             BLOCK_SIZE,
             ("WIDTH", width, "of the widest layer, in whole blocks"),
-            ("SLOPE_COUNT", slopes.iter().sum::<usize>().max(1), "of all hidden layers, in whole blocks"),
+            ("SLOPE_COUNT", slopes.max(1), "of all hidden layers, in whole blocks"),
             ("LAST_COLUMNS", padded(last.inputs), "of the last layer, in whole blocks"),
         ],
-        remark: String::new(),
-        data: turns(surrogate.inputs()) + &data(network),
+        data,
+        operations: operations(first, surrogate.outputs().len()),
+        formula: "network.c have",
     }
 }
 
-/// Where periodic inputs begin, and how long a period is.
-fn turns(inputs: &[Input]) -> String {
-    let mut text = String::from("\nconst Turn model_turns[COLUMN_COUNT] = {\n");
-    for Input { min, max, encoding, .. } in inputs {
-        let [start, period] = if *encoding == Encoding::Periodic { [*min, max - min] } else { [0.0; 2] };
-        push(&mut text, format_args!("    {{{}, {}}},\n", real(start), real(period)));
-    }
-    text.push_str("};\n");
-    text
-}
-
-fn data(network: &ScaledNetwork) -> String {
-    let mut text = String::new();
-    let Scaling { input_mean, input_scale, output_mean, output_scale } = &network.scaling;
-    for (declaration, means, scales) in [
-        ("model_input_scaling[FEATURE_COUNT]", input_mean, input_scale),
-        ("model_output_scaling[OUTPUT_COUNT]", output_mean, output_scale),
-    ] {
-        push(&mut text, format_args!("\nconst Scaling {declaration} = {{\n"));
-        for (mean, scale) in means.iter().zip(scales) {
-            push(&mut text, format_args!("    {{{}, {}}},\n", real(*mean), real(*scale)));
-        }
-        text.push_str("};\n");
-    }
+/// Of an evaluation; the formula is in `network.c`.
+fn operations(network: &ScaledNetwork, outputs: usize) -> Operations {
     let (last, hidden) = split(network);
-    for (index, layer) in hidden.iter().enumerate() {
-        array(&mut text, &format!("static const double weights_{index}"), &in_blocks(layer));
-        array(&mut text, &format!("static const double bias_{index}"), &padded_to_block(&layer.bias));
+    let products: usize = hidden.iter().map(|layer| 2 * layer.inputs * padded(layer.outputs)).sum();
+    let active = network.layers.iter().filter(|layer| layer.activation != Activation::Identity);
+    Operations {
+        arithmetic: (2 * network.scaling.input_mean.len() + products + outputs * (2 * padded(last.inputs) + 18)) as f64,
+        activations: active.map(|layer| padded(layer.outputs)).sum::<usize>() as f64,
+        ..Operations::default()
     }
-    push(
-        &mut text,
-        format_args!("\nconst size_t model_hidden_count = {};\nconst Layer model_hidden[] = {{\n", hidden.len()),
-    );
-    for (index, layer) in hidden.iter().enumerate() {
-        let blocks = layer.outputs.div_ceil(BLOCK);
-        let (inputs, activation) = (layer.inputs, activation(layer.activation));
-        push(&mut text, format_args!("    {{{inputs}, {blocks}, weights_{index}, bias_{index}, {activation}}},\n"));
-    }
-    if hidden.is_empty() {
-        text.push_str("    {0, 0, NULL, NULL, ACTIVATION_IDENTITY}, /* C has no empty arrays */\n");
-    }
-    text.push_str("};\n");
-    array(&mut text, "const double model_last_weights", &in_rows(last));
-    array(&mut text, "const double model_last_bias", &last.bias.iter().map(flushed).collect::<Vec<_>>());
+}
+
+/// Means and scales of columns.
+pub(super) fn scalings(declaration: &str, means: &[f64], scales: &[f64]) -> String {
+    let mut text = String::new();
+    let rows = means.iter().zip(scales).map(|(mean, scale)| format!("{}, {}", real(*mean), real(*scale)));
+    table(&mut text, declaration, rows, "");
     text
+}
+
+/// Scalings and layers of network `index`.
+fn numbers(index: usize, network: &ScaledNetwork) -> String {
+    let scaling = &network.scaling;
+    let of_columns = |name: &str| format!("static const Scaling {name}_scaling_{index}");
+    let mut text = scalings(&of_columns("input"), &scaling.input_mean, &scaling.input_scale);
+    text += &scalings(&of_columns("output"), &scaling.output_mean, &scaling.output_scale);
+    let (last, hidden) = split(network);
+    for (number, layer) in hidden.iter().enumerate() {
+        array(&mut text, &format!("static const double weights_{index}_{number}"), &in_blocks(layer));
+        array(&mut text, &format!("static const double bias_{index}_{number}"), &padded_to_block(&layer.bias));
+    }
+    let rows = hidden.iter().enumerate().map(|(number, layer)| {
+        let (inputs, blocks, activation) = (layer.inputs, layer.outputs.div_ceil(BLOCK), activation(layer.activation));
+        format!("{inputs}, {blocks}, weights_{index}_{number}, bias_{index}_{number}, {activation}")
+    });
+    table(&mut text, &format!("static const Layer hidden_{index}"), rows, "0, 0, NULL, NULL, ACTIVATION_IDENTITY");
+    array(&mut text, &format!("static const double last_weights_{index}"), &in_rows(last));
+    let bias: Vec<f64> = last.bias.iter().map(flushed).collect();
+    array(&mut text, &format!("static const double last_bias_{index}"), &bias);
+    text
+}
+
+/// The fields of network `index`.
+fn row(index: usize, network: &ScaledNetwork) -> String {
+    let (last, hidden) = split(network);
+    let (count, activation) = (hidden.len(), activation(last.activation));
+    format!(
+        "input_scaling_{index}, output_scaling_{index}, {count}, hidden_{index}, last_weights_{index}, last_bias_{index}, \
+         {activation}"
+    )
 }
 
 pub(super) fn activation(activation: Activation) -> &'static str {

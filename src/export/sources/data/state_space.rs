@@ -2,8 +2,9 @@
 
 use super::{
     Part,
-    functions::{Cost, Laid, Term, remark, table, width, write_network},
+    functions::{Cost, Laid, Term, table, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
+    operations::Operations,
     states,
 };
 use metafmu_runtime::{
@@ -18,10 +19,24 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
     let [parameters, driven, states] = space.counts;
     let functions = Laid::out(&space.functions);
     let network = network(space);
-    let sub_steps = states::sub_steps(surrogate, space.step);
-    let stages = |count: usize| 4.0 * sub_steps * count as f64;
     let cost = Cost::of(network.as_ref(), 0);
+    let of_stage = Operations {
+        arithmetic: stage(space, &functions, &cost) as f64,
+        sines: 2.0 * (functions.angles() + cost.angles) as f64,
+        activations: cost.activations as f64,
+        ..Operations::default()
+    };
+    let remark = if states == 0 {
+        of_stage.remark("The outputs after a step take", "state_space.c has")
+    } else {
+        let sub_steps = states::sub_steps(surrogate, space.step);
+        let arithmetic = states::operations(sub_steps, stage(space, &functions, &cost), states, driven);
+        let of_step = of_stage.times(4.0 * sub_steps, Operations::default());
+        Operations { arithmetic, ..of_step }.remark("A step of model_time_step takes", "state_space.c has")
+    };
     Part {
+        header: "state_space.h",
+        defines: Vec::new(),
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
@@ -31,12 +46,7 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
             ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
             ("FUNCTION_SIZE", functions.outputs.max(1), "number of functions, but C has no empty arrays"),
         ],
-        remark: remark(
-            states::operations(sub_steps, stage(space, &functions, &cost), states, driven),
-            stages(2 * (functions.angles() + cost.angles)),
-            stages(cost.activations),
-            "state_space.c",
-        ),
+        remark,
         data: data(space, &functions, network.as_ref()),
     }
 }

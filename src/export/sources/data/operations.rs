@@ -1,0 +1,48 @@
+//! What computing takes at worst: numbers of operations, for `model_data.h`.
+
+use super::push;
+
+/// Numbers of operations of a kind each.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Operations {
+    /// Multiplications, additions and divisions.
+    pub arithmetic: f64,
+    /// Sines and cosines.
+    pub sines: f64,
+    /// Exponential functions.
+    pub exponentials: f64,
+    pub comparisons: f64,
+    /// Activations of a network's nodes.
+    pub activations: f64,
+}
+
+impl Operations {
+    /// So many times these, and others.
+    pub fn times(self, count: f64, others: Self) -> Self {
+        let sum = |own: f64, other: f64| count * own + other;
+        Self {
+            arithmetic: sum(self.arithmetic, others.arithmetic),
+            sines: sum(self.sines, others.sines),
+            exponentials: sum(self.exponentials, others.exponentials),
+            comparisons: sum(self.comparisons, others.comparisons),
+            activations: sum(self.activations, others.activations),
+        }
+    }
+
+    /// A comment that says what takes them, and which files have the formula.
+    pub fn remark(&self, what: &str, formula: &str) -> String {
+        let mut text = format!("\n/*\n * {what} at worst\n *\n");
+        for (count, what) in [
+            (self.arithmetic, "multiplications, additions and divisions"),
+            (self.sines, "sines and cosines"),
+            (self.exponentials, "exponentials"),
+            (self.comparisons, "comparisons"),
+            (self.activations, "activations of a network's nodes, by activation.c"),
+        ] {
+            if count > 0.0 {
+                push(&mut text, format_args!(" *     {count} {what}\n"));
+            }
+        }
+        text + &format!(" *\n * and {formula} the formula.\n */\n")
+    }
+}
