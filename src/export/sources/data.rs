@@ -7,6 +7,7 @@ use std::fmt::Write;
 
 mod discrete;
 mod functions;
+mod graph;
 mod maps;
 mod motion;
 mod network;
@@ -94,6 +95,7 @@ impl Part {
                 maps::part(surrogate, &[], network::map(surrogate, std::slice::from_ref(network)))
             }
             Model::Response(Map::Regression(regression)) => maps::part(surrogate, &[], regression::map(regression)),
+            Model::Response(Map::Graph(graph)) => maps::part(surrogate, &[], graph::map(graph)),
             Model::PerInstant { instants, networks } => {
                 maps::part(surrogate, instants, network::map(surrogate, networks))
             }

@@ -56,6 +56,13 @@ const FOREST: [(&str, &str); 1] = [("forest.h", include_str!("forest.h"))];
 
 const KERNEL: [(&str, &str); 1] = [("kernel.h", include_str!("kernel.h"))];
 
+/// Of functions of other tools.
+const GRAPH: [(&str, &str); 3] = [
+    ("graph.c", include_str!("graph.c")),
+    ("graph.h", include_str!("graph.h")),
+    ("graph_steps.h", include_str!("graph_steps.h")),
+];
+
 /// Of models with functions that were learned.
 const FUNCTIONS: [(&str, &str); 3] = [
     ("functions.h", include_str!("functions.h")),
@@ -147,6 +154,7 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
             Function::Forest(_) => &[&MAPS, &JETS, &REGRESSION, &FOREST],
             Function::Kernel(_) => &[&MAPS, &JETS, &REGRESSION, &KERNEL],
         },
+        Model::Response(Map::Graph(_)) => &[&MAPS, &JETS, &GRAPH],
         Model::Motion(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &MOTION],
         Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],
         Model::Discrete(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &DISCRETE],

@@ -14,6 +14,7 @@ use metafmu_runtime::{
     Model, Motion, Precision, Quantity, Role, ScaledNetwork, Scaling, Shown, StateSpace, StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
+    graph::{Elementwise, Graph, Operation, Step},
     regression::{Forest, Function, KernelMachine, KernelMachines, LEAF, Node, Polynomial, Regression, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};
@@ -248,7 +249,7 @@ fn networks_for_instants_are_interpolated_as_by_the_evaluator() {
 fn the_outputs_and_derivatives_of_a_regression_are_those_of_the_evaluator() {
     let example = example::surrogate();
     for example in [&example, &example::encoded(&example)] {
-        for surrogate in regressions(example) {
+        for surrogate in regressions(example).into_iter().chain([graph(example)]) {
             compare(&surrogate, [10.0, 0.03], &SANITIZERS);
         }
     }
@@ -331,6 +332,44 @@ fn regressions(example: &Surrogate) -> [Surrogate; 3] {
         regression(Function::Forest(Forest { nodes, trees })),
         regression(Function::Kernel(KernelMachines { machines: vec![machine(0.1, 7), machine(-2.0, 0)] })),
     ]
+}
+
+/// A graph with steps of all kinds, and all elementwise functions.
+fn graph(example: &Surrogate) -> Surrogate {
+    let n = Encoder::of(example.inputs()).width();
+    let numbers =
+        |count: usize, factor: f64| (0..count).map(|index| (factor * index as f64).sin()).collect::<Vec<f64>>();
+    let mut steps = vec![Step::Affine { of: 0, weight: numbers(4 * n, 0.7).into(), bias: numbers(4, 1.1).into() }];
+    // of positive numbers, as logarithms and powers are
+    steps.push(Step::Elementwise { of: 1, function: Elementwise::Softplus, parameters: Vec::new() });
+    let mut sum = 2;
+    for function in Elementwise::ALL {
+        // of all alike, or of each its own
+        let rows = if sum % 2 == 0 { 1 } else { 4 };
+        let parameters = numbers(rows * function.parameters(), 0.9).iter().map(|number| 0.6 + 0.3 * number).collect();
+        let function_of = if function.parameters() > 0 || function == Elementwise::Logarithm { 2 } else { 1 };
+        steps.push(Step::Elementwise { of: function_of, function, parameters });
+        steps.push(Step::Combine { of: [sum, steps.len()], operation: Operation::Add });
+        sum = steps.len();
+    }
+    steps.push(Step::Standardise { of: sum, epsilon: 0.25 });
+    let standard = steps.len();
+    for operation in Operation::ALL {
+        steps.push(Step::Combine { of: [steps.len(), 2], operation });
+    }
+    steps.push(Step::Softmax { of: steps.len() });
+    steps.push(Step::Distances { of: standard, centres: numbers(12, 0.4), lengths: vec![1.0, 0.5, 2.0, 1.5] });
+    let distances = steps.len() as u32;
+    let leaf = |number| Node { column: LEAF, number, below: [0; 2] };
+    let nodes = vec![Node { column: 1, number: 0.1, below: [1, 2] }, leaf(0.25), leaf(-1.0), leaf(0.5)];
+    let trees = vec![Tree { root: 0, output: 2 }, Tree { root: 3, output: 0 }];
+    steps.push(Step::Forest { of: standard, forest: Forest { nodes, trees }, outputs: 3 });
+    let forest = steps.len() as u32;
+    steps.push(Step::Columns { columns: vec![[distances - 1, 3], [distances, 0], [0, 0], [forest, 2]] });
+    steps.push(Step::Select { of: [standard, steps.len(), 1] });
+    steps.push(Step::Affine { of: steps.len(), weight: numbers(8, 0.3).into(), bias: numbers(2, 0.5).into() });
+    let map = Map::Graph(Graph { inputs: n, steps });
+    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
 }
 
 /// A polynomial of degree zero.
@@ -944,6 +983,7 @@ fn the_validator_finds_nothing() {
         polynomial,
         forest,
         kernel,
+        graph(&example::surrogate()),
         example::with_input(),
         example::crane(),
         example::encoded(&example::with_input()),
@@ -1145,6 +1185,7 @@ fn several_fmus_can_be_linked_into_one_library() {
         ("twelve", polynomial, FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=twelve_"),
         ("thirteen", forest, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=thirteen_"),
         ("fourteen", kernel, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=fourteen_"),
+        ("fifteen", graph(&example::surrogate()), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=fifteen_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();
@@ -1173,6 +1214,7 @@ fn the_files_are_sorted_reproducible_and_listed() {
         (polynomial, "regression.c"),
         (forest, "regression.c"),
         (kernel, "regression.c"),
+        (graph(&example::surrogate()), "graph.c"),
         (example::crane(), "motion.c"),
         (example::oscillator(None), "state_space.c"),
         (example::recorded(), "discrete.c"),
@@ -1186,7 +1228,7 @@ fn the_files_are_sorted_reproducible_and_listed() {
             for name in &compiled {
                 assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
             }
-            let models = ["network.c", "regression.c", "motion.c", "state_space.c", "discrete.c"];
+            let models = ["network.c", "regression.c", "graph.c", "motion.c", "state_space.c", "discrete.c"];
             assert_eq!(compiled.iter().filter(|name| models.contains(name)).collect::<Vec<_>>(), [&model]);
             assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }

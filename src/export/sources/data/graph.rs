@@ -1,0 +1,179 @@
+//! Numbers of a graph of another tool.
+
+use super::{array, functions::table, maps::MapPart, operations::Operations, push, real};
+use metafmu_runtime::{
+    graph::{Elementwise, Graph, Operation, Step},
+    regression::{LEAF, Node, Tree},
+};
+
+/// A step as `graph.h` has it; what it does not need is zero.
+struct Row {
+    kind: &'static str,
+    function: usize,
+    operation: usize,
+    of: [usize; 3],
+    width: usize,
+    numbers: String,
+    parameter_step: usize,
+    more: String,
+    places: String,
+    trees: [usize; 2],
+}
+
+/// The formulas are in `graph.c` and `graph_steps.h`.
+pub fn map(graph: &Graph) -> MapPart {
+    let widths = graph.widths().expect("a surrogate's graph was checked");
+    let begins: Vec<usize> = widths
+        .iter()
+        .scan(0, |sum, width| {
+            *sum += width;
+            Some(*sum - width)
+        })
+        .collect();
+    let (mut data, mut rows) = (String::new(), Vec::new());
+    let (mut nodes, mut trees): (Vec<Node>, Vec<Tree>) = (Vec::new(), Vec::new());
+    let mut operations = Operations::default();
+    for (number, step) in graph.steps.iter().enumerate() {
+        let count = widths[number + 1];
+        let row = row(step, number, (&begins, &widths), &mut data, (&mut nodes, &mut trees));
+        operations = of_step(step, (row.width, count)).times(1.0, operations);
+        let Row { kind, function, operation, of: [a, b, c], width, numbers, parameter_step, more, places, trees } = row;
+        rows.push(format!(
+            "{kind}, (Function){function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {}, {count}, {numbers}, {parameter_step}, \
+             {more}, {places}, {}, {}",
+            begins[number + 1],
+            trees[0],
+            trees[1]
+        ));
+    }
+    let of_node = |Node { column, number, below: [first, second] }: &Node| {
+        let column = if *column == LEAF { "NO_COLUMN".into() } else { column.to_string() };
+        format!("{column}, {}, {{{first}, {second}}}", real(*number))
+    };
+    table(&mut data, "const GraphNode model_graph_nodes", nodes.iter().map(of_node), "NO_COLUMN, 0.0, {0, 0}");
+    let of_tree = |Tree { root, output }: &Tree| format!("{root}, {output}");
+    table(&mut data, "const GraphTree model_graph_trees", trees.iter().map(of_tree), "0, 0");
+    table(&mut data, "const GraphStep model_steps", rows.into_iter(), "");
+    MapPart {
+        header: "graph.h",
+        defines: Vec::new(),
+        names: vec!["model_graph_nodes", "model_graph_trees", "model_steps"],
+        sizes: vec![
+            ("STEP_COUNT", graph.steps.len(), ""),
+            ("NUMBER_COUNT", widths.iter().sum(), "of the columns and of all steps"),
+        ],
+        data,
+        operations,
+        formula: "graph.c and graph_steps.h have",
+    }
+}
+
+fn row(
+    step: &Step,
+    number: usize,
+    (begins, widths): (&[usize], &[usize]),
+    data: &mut String,
+    (nodes, trees): (&mut Vec<Node>, &mut Vec<Tree>),
+) -> Row {
+    let none = || String::from("NULL");
+    let row = |kind, of: usize| Row {
+        kind,
+        function: 0,
+        operation: 0,
+        of: [begins[of]; 3],
+        width: widths[of],
+        numbers: none(),
+        parameter_step: 0,
+        more: none(),
+        places: none(),
+        trees: [0; 2],
+    };
+    let mut numbers = |what: &str, values: &[f64]| {
+        let name = format!("{what}_{number}");
+        array(data, &format!("static const double {name}"), values);
+        name
+    };
+    match step {
+        Step::Affine { of, weight, bias } => Row {
+            numbers: numbers("weights", &weight.iter().collect::<Vec<f64>>()),
+            more: numbers("bias", &bias.iter().collect::<Vec<f64>>()),
+            ..row("STEP_AFFINE", *of)
+        },
+        Step::Elementwise { of, function, parameters } => {
+            let place = Elementwise::ALL.iter().position(|known| known == function);
+            let is_each = parameters.len() > function.parameters();
+            // there are always two, so that nothing else is read
+            let (count, each) = (function.parameters(), if is_each { widths[*of] } else { 1 });
+            let mut both = parameters.clone();
+            both.resize(each * 2.max(count), 0.0);
+            Row {
+                function: place.expect("all of them are listed"),
+                numbers: numbers("parameters", &both),
+                parameter_step: usize::from(is_each),
+                ..row("STEP_ELEMENTWISE", *of)
+            }
+        }
+        Step::Combine { of: [a, b], operation } => {
+            let place = Operation::ALL.iter().position(|known| known == operation);
+            let operation = place.expect("all of them are listed");
+            Row { operation, of: [begins[*a], begins[*b], 0], ..row("STEP_COMBINE", *a) }
+        }
+        Step::Select { of: [condition, a, b] } => {
+            Row { of: [begins[*condition], begins[*a], begins[*b]], ..row("STEP_SELECT", *a) }
+        }
+        Step::Columns { columns } => {
+            let places: Vec<String> =
+                columns.iter().map(|[of, column]| (begins[*of as usize] + *column as usize).to_string()).collect();
+            let name = format!("places_{number}");
+            push(data, format_args!("\nstatic const size_t {name}[] = {{{}}};\n", places.join(", ")));
+            Row { places: name, ..row("STEP_COLUMNS", 0) }
+        }
+        Step::Standardise { of, epsilon } => {
+            Row { more: numbers("epsilon", &[*epsilon]), ..row("STEP_STANDARDISE", *of) }
+        }
+        Step::Softmax { of } => row("STEP_SOFTMAX", *of),
+        Step::Distances { of, centres, lengths } => {
+            let per_length: Vec<f64> = lengths.iter().map(|length| 1.0 / length).collect();
+            Row {
+                numbers: numbers("centres", centres),
+                more: numbers("per_length", &per_length),
+                ..row("STEP_DISTANCES", *of)
+            }
+        }
+        Step::Forest { of, forest, .. } => {
+            let (first_node, first_tree) = (nodes.len() as u32, trees.len());
+            let moved = |node: &Node| match node.column {
+                LEAF => *node,
+                _ => Node { below: node.below.map(|below| below + first_node), ..*node },
+            };
+            nodes.extend(forest.nodes.iter().map(moved));
+            trees.extend(forest.trees.iter().map(|tree| Tree { root: tree.root + first_node, ..*tree }));
+            Row { trees: [first_tree, forest.trees.len()], ..row("STEP_FOREST", *of) }
+        }
+    }
+}
+
+/// The counts that `graph.c` states.
+fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
+    let (n, m) = (width as f64, count as f64);
+    let none = Operations::default();
+    match step {
+        Step::Affine { .. } => Operations { arithmetic: 2.0 * n * m, ..none },
+        Step::Distances { .. } => Operations { arithmetic: 4.0 * n * m, ..none },
+        Step::Elementwise { .. } => Operations { activations: m, ..none },
+        Step::Combine { .. } => Operations { arithmetic: m, ..none },
+        Step::Select { .. } => Operations { comparisons: m, ..none },
+        Step::Columns { .. } => none,
+        Step::Standardise { .. } => Operations { arithmetic: 5.0 * n + 4.0, activations: 1.0, ..none },
+        Step::Softmax { .. } => Operations { arithmetic: 3.0 * n, exponentials: n, comparisons: n, ..none },
+        Step::Forest { forest, .. } => {
+            let mut levels = vec![0.0f64; forest.nodes.len()];
+            // those below a node come after it
+            for (index, node) in forest.nodes.iter().enumerate().rev().filter(|(_, node)| node.column != LEAF) {
+                levels[index] = 1.0 + node.below.iter().map(|&below| levels[below as usize]).fold(0.0, f64::max);
+            }
+            let comparisons = forest.trees.iter().map(|tree| levels[tree.root as usize]).sum();
+            Operations { arithmetic: forest.trees.len() as f64, comparisons, ..none }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+/*
+ * A function of another tool: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
+ * array: the columns first, then what each step makes; those of the last step are the outputs.
+ */
+#ifndef GRAPH_H
+#define GRAPH_H
+
+#include "jets.h"
+#include "model.h"
+
+typedef enum {
+    STEP_AFFINE,      /* y = W x + b */
+    STEP_ELEMENTWISE, /* y_i = f(x_i) */
+    STEP_COMBINE,     /* y_i = a_i op b_i */
+    STEP_SELECT,      /* y_i = a_i where c_i > 0, else b_i */
+    STEP_COLUMNS,     /* y_i is any number */
+    STEP_STANDARDISE, /* y_i = (x_i - mean of x) / square root of (variance of x + epsilon) */
+    STEP_SOFTMAX,     /* y_i = exp(x_i) / the sum over j of exp(x_j) */
+    STEP_DISTANCES,   /* y_c = the sum over i of ((x_i - centre_ci) / length_i)^2 */
+    STEP_FOREST       /* sums of decision trees */
+} StepKind;
+
+typedef enum { COMBINE_ADD, COMBINE_SUBTRACT, COMBINE_MULTIPLY, COMBINE_DIVIDE, COMBINE_MAXIMUM, COMBINE_MINIMUM } Combination;
+
+/* The functions of a number x and its parameters p and q. */
+typedef enum {
+    FUNCTION_TANH,
+    FUNCTION_SIGMOID,
+    FUNCTION_RELU,
+    FUNCTION_GELU,
+    FUNCTION_SILU,
+    FUNCTION_SINE,
+    FUNCTION_IDENTITY,
+    FUNCTION_LINEAR, /* p x + q */
+    FUNCTION_COSINE,
+    FUNCTION_EXPONENTIAL,
+    FUNCTION_LOGARITHM,
+    FUNCTION_RECIPROCAL,
+    FUNCTION_POWER, /* x^p */
+    FUNCTION_ABSOLUTE,
+    FUNCTION_ERF,
+    FUNCTION_GELU_EXACT,
+    FUNCTION_LEAKY_RELU,       /* x if positive, else p x */
+    FUNCTION_ELU,              /* x if positive, else p (exp(x) - 1) */
+    FUNCTION_SOFTPLUS,         /* ln(1 + exp(x)) */
+    FUNCTION_SOFTSIGN,         /* x / (1 + |x|) */
+    FUNCTION_CLIP,             /* x, at least p and at most q */
+    FUNCTION_THRESHOLDED_RELU, /* x if above p, else 0 */
+    FUNCTION_ARCTANGENT,
+    FUNCTION_SINGLE,  /* x in single precision, of derivative 1 */
+    FUNCTION_POSITIVE /* 1 if x is positive, else 0 */
+} Function;
+
+typedef struct {
+    StepKind kind;
+    Function function;
+    Combination operation;
+    size_t of[3]; /* where the numbers that it takes begin */
+    size_t width; /* how many of them, of a kind */
+    size_t to;    /* where those that it makes begin */
+    size_t count; /* how many of them */
+    /* W, centres, or parameters: one p and one q for all numbers, or all p and then all q */
+    const double *numbers;
+    size_t parameter_step; /* 0 if there is one for all, else 1 */
+    const double *more;    /* b, one over the lengths, or epsilon */
+    const size_t *places;  /* of the columns */
+    size_t first_tree;
+    size_t tree_count;
+} GraphStep;
+
+/* A split looks at a number; a leaf has none, which is NO_COLUMN. */
+typedef struct {
+    size_t column;
+    double number;   /* numbers up to this one go to the first node below, others to the second; or the leaf's value */
+    size_t below[2]; /* behind this one, so that a walk ends */
+} GraphNode;
+
+#define NO_COLUMN ((size_t)-1)
+
+typedef struct {
+    size_t root;
+    size_t output;
+} GraphTree;
+
+extern const GraphStep model_steps[STEP_COUNT];
+extern const GraphNode model_graph_nodes[];
+extern const GraphTree model_graph_trees[];
+
+/* Working memory of one evaluation at a time. */
+typedef struct {
+    double real[NUMBER_COUNT];
+    Jet jet[NUMBER_COUNT];
+} MapScratch;
+
+#endif

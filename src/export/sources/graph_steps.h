@@ -1,0 +1,159 @@
+/*
+ * A template: the steps of a graph in one kind of numbers. Before it is included, NUMBER is their type and OF(name) the
+ * name of a function of them.
+ */
+
+static void OF(elementwise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    const double *p = step->numbers;
+    /* all second parameters are behind all first ones */
+    const double *q = step->parameter_step == 0 ? p + 1 : p + step->count;
+    for (size_t i = 0; i < step->count; i++) {
+        const size_t place = i * step->parameter_step;
+        y[i] = OF(through)(x[i], series(step->function, OF(value)(x[i]), p[place], q[place]));
+    }
+}
+
+static NUMBER OF(combined)(Combination operation, NUMBER a, NUMBER b)
+{
+    switch (operation) {
+    case COMBINE_ADD:
+        return OF(sum)(a, b);
+    case COMBINE_SUBTRACT:
+        return OF(difference)(a, b);
+    case COMBINE_MULTIPLY:
+        return OF(product)(a, b);
+    case COMBINE_DIVIDE:
+        return OF(product)(a, OF(reciprocal)(b));
+    case COMBINE_MAXIMUM:
+        return OF(value)(b) > OF(value)(a) ? b : a;
+    case COMBINE_MINIMUM:
+    default:
+        return OF(value)(b) < OF(value)(a) ? b : a;
+    }
+}
+
+static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    const double share = 1.0 / (double)step->width;
+    NUMBER mean = OF(constant)(0.0);
+    NUMBER variance = OF(constant)(0.0);
+    for (size_t i = 0; i < step->width; i++) {
+        mean = OF(sum)(mean, x[i]);
+    }
+    mean = OF(scaled)(mean, share);
+    for (size_t i = 0; i < step->width; i++) {
+        const NUMBER away = OF(difference)(x[i], mean);
+        variance = OF(sum)(variance, OF(product)(away, away));
+    }
+    variance = OF(sum)(OF(scaled)(variance, share), OF(constant)(step->more[0]));
+    const NUMBER inverse = OF(through)(variance, series(FUNCTION_POWER, OF(value)(variance), -0.5, 0.0));
+    for (size_t i = 0; i < step->width; i++) {
+        y[i] = OF(product)(OF(difference)(x[i], mean), inverse);
+    }
+}
+
+static void OF(softmax)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    /* the same for all, so that nothing overflows */
+    double largest = OF(value)(x[0]);
+    NUMBER sum = OF(constant)(0.0);
+    for (size_t i = 1; i < step->width; i++) {
+        largest = OF(value)(x[i]) > largest ? OF(value)(x[i]) : largest;
+    }
+    for (size_t i = 0; i < step->width; i++) {
+        y[i] = OF(exponential)(OF(difference)(x[i], OF(constant)(largest)));
+        sum = OF(sum)(sum, y[i]);
+    }
+    const NUMBER inverse = OF(reciprocal)(sum);
+    for (size_t i = 0; i < step->width; i++) {
+        y[i] = OF(product)(y[i], inverse);
+    }
+}
+
+static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    const double *centre = step->numbers;
+    for (size_t c = 0; c < step->count; c++) {
+        y[c] = OF(constant)(0.0);
+        for (size_t i = 0; i < step->width; i++) {
+            const NUMBER away = OF(scaled)(OF(difference)(x[i], OF(constant)(centre[i])), step->more[i]);
+            y[c] = OF(sum)(y[c], OF(product)(away, away));
+        }
+        centre += step->width;
+    }
+}
+
+static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    const double *row = step->numbers;
+    for (size_t i = 0; i < step->count; i++) {
+        y[i] = OF(constant)(step->more[i]);
+        for (size_t k = 0; k < step->width; k++) {
+            y[i] = OF(sum)(y[i], OF(scaled)(x[k], row[k]));
+        }
+        row += step->width;
+    }
+}
+
+static void OF(forest)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    for (size_t i = 0; i < step->count; i++) {
+        y[i] = OF(constant)(0.0);
+    }
+    for (size_t i = 0; i < step->tree_count; i++) {
+        const GraphTree *tree = &model_graph_trees[step->first_tree + i];
+        const GraphNode *node = &model_graph_nodes[tree->root];
+        while (node->column != NO_COLUMN) {
+            node = &model_graph_nodes[node->below[OF(value)(x[node->column]) <= node->number ? 0 : 1]];
+        }
+        y[tree->output] = OF(sum)(y[tree->output], OF(constant)(node->number));
+    }
+}
+
+/* What all steps make, of the columns that are the first numbers. */
+static void OF(steps)(NUMBER numbers[NUMBER_COUNT])
+{
+    for (size_t k = 0; k < STEP_COUNT; k++) {
+        const GraphStep *step = &model_steps[k];
+        const NUMBER *x = &numbers[step->of[0]];
+        const NUMBER *second = &numbers[step->of[1]];
+        const NUMBER *third = &numbers[step->of[2]];
+        NUMBER *y = &numbers[step->to];
+        switch (step->kind) {
+        case STEP_AFFINE:
+            OF(affine)(step, x, y);
+            break;
+        case STEP_ELEMENTWISE:
+            OF(elementwise)(step, x, y);
+            break;
+        case STEP_COMBINE:
+            for (size_t i = 0; i < step->count; i++) {
+                y[i] = OF(combined)(step->operation, x[i], second[i]);
+            }
+            break;
+        case STEP_SELECT:
+            for (size_t i = 0; i < step->count; i++) {
+                y[i] = OF(value)(x[i]) > 0.0 ? second[i] : third[i];
+            }
+            break;
+        case STEP_COLUMNS:
+            for (size_t i = 0; i < step->count; i++) {
+                y[i] = numbers[step->places[i]];
+            }
+            break;
+        case STEP_STANDARDISE:
+            OF(standardise)(step, x, y);
+            break;
+        case STEP_SOFTMAX:
+            OF(softmax)(step, x, y);
+            break;
+        case STEP_DISTANCES:
+            OF(distances)(step, x, y);
+            break;
+        case STEP_FOREST:
+            OF(forest)(step, x, y);
+            break;
+        }
+    }
+}
