@@ -25,6 +25,21 @@ use std::{
 pub(crate) struct Component {
     pub instance: Instance,
     logger: Logger,
+    /// How the host is called back in the middle of a step, if it is.
+    pub updates: Option<Updates>,
+}
+
+/// FMI 3.0: environment, time, whether inputs may be set, outputs read, the step of the solver is finished, the host may ask for an
+/// early return; whether it does, and at which time.
+pub(crate) type UpdateCallback = unsafe extern "C" fn(*mut c_void, f64, u8, u8, u8, u8, *mut u8, *mut f64);
+
+/// Calls the host back in the middle of a step.
+#[derive(Clone, Copy)]
+pub(crate) struct Updates {
+    pub callback: UpdateCallback,
+    pub environment: *mut c_void,
+    /// Whether the host allows steps to end early.
+    pub early_return: bool,
 }
 
 /// A function of one version of the standard; `Debug` is its name without the prefix.
@@ -49,6 +64,8 @@ pub(crate) enum InstantiationError {
     Location(#[from] LocationError),
     #[error(transparent)]
     Load(#[from] LoadError),
+    #[error("argument `requiredIntermediateVariables`: {0}")]
+    Intermediate(#[from] Refusal),
 }
 
 impl InstantiationError {
@@ -58,7 +75,8 @@ impl InstantiationError {
     }
 }
 
-/// A new component, or null after a message why not. `arguments` are the kind, the token and the resource directory.
+/// A new component, or null after a message why not. `arguments` are the kind, the token and the resource directory; `updates` are
+/// how the host is called back in the middle of steps, and for which variables.
 ///
 /// # Safety
 /// The host's promise for `name`.
@@ -66,9 +84,10 @@ pub(crate) unsafe fn instantiate(
     function: &str,
     name: *const c_char,
     logger: Logger,
+    updates: Option<(Updates, &[u32])>,
     arguments: impl FnOnce() -> Result<(InstanceKind, String, PathBuf), InstantiationError>,
 ) -> *mut c_void {
-    let instance = guard(|| {
+    let instance = guard(|| -> Result<_, InstantiationError> {
         // SAFETY: the caller's promise
         match unsafe { text(name) } {
             Ok(name) if name.trim().is_empty() => return Err(InstantiationError::EmptyName),
@@ -76,12 +95,20 @@ pub(crate) unsafe fn instantiate(
             Ok(_) | Err(TextError::NotUtf8) => {}
         }
         let (kind, token, resources) = arguments()?;
-        Ok(Instance::load(&resources, &token, kind)?)
+        let instance = Instance::load(&resources, &token, kind)?;
+        let updates = match updates {
+            Some((updates, required)) if instance.offers_updates() => {
+                required.iter().try_for_each(|&reference| instance.check_intermediate(reference))?;
+                Some(updates)
+            }
+            _ => None,
+        };
+        Ok((instance, updates))
     });
     let (status, message) = match instance {
-        Ok(Ok(instance)) => {
+        Ok(Ok((instance, updates))) => {
             logger.log(Status::Ok, &format!("{function}: {}", describe(&instance)));
-            return Box::into_raw(Box::new(Component { instance, logger })).cast();
+            return Box::into_raw(Box::new(Component { instance, logger, updates })).cast();
         }
         Ok(Err(error)) => (Status::Error, error.to_string()),
         Err(panic) => (Status::Fatal, panicked(&panic)),

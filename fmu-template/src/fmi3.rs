@@ -8,8 +8,8 @@
 use crate::{
     boundary::{count, not_null, slice, slice_mut, text, write},
     component::{
-        InstantiationError, call, deserialize, free, free_state, instantiate, serialize, state_size, store, stored,
-        switch_logging,
+        Component, InstantiationError, UpdateCallback, Updates, call, deserialize, free, free_state, instantiate,
+        serialize, state_size, store, stored, switch_logging,
     },
     instance::{Instance, InstanceKind},
     logger::{Callback3, Logger},
@@ -21,11 +21,13 @@ use std::{
     path::PathBuf,
 };
 use table::Function;
+use updates::step_with_updates;
 
 mod clocks;
 mod derivatives;
 mod model_exchange;
 mod table;
+mod updates;
 mod values;
 
 /// `fmi3Boolean`
@@ -52,13 +54,13 @@ unsafe extern "C" fn fmi3InstantiateModelExchange(
     let kind = InstanceKind { version: Version::Fmi3, interface: Interface::ModelExchange, event_mode: true };
     // SAFETY: the host's promise
     unsafe {
-        instantiate("fmi3InstantiateModelExchange", instanceName, logger, || {
+        instantiate("fmi3InstantiateModelExchange", instanceName, logger, None, || {
             arguments(kind, instantiationToken, resourcePath)
         })
     }
 }
 
-/// Neither returns early nor updates in between: a step is one evaluation. So both callers' offers go unused.
+/// Models with states call the host back after each step of their solver; in others a step is one evaluation, and the offer goes unused.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi3InstantiateCoSimulation(
     instanceName: *const c_char,
@@ -67,21 +69,33 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
     _visible: Boolean,
     loggingOn: Boolean,
     eventModeUsed: Boolean,
-    _earlyReturnAllowed: Boolean,
-    _requiredIntermediateVariables: *const u32,
-    _nRequiredIntermediateVariables: usize,
+    earlyReturnAllowed: Boolean,
+    requiredIntermediateVariables: *const u32,
+    nRequiredIntermediateVariables: usize,
     instanceEnvironment: *mut c_void,
     logMessage: Option<Callback3>,
-    _intermediateUpdate: *const c_void,
+    intermediateUpdate: Option<UpdateCallback>,
 ) -> *mut c_void {
+    const NAME: &str = "fmi3InstantiateCoSimulation";
     let logger = Logger::fmi3(logMessage, instanceEnvironment, loggingOn != 0);
     let kind =
         InstanceKind { version: Version::Fmi3, interface: Interface::CoSimulation, event_mode: eventModeUsed != 0 };
+    let updates = intermediateUpdate.map(|callback| Updates {
+        callback,
+        environment: instanceEnvironment,
+        early_return: earlyReturnAllowed != 0,
+    });
     // SAFETY: the host's promise
     unsafe {
-        instantiate("fmi3InstantiateCoSimulation", instanceName, logger, || {
-            arguments(kind, instantiationToken, resourcePath)
-        })
+        let required =
+            slice(requiredIntermediateVariables, nRequiredIntermediateVariables, "requiredIntermediateVariables");
+        match required {
+            Ok(required) => {
+                let updates = updates.map(|updates| (updates, required));
+                instantiate(NAME, instanceName, logger, updates, || arguments(kind, instantiationToken, resourcePath))
+            }
+            Err(refusal) => instantiate(NAME, instanceName, logger, None, || Err(refusal.into())),
+        }
     }
 }
 
@@ -101,7 +115,7 @@ unsafe extern "C" fn fmi3InstantiateScheduledExecution(
     let logger = Logger::fmi3(logMessage, instanceEnvironment, loggingOn != 0);
     // SAFETY: the host's promise
     unsafe {
-        instantiate("fmi3InstantiateScheduledExecution", instanceName, logger, || {
+        instantiate("fmi3InstantiateScheduledExecution", instanceName, logger, None, || {
             Err(InstantiationError::ScheduledExecution)
         })
     }
@@ -253,19 +267,35 @@ unsafe extern "C" fn fmi3DoStep(
     earlyReturn: *mut Boolean,
     lastSuccessfulTime: *mut f64,
 ) -> Status {
+    let mut updates = None;
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::DoStep, |instance| {
+        let status = call(instance, Function::DoStep, |inner| {
             not_null(lastSuccessfulTime, "lastSuccessfulTime")?;
             not_null(terminateSimulation, "terminateSimulation")?;
             not_null(earlyReturn, "earlyReturn")?;
             write(eventHandlingNeeded, 0, "eventHandlingNeeded")?;
             write(terminateSimulation, 0, "terminateSimulation")?;
             write(earlyReturn, 0, "earlyReturn")?;
-            let answer = instance.do_step(currentCommunicationPoint, communicationStepSize);
-            write(lastSuccessfulTime, instance.time(), "lastSuccessfulTime")?;
+            // another field than the instance
+            updates = (*instance.cast::<Component>()).updates;
+            if updates.is_some() {
+                return Ok(());
+            }
+            let answer = inner.do_step(currentCommunicationPoint, communicationStepSize);
+            write(lastSuccessfulTime, inner.time(), "lastSuccessfulTime")?;
             answer
-        })
+        });
+        match updates {
+            Some(updates) => {
+                let (status, early) =
+                    step_with_updates(instance, updates, currentCommunicationPoint, communicationStepSize);
+                *earlyReturn = early.into();
+                *lastSuccessfulTime = (*instance.cast::<Component>()).instance.time();
+                status
+            }
+            None => status,
+        }
     }
 }
 

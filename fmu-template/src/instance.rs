@@ -16,6 +16,7 @@ use variables::Variables;
 mod derivatives;
 mod domain;
 mod states;
+mod updates;
 mod variables;
 
 /// What an instance is made for.
@@ -59,6 +60,12 @@ pub(crate) struct Instance {
     /// Nominal values of the states.
     nominals: Vec<f64>,
     now: Snapshot,
+    /// What it was when the present communication step began, of those with updates in between.
+    before: Snapshot,
+    /// Longest step of the solver, in seconds, of models with states.
+    solver_step: Option<f64>,
+    /// How much of the communication step was made before the present one of the solver, in seconds.
+    since: f64,
     /// Where the model is evaluated: the inputs, clamped if that is the policy, and the states.
     point: Vec<f64>,
     /// Outputs and, after them, derivatives of the states. Valid unless `stale`.
@@ -114,6 +121,26 @@ impl Instance {
         let metadata = surrogate.metadata().clone();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
+        let solver_step = match surrogate.model() {
+            Model::Motion(motion) => Some(motion.step),
+            Model::StateSpace(space) if !metadata.states.is_empty() => Some(space.step),
+            Model::StateSpace(_) | Model::Response(_) | Model::PerInstant { .. } | Model::Discrete(_) => None,
+        };
+        let now = Snapshot {
+            surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
+            state: State::Instantiated,
+            experiment: false,
+            policy: DomainPolicy::default(),
+            changed: false,
+            time: 0.0,
+            start_time: 0.0,
+            stop_time: f64::INFINITY,
+            earliest: 0.0,
+            tolerance: 0.0,
+            values: values.clone(),
+            at_start: values.clone(),
+            rates: [values.clone(), values.clone()],
+        };
         let mut instance = Self {
             kind,
             variables: Variables::new(&surrogate, kind.version),
@@ -123,21 +150,10 @@ impl Instance {
             time_column: surrogate.time_column(),
             input_columns: (0..metadata.inputs.len()).filter(is_input).collect(),
             nominals: metadata.states.iter().map(|state| state.nominal).collect(),
-            now: Snapshot {
-                surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
-                state: State::Instantiated,
-                experiment: false,
-                policy: DomainPolicy::default(),
-                changed: false,
-                time: 0.0,
-                start_time: 0.0,
-                stop_time: f64::INFINITY,
-                earliest: 0.0,
-                tolerance: 0.0,
-                values: values.clone(),
-                at_start: values.clone(),
-                rates: [values.clone(), values.clone()],
-            },
+            before: now.clone(),
+            now,
+            solver_step,
+            since: 0.0,
             warned: vec![false; values.len()],
             warned_of_change: false,
             point: values.clone(),
@@ -167,7 +183,8 @@ impl Instance {
         if self.now.state.allows(row, interface) {
             return Ok(());
         }
-        let legal = State::ALL.into_iter().filter(|state| state.allows(row, interface)).collect();
+        let is_possible = |state: &State| *state != State::IntermediateUpdate || self.offers_updates();
+        let legal = State::ALL.into_iter().filter(is_possible).filter(|state| state.allows(row, interface)).collect();
         Err(Refusal::IllegalState { state: self.now.state, legal })
     }
 
@@ -520,6 +537,24 @@ impl Instance {
     /// iterate over events by it.
     #[inline]
     pub(crate) fn do_step(&mut self, from: f64, size: f64) -> Result<(), Refusal> {
+        let (time, status) = self.check_step(from, size)?;
+        if self.goes_on() {
+            self.advance_states(time, size, status)?;
+        }
+        self.set_time(time, status)?;
+        for index in 0..self.input_columns.len() {
+            let column = self.input_columns[index];
+            self.now.values[column] = self.extrapolated(column, size);
+            self.now.rates[0][column] += size * self.now.rates[1][column];
+            self.stale = true;
+            self.note_value(column);
+        }
+        Ok(())
+    }
+
+    /// Where a communication step ends, and the status of one that cannot be made.
+    #[inline]
+    fn check_step(&self, from: f64, size: f64) -> Result<(f64, Status), Refusal> {
         finite("currentCommunicationPoint", from)?;
         finite("communicationStepSize", size)?;
         if size < 0.0 {
@@ -540,18 +575,7 @@ impl Instance {
         for &column in &self.input_columns {
             self.check_value(column, self.extrapolated(column, size), time, self.now.policy, status)?;
         }
-        if self.goes_on() {
-            self.advance_states(time, size, status)?;
-        }
-        self.set_time(time, status)?;
-        for index in 0..self.input_columns.len() {
-            let column = self.input_columns[index];
-            self.now.values[column] = self.extrapolated(column, size);
-            self.now.rates[0][column] += size * self.now.rates[1][column];
-            self.stale = true;
-            self.note_value(column);
-        }
-        Ok(())
+        Ok((time, status))
     }
 
     /// An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are.
@@ -621,7 +645,7 @@ impl Instance {
         if snapshot.surrogate != self.now.surrogate {
             return Err(Refusal::ForeignState);
         }
-        self.now.clone_from(snapshot);
+        self.now.copy_from(snapshot);
         self.stale = true;
         Ok(())
     }

@@ -58,6 +58,25 @@ const MAGIC: [u8; 8] = *b"metafmu\x03";
 const FIXED_SIZE: usize = 8 + 8 + 4 + 5 * 8 + 8;
 
 impl Snapshot {
+    /// Becomes another one of the same surrogate. Does not allocate.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self { values, at_start, rates: [first, second], .. } = self;
+        values.copy_from_slice(&other.values);
+        at_start.copy_from_slice(&other.at_start);
+        first.copy_from_slice(&other.rates[0]);
+        second.copy_from_slice(&other.rates[1]);
+        self.surrogate = other.surrogate;
+        self.state = other.state;
+        self.experiment = other.experiment;
+        self.policy = other.policy;
+        self.changed = other.changed;
+        self.time = other.time;
+        self.start_time = other.start_time;
+        self.stop_time = other.stop_time;
+        self.earliest = other.earliest;
+        self.tolerance = other.tolerance;
+    }
+
     /// Number of bytes [`Snapshot::to_bytes`] gives.
     pub(crate) fn size(&self) -> usize {
         FIXED_SIZE + 4 * 8 * self.values.len()

@@ -28,6 +28,8 @@ pub(crate) enum State {
     /// FMI 2.0, after a call was refused. The standard: "the simulation cannot be continued with this FMU instance", but
     /// for a reset or a restored state. In FMI 3.0 this is `Terminated`.
     Error,
+    /// FMI 3.0 co-simulation: within a step, while the host is called back.
+    IntermediateUpdate,
     /// After a panic: nothing is known about the values any more.
     Fatal,
 }
@@ -37,7 +39,7 @@ pub(crate) enum State {
 pub(crate) type Row = &'static [u8];
 
 impl State {
-    pub(crate) const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::Instantiated,
         Self::Initialization,
         Self::Event,
@@ -45,12 +47,13 @@ impl State {
         Self::Step,
         Self::Terminated,
         Self::Error,
+        Self::IntermediateUpdate,
         Self::Fatal,
     ];
 
-    /// The state whose `as u8` this is.
+    /// The state whose `as u8` this is, if an instance can be saved in it.
     pub(crate) fn from_number(number: u8) -> Option<Self> {
-        Self::ALL.get(usize::from(number)).copied()
+        Self::ALL.get(usize::from(number)).copied().filter(|state| *state != Self::IntermediateUpdate)
     }
 
     #[inline]
@@ -75,6 +78,7 @@ impl fmt::Display for State {
             Self::Step => "Step Mode",
             Self::Terminated => "terminated",
             Self::Error => "error",
+            Self::IntermediateUpdate => "Intermediate Update Mode",
             Self::Fatal => "fatal",
         })
     }

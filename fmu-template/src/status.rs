@@ -58,6 +58,11 @@ pub(crate) enum Refusal {
     SetTime { name: String, reference: u32 },
     #[error("parameter `{name}` (value reference {reference}) is {variability} and cannot be set in state `{state}`")]
     SetParameter { name: String, reference: u32, variability: &'static str, state: State },
+    #[error(
+        "variable `{name}` (value reference {reference}) is not one of intermediate updates, expected an input, an output, a \
+         state or a derivative of one"
+    )]
+    NotIntermediate { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
     ValueNotFinite { name: String, reference: u32, value: f64 },
     #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]

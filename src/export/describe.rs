@@ -35,6 +35,8 @@ impl ModelDescription {
         let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
         let v3 = fmi_version == FmiVersion::V3;
         let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
+        // between the steps of the solver
+        let updates = v3 && !surrogate.states().is_empty();
         let interface = Interface {
             model_identifier: model_identifier(name),
             own_memory_management: true,
@@ -61,6 +63,8 @@ impl ModelDescription {
                 max_output_derivative_order: if is_discrete { 0 } else { MAX_OUTPUT_DERIVATIVE_ORDER },
                 interpolate_inputs: !v3,
                 event_mode: v3,
+                intermediate_update: updates,
+                return_early_after_intermediate_update: updates,
                 ..CoSimulation::default()
             }),
             units: units(surrogate.metadata()),
@@ -111,6 +115,11 @@ fn variable(
         Quantity::Array(index) => array(surrogate, index),
         Quantity::Bound(index) => bound(surrogate, index),
     };
+    let is_updated = match variable.quantity {
+        Quantity::Input(index) => surrogate.inputs()[index].role == Role::Input,
+        Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => true,
+        Quantity::Bound(_) | Quantity::BuiltIn(_) => false,
+    };
     ScalarVariable {
         name: variable.name.clone(),
         value_reference,
@@ -122,6 +131,7 @@ fn variable(
         kind,
         dimensions,
         clocks: Vec::new(),
+        intermediate_update: is_updated && fmi_version == FmiVersion::V3 && !surrogate.states().is_empty(),
         aliases: Vec::new(),
     }
 }

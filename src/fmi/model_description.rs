@@ -208,6 +208,8 @@ pub struct ScalarVariable {
     pub dimensions: Vec<Dimension>,
     /// Value references of the clocks it is assigned to.
     pub clocks: Vec<u32>,
+    /// Whether the host may set or get it in the middle of a co-simulation step; FMI 3.0 only.
+    pub intermediate_update: bool,
     /// Other names it goes by.
     pub aliases: Vec<Alias>,
 }

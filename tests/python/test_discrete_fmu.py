@@ -245,7 +245,9 @@ def test_a_new_study_of_an_fmu_builds(tmp_path):
     result = run("new", "mine", "--fmu", "chain.fmu", "--structure", "discrete")
     assert result.returncode == 0, result.stderr
     text = (tmp_path / "mine.toml").read_text()
-    assert "\nforce = { min = -20.0, max = 20.0, bandwidth = 5.0, excitation" in text
+    # it pulls from the start on, unless somebody says that it did not before
+    assert "\nforce = { min = -20.0, max = 20.0, start = 10.0, bandwidth = 5.0, excitation" in text
+    assert "# start: what it was before a run, the FMU's own; 0 if the FMU begins at rest without it" in text
     assert '\n"spring.stiffness" = { min = 80.0, max = 120.0 }' in text
     short = text.replace("runs = 30 ", "runs = 4 ").replace("test_runs = 10", "test_runs = 1").replace("epochs = 300", "epochs = 2")
     (tmp_path / "mine.toml").write_text(short + "\n[accept]\nr2 = -inf\n")

@@ -1,11 +1,14 @@
 """The FMU compiled from its own C sources gives the results of the library inside."""
 
+import re
 import shutil
+from zipfile import ZipFile
 
 import fmpy
 import numpy as np
 import pytest
 from conftest import compiled_from_sources, fmu_of, metafmu
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 
@@ -65,3 +68,58 @@ def test_equations_of_motion_are_integrated_by_the_sources(crane, tmp_path, monk
         assert np.ptp(expected["theta"]) > 0.1
         for name in expected.dtype.names:
             np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+
+
+def test_the_host_may_look_and_push_within_a_step(crane, tmp_path, monkeypatch):
+    """By the library and by its sources alike: fmpy is called back after each step of the solver, and pushes."""
+    folder = shutil.copytree(crane, tmp_path / "out")
+    metafmu("export", "examples/dynamics/crane-study.toml", "--out", folder, "--sources", "--fmi", 3)
+    packed = str(fmu_of(folder, "crane", 3))
+    description = fmpy.read_model_description(packed)
+    co_simulation = description.coSimulation
+    assert co_simulation.providesIntermediateUpdate and co_simulation.canReturnEarlyAfterIntermediateUpdate
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    with ZipFile(packed) as archive:
+        written = archive.read("modelDescription.xml").decode()
+    marked = re.findall('name="([^"]*)"[^>]* intermediateUpdate="true"', written)
+    assert {"force", "theta", "load_x"} & set(references) <= set(marked) and "l" not in marked
+    runs = [pushed_within_steps(fmu, description, references) for fmu in (compiled_from_sources(packed, monkeypatch), fmpy.extract(packed))]
+    (times, angles, reached), (expected_times, expected_angles, expected_reached) = runs
+    assert reached == expected_reached == pytest.approx(0.3 + 0.0123)
+    assert len(times) > 40 and np.all(np.diff(times) > 0) and np.ptp(angles) > 0.01
+    np.testing.assert_allclose(times, expected_times, rtol=1e-15)
+    np.testing.assert_allclose(angles, expected_angles, rtol=1e-12, atol=1e-12)
+
+
+def pushed_within_steps(unpacked, description, references):
+    """Times and angles of the updates of four steps, the last of which is ended early, and where it ends."""
+    fmu = FMU3Slave(
+        guid=description.guid,
+        unzipDirectory=str(unpacked),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="crane",
+    )
+    times, angles = [], []
+
+    def update(environment, time, set_requested, get_allowed, finished, can_return, requested, return_time):
+        assert set_requested and get_allowed and finished
+        times.append(time)
+        angles.append(fmu.getFloat64([references["theta"]])[0])
+        fmu.setFloat64([references["force"]], [3 * np.sin(20 * time)])
+        if 0.3 < time and can_return:
+            requested[0], return_time[0] = True, 0.3123
+
+    fmu.instantiate(
+        earlyReturnAllowed=True,
+        intermediateUpdate=update,
+        requiredIntermediateVariables=[references["force"], references["theta"]],
+    )
+    fmu.enterInitializationMode(startTime=0)
+    fmu.exitInitializationMode()
+    reached = 0.0
+    for _ in range(4):
+        event, terminate, early, reached = fmu.doStep(reached, 0.1)
+        assert early == (reached < 0.35 and reached > 0.3001)
+    fmu.terminate()
+    fmu.freeInstance()
+    return times, angles, reached

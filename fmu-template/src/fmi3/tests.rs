@@ -20,6 +20,7 @@ mod instances;
 mod sensitivities;
 mod states;
 mod steps;
+mod updates;
 
 #[derive(Clone, Debug)]
 struct Message {
@@ -61,7 +62,7 @@ impl Host {
             match use_as {
                 Use::Solver => fmi3InstantiateModelExchange(name, token, resources, 0, logging, environment, Some(log)),
                 Use::Steps | Use::StepsAndEvents => {
-                    let (variables, n, update) = (null(), 0, null());
+                    let (variables, n, update) = (null(), 0, None);
                     fmi3InstantiateCoSimulation(
                         name,
                         token,

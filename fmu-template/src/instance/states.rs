@@ -66,9 +66,9 @@ impl Instance {
         let step = self.evaluator.advance(&mut self.point, method, drive, &mut self.scratch);
         step.map_err(|error| match error {
             StepError::NotFinite { after } if self.metadata.states.is_empty() => {
-                Refusal::OutputsDiverged { after, status: refused }
+                Refusal::OutputsDiverged { after: self.since + after, status: refused }
             }
-            StepError::NotFinite { after } => Refusal::Diverged { after, status: refused },
+            StepError::NotFinite { after } => Refusal::Diverged { after: self.since + after, status: refused },
             StepError::TooManySteps => Refusal::LongStep { size },
         })?;
         for column in first..self.point.len() {

@@ -153,7 +153,7 @@ step = {step:?}                 # s
     let inputs = driving(&description).filter(|input| input.variability == Variability::Continuous);
     // a start of a state is a parameter of the surrogate anyway
     let is_start = |variable: &ScalarVariable| names_of_starts.contains(&variable.name);
-    text += &(signals(&description, inputs, stop) + &with_a_range(&description, is_start));
+    text += &(signals(&description, inputs, stop, false) + &with_a_range(&description, is_start));
     let _ = write!(
         text,
         "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU is asked for its equations\ntest_runs = 20              # random \
@@ -211,7 +211,7 @@ test_runs = 10              # never part of training
 {DISCRETE}",
         quoted(description.description.as_deref().unwrap_or_default()),
         quoted(&file),
-        signals(&description, inputs.into_iter(), stop),
+        signals(&description, inputs.into_iter(), stop, true),
         with_a_range(&description, |_| false),
         outputs(&description),
     );
@@ -227,20 +227,34 @@ fn driving(description: &ModelDescription) -> impl Iterator<Item = &ScalarVariab
     description.variables.iter().filter(is_input)
 }
 
-/// `[inputs]`.
-fn signals<'a>(description: &ModelDescription, inputs: impl Iterator<Item = &'a ScalarVariable>, stop: f64) -> String {
+/// `[inputs]`. What they were before a run counts with samples: it is written where it is not zero, which is what a model at rest has
+/// as a rule.
+fn signals<'a>(
+    description: &ModelDescription,
+    inputs: impl Iterator<Item = &'a ScalarVariable>,
+    stop: f64,
+    has_past: bool,
+) -> String {
     let mut text = String::new();
     for input in inputs {
-        let (range, comment) = match known_range(description, input) {
-            Some(range) => (range, ""),
-            None => ((-1.0, 1.0), "    # a guess"),
+        let own_start = input.kind.as_real().and_then(|real| real.start).unwrap_or(0.0);
+        let (range, mut comments) = match known_range(description, input) {
+            Some(range) => (range, vec![]),
+            None => ((-guess(own_start), guess(own_start)), vec!["range: a guess"]),
         };
         let (min, max) = range;
+        let start = if has_past && own_start != 0.0 {
+            comments.push("start: what it was before a run, the FMU's own; 0 if the FMU begins at rest without it");
+            format!(", start = {own_start:?}")
+        } else {
+            String::new()
+        };
+        let comment = if comments.is_empty() { String::new() } else { format!("    # {}", comments.join("; ")) };
         let kinds = "[\"multisine\", \"steps\", \"spline\"]";
         // writing to a string does not fail
         let _ = writeln!(
             text,
-            "{} = {{ min = {min:?}, max = {max:?}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
+            "{} = {{ min = {min:?}, max = {max:?}{start}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
             key(&input.name),
             short(10.0 / stop),
         );

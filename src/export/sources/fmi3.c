@@ -10,7 +10,8 @@ enum { DEPENDENT = 5 }; /* fmi3DependencyKind */
 /* The "allowed function calls" of sections 2.3, 3.2 and 4.2, where several functions have the same. */
 enum {
     ALWAYS = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
-    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED,
+    GET = ALWAYS | STATE_UPDATE,
+    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_UPDATE,
     DIFFERENTIATE = ANY_INTERFACE | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
     GET_STATES = MODEL_EXCHANGE | STATE_INITIALIZATION | STATE_EVENT | STATE_CONTINUOUS_TIME | STATE_TERMINATED
 };
@@ -20,6 +21,9 @@ typedef struct {
     Instance instance; /* first, so that a pointer to it is one to the component */
     fmi3LogMessageCallback logger;
     void *environment;
+    fmi3IntermediateUpdateCallback update; /* of models with states, if the host has one */
+    bool early_return;                     /* whether the host allows steps to end early */
+    Snapshot before;                       /* what was when a step with updates began */
 } Component;
 
 static void send_message(const Instance *instance, Status status, const char *category, const char *message)
@@ -73,7 +77,10 @@ void *fmi3InstantiateModelExchange(const char *instanceName, const char *instant
     return checked(component, "fmi3InstantiateModelExchange", instanceName, instantiationToken);
 }
 
-/* Neither returns early nor updates in between: a step is one evaluation. So both offers of the host go unused. */
+/*
+ * Models with states call the host back after each step of their solver; in others a step is one evaluation, and the
+ * offer goes unused.
+ */
 void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instantiationToken, const char *resourcePath,
                                   bool visible, bool loggingOn, bool eventModeUsed, bool earlyReturnAllowed,
                                   const uint32_t requiredIntermediateVariables[],
@@ -83,12 +90,27 @@ void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instanti
 {
     (void)resourcePath; /* everything is compiled in */
     (void)visible;
-    (void)earlyReturnAllowed;
-    (void)requiredIntermediateVariables;
-    (void)nRequiredIntermediateVariables;
-    (void)intermediateUpdate;
-    Component *component = new_component(CO_SIMULATION, eventModeUsed, loggingOn, instanceEnvironment, logMessage);
-    return checked(component, "fmi3InstantiateCoSimulation", instanceName, instantiationToken);
+    Component *component =
+        new_component(CO_SIMULATION, eventModeUsed, loggingOn, instanceEnvironment, logMessage);
+    component = checked(component, "fmi3InstantiateCoSimulation", instanceName, instantiationToken);
+    if (component == NULL) {
+        return NULL;
+    }
+    Instance *instance = &component->instance;
+    bool fits = !instance_lacks(instance, requiredIntermediateVariables, nRequiredIntermediateVariables,
+                                "requiredIntermediateVariables");
+    if (MODEL_HAS_STATES && intermediateUpdate != NULL) {
+        component->update = intermediateUpdate;
+        component->early_return = earlyReturnAllowed;
+        for (size_t i = 0; fits && i < nRequiredIntermediateVariables; i++) {
+            fits = instance_check_intermediate(instance, requiredIntermediateVariables[i]) == STATUS_OK;
+        }
+    }
+    if (!fits) {
+        free(component);
+        return NULL;
+    }
+    return component;
 }
 
 void *fmi3InstantiateScheduledExecution(const char *instanceName, const char *instantiationToken,
@@ -234,7 +256,7 @@ static bool bad_arguments(Instance *instance, const uint32_t references[], size_
 Status fmi3GetFloat64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double values[],
                       size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetFloat64", ALWAYS) ||
+    if (!instance_begin(instance, "fmi3GetFloat64", GET) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -244,7 +266,7 @@ Status fmi3GetFloat64(void *instance, const uint32_t valueReferences[], size_t n
 Status fmi3GetInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int32_t values[],
                     size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetInt32", ALWAYS) ||
+    if (!instance_begin(instance, "fmi3GetInt32", GET) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -255,7 +277,7 @@ Status fmi3GetBoolean(void *instance, const uint32_t valueReferences[], size_t n
                       size_t nValues)
 {
     bool in_domain;
-    if (!instance_begin(instance, "fmi3GetBoolean", ALWAYS) ||
+    if (!instance_begin(instance, "fmi3GetBoolean", GET) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
         instance_get_boolean(instance, valueReferences, nValueReferences, &in_domain) != STATUS_OK) {
         return STATUS_ERROR;
@@ -300,7 +322,7 @@ Status fmi3SetBoolean(void *instance, const uint32_t valueReferences[], size_t n
 
 Status fmi3GetNumberOfVariableDependencies(void *instance, uint32_t valueReference, size_t *nDependencies)
 {
-    if (!instance_begin(instance, "fmi3GetNumberOfVariableDependencies", ALWAYS) ||
+    if (!instance_begin(instance, "fmi3GetNumberOfVariableDependencies", GET) ||
         instance_lacks(instance, nDependencies, 1, "nDependencies")) {
         return STATUS_ERROR;
     }
@@ -312,7 +334,7 @@ Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t el
                                    int dependencyKinds[], size_t nDependencies)
 {
     size_t count;
-    if (!instance_begin(instance, "fmi3GetVariableDependencies", ALWAYS) ||
+    if (!instance_begin(instance, "fmi3GetVariableDependencies", GET) ||
         instance_count_dependencies(instance, dependent, &count) != STATUS_OK ||
         instance_miscounts(instance, nDependencies, count, "independents") ||
         instance_lacks(instance, elementIndicesOfDependent, count, "elementIndicesOfDependent") ||
@@ -364,7 +386,8 @@ Status fmi3GetAdjointDerivative(void *instance, const uint32_t unknowns[], size_
 Status fmi3GetOutputDerivatives(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
                                 const int32_t orders[], double values[], size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetOutputDerivatives", CO_SIMULATION | STATE_STEP | STATE_TERMINATED) ||
+    if (!instance_begin(instance, "fmi3GetOutputDerivatives",
+                        CO_SIMULATION | STATE_STEP | STATE_UPDATE | STATE_TERMINATED) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
         instance_lacks(instance, orders, nValueReferences, "orders")) {
         return STATUS_ERROR;
@@ -559,11 +582,80 @@ Status fmi3GetNumberOfContinuousStates(void *instance, size_t *nContinuousStates
 
 /* ---- Co-simulation ---- */
 
+static bool has_inputs(void)
+{
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Calls the host back at `time`. Returns when the step is to end. */
+static double update(Component *component, double time, double end, bool can_return)
+{
+    bool requested = false;
+    double return_time = time;
+    component->instance.now.state = STATE_UPDATE;
+    component->update(component->environment, time, has_inputs(), true, true, can_return, &requested, &return_time);
+    if (component->instance.now.state == STATE_UPDATE) {
+        component->instance.now.state = STATE_STEP; /* else a call that was refused has ended the simulation */
+    }
+    if (!can_return || !requested) {
+        return end;
+    }
+    /* anything that is no later time is now */
+    if (!(return_time > time)) {
+        return time;
+    }
+    return return_time < end ? return_time : end;
+}
+
+/* A communication step in which the host is called back after each step of the solver. */
+static Status step_with_updates(Component *component, double from, double size, bool *early)
+{
+    Instance *instance = &component->instance;
+    const double steps = instance_updates(size);
+    const double whole = from + size;
+    double end = whole;
+    double time = from;
+    double step = 0.0;
+    Status worst = instance_check_step(instance, from, size);
+    if (worst != STATUS_OK) {
+        return worst;
+    }
+    component->before = instance->now;
+    do {
+        step += 1.0;
+        const double planned = from + size * (step / steps);
+        /* the last one ends exactly where it should */
+        const double next = step < steps && planned < end ? planned : end;
+        if (!instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP)) {
+            return STATUS_ERROR;
+        }
+        instance->since = time - from;
+        const Status status = instance_do_step(instance, time, next - time);
+        instance->since = 0.0;
+        if (status == STATUS_DISCARD) {
+            instance_restore(instance, &component->before);
+        }
+        if (status > STATUS_WARNING) {
+            return status;
+        }
+        worst = status == STATUS_OK ? worst : status;
+        time = next;
+        end = update(component, time, end, component->early_return && time < whole);
+    } while (time < end);
+    *early = time < whole;
+    return instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ? worst : STATUS_ERROR;
+}
+
 Status fmi3DoStep(void *instance, double currentCommunicationPoint, double communicationStepSize,
                   bool noSetFMUStatePriorToCurrentPoint, bool *eventHandlingNeeded, bool *terminateSimulation,
                   bool *earlyReturn, double *lastSuccessfulTime)
 {
-    const Component *component = instance;
+    Component *component = instance;
     (void)noSetFMUStatePriorToCurrentPoint;
     if (!instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ||
         instance_lacks(instance, eventHandlingNeeded, 1, "eventHandlingNeeded") ||
@@ -575,7 +667,10 @@ Status fmi3DoStep(void *instance, double currentCommunicationPoint, double commu
     *eventHandlingNeeded = false;
     *terminateSimulation = false;
     *earlyReturn = false;
-    const Status status = instance_do_step(instance, currentCommunicationPoint, communicationStepSize);
+    const Status status =
+        component->update != NULL
+            ? step_with_updates(component, currentCommunicationPoint, communicationStepSize, earlyReturn)
+            : instance_do_step(instance, currentCommunicationPoint, communicationStepSize);
     *lastSuccessfulTime = component->instance.now.time;
     return status;
 }

@@ -83,6 +83,8 @@ static const char *state_name(State state)
         return "Step Mode";
     case STATE_TERMINATED:
         return "terminated";
+    case STATE_UPDATE:
+        return "Intermediate Update Mode";
     default:
         return "error";
     }
@@ -101,15 +103,16 @@ static unsigned possible_states(const Instance *instance)
     if (instance->interface == MODEL_EXCHANGE) {
         return always | after_errors | STATE_EVENT | STATE_CONTINUOUS_TIME;
     }
-    return always | after_errors | STATE_STEP | (instance->fmi_version == 3 ? STATE_EVENT : 0u);
+    const unsigned of_version = STATE_EVENT | (MODEL_HAS_STATES ? STATE_UPDATE : 0u);
+    return always | after_errors | STATE_STEP | (instance->fmi_version == 3 ? of_version : 0u);
 }
 
 static void tell_illegal_state(Instance *instance, unsigned allowed)
 {
-    char list[160] = "";
+    char list[192] = "";
     const unsigned legal = (allowed & (unsigned)instance->interface) != 0 ? allowed & possible_states(instance) : 0u;
     size_t length = 0;
-    for (unsigned state = STATE_INSTANTIATED; state <= STATE_ERROR; state *= 2) {
+    for (unsigned state = STATE_INSTANTIATED; state <= STATE_UPDATE; state *= 2) {
         if ((legal & state) != 0) {
             const int added = snprintf(list + length, sizeof list - length, "%s`%s`", length > 0 ? ", " : "",
                                        state_name((State)state));
@@ -543,7 +546,7 @@ static Status advance_states(Instance *instance, double time, double size, Statu
                                    "diverges, or reaches a state in which the equations have no finite solution"
                                  : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
                                    "the model diverges",
-                             after);
+                             instance->since + after);
     case ADVANCE_TOO_MANY_STEPS:
         return instance_tell(instance, STATUS_ERROR,
                              "communication step size %.10g takes more than ten million steps of the solver, expected "
@@ -622,12 +625,17 @@ static Status advance_inputs(Instance *instance, double size)
     return status;
 }
 
-Status instance_do_step(Instance *instance, double from, double size)
+/* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again. */
+static Status refusal_of_step(const Instance *instance)
 {
-    /* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again */
-    const Status refused = instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
+    return instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
+}
+
+Status instance_check_step(Instance *instance, double from, double size)
+{
     const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
     const double time = from + size;
+    const Status refused = refusal_of_step(instance);
     if (!is_finite(from)) {
         return not_finite(instance, "currentCommunicationPoint", from);
     }
@@ -650,10 +658,17 @@ Status instance_do_step(Instance *instance, double from, double size)
         return instance_tell(instance, STATUS_ERROR, "a step to %.17g would go past the stop time %.17g", time,
                              instance->now.stop_time);
     }
-    if (forbids_inputs(instance, size, refused)) {
-        return refused;
+    return forbids_inputs(instance, size, refused) ? refused : STATUS_OK;
+}
+
+Status instance_do_step(Instance *instance, double from, double size)
+{
+    const Status refused = refusal_of_step(instance);
+    const double time = from + size;
+    Status status = instance_check_step(instance, from, size);
+    if (status != STATUS_OK) {
+        return status;
     }
-    Status status = STATUS_OK;
 #if MODEL_GOES_ON
     status = advance_states(instance, time, size, refused);
     if (status > STATUS_WARNING) {
@@ -662,6 +677,18 @@ Status instance_do_step(Instance *instance, double from, double size)
 #endif
     status = worse(status, set_time(instance, time, refused));
     return status > STATUS_WARNING ? status : worse(status, advance_inputs(instance, size));
+}
+
+double instance_updates(double size)
+{
+#if MODEL_HAS_STATES
+    const double steps = ceil(size / model_solver_step * (1.0 - 1e-9));
+    /* too many are refused by the solver */
+    return steps >= 1.0 && steps <= MAX_STEPS ? steps : 1.0;
+#else
+    (void)size;
+    return 1.0;
+#endif
 }
 
 Status instance_set_solver_time(Instance *instance, double time)
@@ -1313,6 +1340,22 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
         values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order], of_time);
     }
     return STATUS_OK;
+}
+
+Status instance_check_intermediate(Instance *instance, uint32_t reference)
+{
+    size_t result = 0;
+    if (is_result(instance, reference, &result) || is(instance, reference, VARIABLE_STATE) ||
+        (is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT)) {
+        return STATUS_OK;
+    }
+    if (!exists(instance, reference)) {
+        return wrong_reference(instance, reference, "");
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "variable `%.100s` (value reference %lu) is not one of intermediate updates, expected an input, "
+                         "an output, a state or a derivative of one",
+                         variable_name(reference), (unsigned long)reference);
 }
 
 static Status check_input(Instance *instance, uint32_t reference)

@@ -22,7 +22,8 @@ typedef enum {
     STATE_CONTINUOUS_TIME = 8,
     STATE_STEP = 16,
     STATE_TERMINATED = 32,
-    STATE_ERROR = 64 /* FMI 2.0, after a call was refused; in FMI 3.0 this is STATE_TERMINATED */
+    STATE_ERROR = 64, /* FMI 2.0, after a call was refused; in FMI 3.0 this is STATE_TERMINATED */
+    STATE_UPDATE = 512 /* FMI 3.0, within a step, while the host is called back; no state that is saved */
 } State;
 
 /* Who advances the time: the FMU over a step, or a solver around it. */
@@ -78,6 +79,7 @@ struct Instance {
     double point[COLUMN_COUNT]; /* where the model is evaluated: inputs, clamped if that is the policy, and the rest */
     double results[RESULT_COUNT]; /* outputs, then derivatives of states; valid unless stale */
     bool stale; /* whether something changed since the results were computed; they are, when somebody asks */
+    double since; /* s; how much of the communication step was made before the present one of the solver */
     bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */
     bool warned_of_change;     /* whether it was told that an input or parameter changed */
     Scratch scratch;
@@ -147,6 +149,15 @@ uint32_t instance_dependency(size_t i);
  * not add up, as the host's clock is adopted. The standard asks for a positive size; zero is accepted.
  */
 Status instance_do_step(Instance *instance, double from, double size);
+
+/* Whether such a step may be made, but for what the solver finds. */
+Status instance_check_step(Instance *instance, double from, double size);
+
+/* Steps of the solver, of equal size, after which a host is called back in a communication step; one without states. */
+double instance_updates(double size);
+
+/* Whether a variable is one of those of intermediate updates; the host is told if not. */
+Status instance_check_intermediate(Instance *instance, uint32_t reference);
 
 /* Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event. */
 Status instance_set_solver_time(Instance *instance, double time);

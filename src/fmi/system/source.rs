@@ -57,6 +57,7 @@ impl Source {
                 kind: VariableType::Real(Real { unit, start, ..Real::default() }),
                 dimensions: Vec::new(),
                 clocks: Vec::new(),
+                intermediate_update: false,
                 aliases: Vec::new(),
             });
         };

@@ -63,6 +63,7 @@ mod tests {
             kind,
             dimensions: vec![],
             clocks: vec![],
+            intermediate_update: false,
             aliases: vec![],
         };
         let real = |start| VariableType::Real(Real { start, unit: Some("deg".into()), ..Real::default() });

@@ -94,6 +94,106 @@ static void failures(void)
     fmi3FreeInstance(instance);
 }
 
+/* ---- Intermediate updates ---- */
+
+typedef struct {
+    void *instance;
+    size_t count;
+    double times[32];
+    double x[32];
+    bool may_return[32];
+    double return_at; /* asked for at the first update, unless it is not a number */
+    double force;     /* set there, unless it is not a number */
+    bool misuses;
+} Watcher;
+
+static void on_update(void *environment, double time, bool set_requested, bool get_allowed, bool finished,
+                      bool can_return, bool *requested, double *return_time)
+{
+    Watcher *watcher = environment;
+    const size_t i = watcher->count++;
+    check(i < 32 && set_requested && get_allowed && finished && !*requested, __LINE__);
+    watcher->times[i] = time;
+    watcher->x[i] = get(watcher->instance, STATES);
+    watcher->may_return[i] = can_return;
+    if (i == 0 && watcher->force == watcher->force) {
+        check(set(watcher->instance, FORCE, watcher->force) <= STATUS_WARNING, __LINE__);
+    }
+    if (i == 0 && watcher->return_at == watcher->return_at) {
+        *requested = true;
+        *return_time = watcher->return_at;
+    }
+    if (watcher->misuses) {
+        void *state = NULL;
+        check(fmi3GetFMUState(watcher->instance, &state) == STATUS_ERROR, __LINE__);
+        check(strstr(last_message, "not allowed in state `Intermediate Update Mode`") != NULL, __LINE__);
+    }
+}
+
+static void watch(Watcher *watcher, bool early_return)
+{
+    const uint32_t required[] = {FORCE, LOAD_X, STATES};
+    *watcher = (Watcher){.return_at = NAN, .force = NAN};
+    watcher->instance = fmi3InstantiateCoSimulation("crane", model_token, NULL, false, false, false, early_return,
+                                                    required, 3, watcher, logger, on_update);
+    check(watcher->instance != NULL && set(watcher->instance, STARTS + 1, 0.5) == STATUS_OK, __LINE__);
+    check(fmi3EnterInitializationMode(watcher->instance, false, 0.0, 0.0, false, 0.0) == STATUS_OK, __LINE__);
+    check(fmi3ExitInitializationMode(watcher->instance) == STATUS_OK, __LINE__);
+}
+
+static void updates(void)
+{
+    Watcher watcher;
+    bool event;
+    bool terminate;
+    bool early;
+    double reached;
+    void *alone = stepping(false, 0.0);
+    watch(&watcher, true);
+    check(step(watcher.instance, 0.0, 0.0175) == STATUS_OK && watcher.count == 4, __LINE__);
+    check(watcher.times[0] == 0.004375 && watcher.times[3] == 0.0175, __LINE__);
+    check(watcher.may_return[2] && !watcher.may_return[3], __LINE__);
+    check(step(alone, 0.0, 0.0175) == STATUS_OK, __LINE__);
+    check(fabs(get(alone, STATES) - watcher.x[3]) < 1e-15 && watcher.x[0] != watcher.x[3], __LINE__);
+    fmi3FreeInstance(watcher.instance);
+    fmi3FreeInstance(alone);
+    /* a force from the first update on, and an early return between two others */
+    watch(&watcher, true);
+    watcher.force = 4.0;
+    watcher.return_at = 0.0125;
+    check(fmi3DoStep(watcher.instance, 0.0, 0.02, true, &event, &terminate, &early, &reached) == STATUS_OK, __LINE__);
+    check(early && reached == 0.0125 && watcher.count == 3, __LINE__);
+    alone = stepping(false, 0.0);
+    check(step(alone, 0.0, 0.005) == STATUS_OK && set(alone, FORCE, 4.0) == STATUS_OK, __LINE__);
+    check(step(alone, 0.005, 0.005) == STATUS_OK && step(alone, 0.01, 0.0025) == STATUS_OK, __LINE__);
+    check(fabs(get(alone, STATES) - get(watcher.instance, STATES)) < 1e-15, __LINE__);
+    fmi3FreeInstance(alone);
+    fmi3FreeInstance(watcher.instance);
+    /* not allowed: the whole step */
+    watch(&watcher, false);
+    watcher.return_at = 0.005;
+    check(fmi3DoStep(watcher.instance, 0.0, 0.02, true, &event, &terminate, &early, &reached) == STATUS_OK, __LINE__);
+    check(!early && reached == 0.02 && watcher.count == 4 && !watcher.may_return[0], __LINE__);
+    fmi3FreeInstance(watcher.instance);
+    /* a part of the step cannot be made: everything is as before */
+    watch(&watcher, true);
+    watcher.force = 1e307;
+    check(fmi3DoStep(watcher.instance, 0.0, 0.02, true, &event, &terminate, &early, &reached) == STATUS_DISCARD,
+          __LINE__);
+    check(!early && reached == 0.0 && watcher.count == 1 && get(watcher.instance, FORCE) == 0.0, __LINE__);
+    check(get(watcher.instance, STATES + 1) == 0.5, __LINE__);
+    fmi3FreeInstance(watcher.instance);
+    watch(&watcher, true);
+    watcher.misuses = true;
+    check(step(watcher.instance, 0.0, 0.02) == STATUS_ERROR && watcher.count == 1, __LINE__);
+    fmi3FreeInstance(watcher.instance);
+    const uint32_t wrong[] = {LOAD_X, ROPE};
+    check(fmi3InstantiateCoSimulation("crane", model_token, NULL, false, true, false, true, wrong, 2, NULL, logger,
+                                      on_update) == NULL,
+          __LINE__);
+    check(strstr(last_message, "`rope` (value reference 0) is not one of intermediate updates") != NULL, __LINE__);
+}
+
 static void derivatives(void)
 {
     void *instance = stepping(false, 0.0);
@@ -156,6 +256,7 @@ int main(void)
 {
     tolerances();
     failures();
+    updates();
     derivatives();
     solver();
     return 0;

@@ -81,6 +81,7 @@ impl Reader {
             kind: kind.map_or(VariableType::Real(Real::default()), |kind| self.variable_type(kind)),
             dimensions: Vec::new(),
             clocks: Vec::new(),
+            intermediate_update: false,
             aliases: Vec::new(),
         }
     }

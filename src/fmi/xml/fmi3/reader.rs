@@ -103,6 +103,7 @@ impl Reader {
             kind,
             dimensions: children(element, "Dimension").filter_map(|child| self.dimension(child)).collect(),
             clocks: references("clocks"),
+            intermediate_update: flag(element, "intermediateUpdate"),
             aliases: children(element, "Alias").map(alias).collect(),
         }
     }

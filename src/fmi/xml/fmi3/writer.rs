@@ -101,7 +101,8 @@ fn variable(out: &mut Writer, variable: &ScalarVariable, description: &ModelDesc
         .add("variability", variable.variability.name())
         .add_some("clocks", (!clocks.is_empty()).then(|| clocks.join(" ")).as_deref())
         .add_some("initial", variable.initial.map(Named::name))
-        .add_some("declaredType", variable.declared_type.as_deref());
+        .add_some("declaredType", variable.declared_type.as_deref())
+        .add_true("intermediateUpdate", variable.intermediate_update);
     add_type_attributes(&mut attributes, &variable.kind, description);
     let name = variable.kind.name(FmiVersion::V3);
     let start = match &variable.kind {

@@ -1,0 +1,66 @@
+//! Communication steps in the middle of which the host may look, set inputs and return.
+
+use super::Instance;
+use crate::{
+    state::{Interface, State, Version},
+    status::Refusal,
+};
+use metafmu_runtime::{MAX_SOLVER_STEPS, Quantity, Role};
+
+impl Instance {
+    /// Whether a host can be called back in the middle of a step: between steps of the solver.
+    pub(crate) fn offers_updates(&self) -> bool {
+        (self.kind.version, self.kind.interface) == (Version::Fmi3, Interface::CoSimulation)
+            && self.solver_step.is_some()
+    }
+
+    /// Whether there are inputs that can be set then.
+    pub(crate) fn has_inputs(&self) -> bool {
+        !self.input_columns.is_empty()
+    }
+
+    /// Makes sure that a variable is one of those of intermediate updates.
+    pub(crate) fn check_intermediate(&self, reference: u32) -> Result<(), Refusal> {
+        match self.quantity(reference)? {
+            Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input => Ok(()),
+            Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => Ok(()),
+            Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_) => {
+                Err(Refusal::NotIntermediate { name: self.name(reference), reference })
+            }
+        }
+    }
+
+    /// Begins a communication step with updates: how many steps of the solver, all of the same size, it is divided into.
+    pub(crate) fn begin_updates(&mut self, from: f64, size: f64) -> Result<f64, Refusal> {
+        self.check_step(from, size)?;
+        self.before.copy_from(&self.now);
+        let steps = self.solver_step.map_or(1.0, |longest| (size / longest * (1.0 - 1e-9)).ceil().max(1.0));
+        // too many are refused by the solver
+        Ok(if steps > MAX_SOLVER_STEPS { 1.0 } else { steps })
+    }
+
+    /// Makes one of these steps, `since` seconds after the beginning of the communication step.
+    pub(crate) fn step_to_update(&mut self, since: f64, from: f64, size: f64) -> Result<(), Refusal> {
+        self.since = since;
+        let answer = self.do_step(from, size);
+        self.since = 0.0;
+        answer
+    }
+
+    /// Gives back what was when the communication step began, for a host that may try it again.
+    pub(crate) fn undo_updates(&mut self) {
+        self.now.copy_from(&self.before);
+        self.stale = true;
+    }
+
+    pub(crate) fn enter_update(&mut self) {
+        self.now.state = State::IntermediateUpdate;
+    }
+
+    /// A call that was refused has ended the simulation.
+    pub(crate) fn leave_update(&mut self) {
+        if self.now.state == State::IntermediateUpdate {
+            self.now.state = State::Step;
+        }
+    }
+}
