@@ -32,7 +32,7 @@ struct Group {
 /// Working memory. What follows from held columns alone is kept as long as they have the same values: in a simulation they are
 /// parameters.
 #[derive(Clone, Debug)]
-pub(super) struct NodesWork<T> {
+pub(crate) struct NodesWork<T> {
     /// Columns of a point that are held, and their values when what follows from them was computed, if it was.
     held: Range<usize>,
     at: Vec<T>,
