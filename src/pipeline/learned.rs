@@ -2,7 +2,7 @@
 
 use super::{project::Project, train::Follower};
 use crate::{
-    Result,
+    Error, Result,
     network::Network,
     scaling,
     study::{DynamicsOptions, Study},
@@ -84,12 +84,15 @@ pub(super) struct Directions {
 
 /// A network with one hidden layer of random weights, whose last layer is the solution of a least-squares problem, and its error, that of
 /// [`error`]; `depends[output][column]`: what changes each output. None if there is no such solution.
+///
+/// # Errors
+/// [`Error::Interrupted`].
 pub(super) fn draw(
-    study: &Study,
+    project: &Project,
     seen: &Examples,
     unseen: &Examples,
     depends: &[Vec<bool>],
-) -> Option<(ScaledNetwork, f64)> {
+) -> Result<Option<(ScaledNetwork, f64)>> {
     let scaling = scaling_of(seen);
     let known = seen.tangents.as_ref().map_or(vec![true; depends.len()], |tangents| tangents.known.clone());
     let samples = |examples: &Examples| {
@@ -116,8 +119,12 @@ pub(super) fn draw(
         }
         samples
     };
-    let (layers, error) = drawn::solve(&samples(seen), &samples(unseen), depends, &known, study.seed)?;
-    Some((ScaledNetwork { scaling, layers }, error))
+    let stop = project.control().stop;
+    let solved = drawn::solve(&samples(seen), &samples(unseen), depends, &known, project.study.seed, stop);
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    Ok(solved.map(|(layers, error)| (ScaledNetwork { scaling, layers }, error)))
 }
 
 /// Root mean square error of a network, of the worst output, relative to its scale.

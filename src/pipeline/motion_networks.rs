@@ -287,7 +287,7 @@ impl<'a> Asked<'a> {
         last: &mut Last,
     ) -> Result<NetworkTerm> {
         let study = &self.project.study;
-        let drawn = if study.trains_networks() { None } else { learned::draw(study, seen, unseen, depends) };
+        let drawn = if study.trains_networks() { None } else { learned::draw(self.project, seen, unseen, depends)? };
         let Some((network, error)) = drawn else { return self.train(columns, outputs, [seen, unseen], last) };
         let nodes = network.layers[0].outputs;
         self.project.note(format_args!(

@@ -273,8 +273,8 @@ impl Dictionary {
         }
     }
 
-    /// `y` at `x`, and in `gradient`, shape `[outputs, first]`, its derivatives with respect to the first columns. Does not
-    /// allocate.
+    /// `y` at `x`, and in `gradient`, shape `[outputs, first]`, derivatives with respect to the first columns, of as many outputs as it
+    /// has. Does not allocate.
     ///
     /// # Panics
     /// If a slice has the wrong length.
@@ -288,7 +288,7 @@ impl Dictionary {
     ) {
         assert_eq!(x.len(), self.columns.len(), "number of columns");
         assert_eq!(y.len(), self.outputs, "number of outputs");
-        assert_eq!(gradient.len(), first * self.outputs, "shape of the gradient");
+        assert!(gradient.len() <= first * self.outputs, "shape of the gradient");
         let DictionaryWork { atoms, products } = work;
         let (values, slopes) = products.split_at_mut(self.products.len());
         for (column, &x) in self.columns.iter().zip(x) {

@@ -6,7 +6,7 @@ use std::ops::{Add, Mul, Sub};
 
 /// What a formula is computed in: plain numbers, or [`Jet`]s, also of jets.
 pub(crate) trait Number:
-    Copy + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+    Copy + PartialEq + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {
     /// Without derivatives.
     fn value(self) -> f64;

@@ -3,6 +3,8 @@
 //! They are computed in plain numbers and in jets, with their derivatives with respect to the first columns, so that
 //! derivatives of those derivatives are exact as well.
 
+mod nodes;
+
 use super::{
     Activation, Layer, ScaledNetwork, Scaling,
     dictionary::{Dictionary, DictionaryWork},
@@ -14,6 +16,8 @@ use crate::{
     FormatError, Numbers,
     simd::{PORTABLE, Simd},
 };
+use nodes::{Nodes, NodesWork};
+use std::ops::Range;
 
 /// Functions of some columns.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +32,14 @@ pub struct NetworkTerm {
     columns: Vec<NetworkColumn>,
     outputs: Vec<usize>,
     network: ScaledNetwork,
-    layers: Vec<Blocks>,
+    laid_out: LaidOut,
+}
+
+/// The layers as they are computed.
+#[derive(Clone, Debug, PartialEq)]
+enum LaidOut {
+    Nodes(Nodes),
+    Layers(Vec<Blocks>),
 }
 
 /// A column of the network.
@@ -55,14 +66,18 @@ pub enum ColumnKind {
 #[derive(Clone, Debug)]
 pub(crate) struct LawWork<T> {
     dictionary: DictionaryWork<T>,
-    network: TermWork<T>,
+    network: Option<TermWork<T>>,
 }
 
-/// Working memory of a [`NetworkTerm`]: a layer and the one after it, each with the derivatives with respect to the first columns.
+/// Working memory of a [`NetworkTerm`].
 #[derive(Clone, Debug)]
-pub(crate) struct TermWork<T> {
-    current: Vec<T>,
-    next: Vec<T>,
+pub(crate) enum TermWork<T> {
+    Nodes(NodesWork<T>),
+    /// A layer and the one after it, each with the derivatives with respect to the first columns.
+    Layers {
+        current: Vec<T>,
+        next: Vec<T>,
+    },
 }
 
 /// Rows that are computed together.
@@ -129,13 +144,14 @@ impl Law {
     /// # Panics
     /// If a slice has the wrong length.
     pub fn evaluate(&self, x: &[f64], y: &mut [f64]) {
-        self.compute(x, y, &mut [], 0, &mut self.work(0));
+        self.compute(x, y, &mut [], 0, &mut self.work(0, 0));
     }
 
-    /// Working memory of an evaluation with derivatives with respect to so many columns.
-    pub(crate) fn work<T: Number>(&self, first: usize) -> LawWork<T> {
-        let none = || TermWork { current: Vec::new(), next: Vec::new() };
-        let network = self.network.as_ref().map_or_else(none, |network| network.work(first));
+    /// Working memory of an evaluation with derivatives with respect to so many columns. Those from `held` on, which are others, change
+    /// rarely: what follows from them alone is kept.
+    pub(crate) fn work<T: Number>(&self, first: usize, held: usize) -> LawWork<T> {
+        let held = held..self.dictionary.columns();
+        let network = self.network.as_ref().map(|network| network.work(first, held));
         LawWork { dictionary: self.dictionary.work(), network }
     }
 
@@ -152,8 +168,8 @@ impl Law {
         work: &mut LawWork<T>,
     ) {
         self.dictionary.compute(x, y, gradient, first, &mut work.dictionary);
-        if let Some(network) = &self.network {
-            network.add(x, y, gradient, first, &mut work.network);
+        if let (Some(network), Some(work)) = (&self.network, &mut work.network) {
+            network.add(x, y, gradient, first, work);
         }
     }
 }
@@ -171,8 +187,9 @@ impl NetworkTerm {
     /// [`FormatError`] if the network has other columns or outputs, or a number is not finite.
     pub fn new(columns: Vec<NetworkColumn>, outputs: Vec<usize>, network: ScaledNetwork) -> Result<Self, FormatError> {
         network.check(columns.len(), outputs.len())?;
-        let layers = network.layers.iter().map(Blocks::new).collect();
-        Ok(Self { columns, outputs, network, layers })
+        let layers = || LaidOut::Layers(network.layers.iter().map(Blocks::new).collect());
+        let laid_out = Nodes::new(&network.layers).map_or_else(layers, LaidOut::Nodes);
+        Ok(Self { columns, outputs, network, laid_out })
     }
 
     /// Makes sure that columns and functions are below these numbers.
@@ -216,7 +233,7 @@ impl NetworkTerm {
     ///
     /// # Errors
     /// [`FormatError`] if a number becomes too large.
-    pub(crate) fn held(&self, range: std::ops::Range<usize>, values: &[f64]) -> Result<Self, FormatError> {
+    pub(crate) fn held(&self, range: Range<usize>, values: &[f64]) -> Result<Self, FormatError> {
         let Scaling { input_mean, input_scale, output_mean, output_scale } = &self.network.scaling;
         let is_held = |column: &NetworkColumn| range.contains(&column.of);
         let mut layers = self.network.layers.clone();
@@ -249,19 +266,19 @@ impl NetworkTerm {
         Self::new(columns, self.outputs.clone(), ScaledNetwork { scaling, layers })
     }
 
-    /// Numbers of a layer, rounded up to whole blocks, in the widest of them.
-    fn width(&self) -> usize {
-        self.layers.iter().map(|layer| layer.bias.len() * LANES).fold(self.columns.len(), usize::max)
+    /// As [`Law::work`], with the columns that change rarely.
+    pub(crate) fn work<T: Number>(&self, first: usize, held: Range<usize>) -> TermWork<T> {
+        match &self.laid_out {
+            LaidOut::Nodes(nodes) => TermWork::Nodes(nodes.work(self.columns.len(), held)),
+            LaidOut::Layers(layers) => {
+                let zeros = vec![T::from(0.0); (1 + first) * width(layers, self.columns.len())];
+                TermWork::Layers { current: zeros.clone(), next: zeros }
+            }
+        }
     }
 
-    /// As [`Law::work`].
-    pub(crate) fn work<T: Number>(&self, first: usize) -> TermWork<T> {
-        let zeros = vec![T::from(0.0); (1 + first) * self.width()];
-        TermWork { current: zeros.clone(), next: zeros }
-    }
-
-    /// Adds to the functions `y` at `x`, and to their derivatives with respect to the first columns, shape `[functions, first]`. Does
-    /// not allocate.
+    /// Adds to the functions `y` at `x`, and to the derivatives, with respect to the first columns, of as many functions as `gradient`,
+    /// shape `[functions, first]`, has. Does not allocate.
     ///
     /// # Panics
     /// If a slice has the wrong length.
@@ -305,12 +322,19 @@ impl NetworkTerm {
         first: usize,
         work: &mut TermWork<T>,
     ) {
-        let width = self.width();
-        let TermWork { current, next } = work;
+        let Self { columns, outputs, network: ScaledNetwork { scaling, .. }, laid_out } = self;
+        let (layers, current, next) = match (laid_out, work) {
+            (LaidOut::Nodes(nodes), TermWork::Nodes(work)) => {
+                return nodes.run::<T, SIMD>((columns, outputs, scaling), x, y, (gradient, first), work);
+            }
+            (LaidOut::Layers(layers), TermWork::Layers { current, next }) => (layers, current, next),
+            _ => panic!("the working memory belongs to another network"),
+        };
+        let width = width(layers, columns.len());
         assert_eq!(current.len(), (1 + first) * width, "working memory of this network");
-        let Scaling { input_mean, input_scale, output_mean, output_scale } = &self.network.scaling;
+        let Scaling { input_mean, input_scale, output_mean, output_scale } = scaling;
         let zero = T::from(0.0);
-        for (index, column) in self.columns.iter().enumerate() {
+        for (index, column) in columns.iter().enumerate() {
             let [value, slope] = column.kind.of(x[column.of]);
             let scale = input_scale[index].recip();
             current[index] = (value - T::from(input_mean[index])).scaled(scale);
@@ -318,7 +342,7 @@ impl NetworkTerm {
                 current[(1 + k) * width + index] = if column.of == k { slope.scaled(scale) } else { zero };
             }
         }
-        for layer in &self.layers {
+        for layer in layers {
             for order in 0..=first {
                 let range = order * width..(order + 1) * width;
                 layer.product::<T, SIMD>(&current[range.clone()], &mut next[range], order == 0);
@@ -335,11 +359,10 @@ impl NetworkTerm {
             }
             std::mem::swap(current, next);
         }
-        for (index, &output) in self.outputs.iter().enumerate() {
+        for (index, &output) in outputs.iter().enumerate() {
             let scale = output_scale[index];
             y[output] = y[output] + current[index].scaled(scale) + T::from(output_mean[index]);
-            for k in 0..first {
-                let to = &mut gradient[output * first + k];
+            for (k, to) in gradient.iter_mut().skip(output * first).take(first).enumerate() {
                 *to = *to + current[(1 + k) * width + index].scaled(scale);
             }
         }
@@ -368,11 +391,19 @@ impl ColumnKind {
     /// What it is of a value, and its derivative.
     #[inline(always)]
     fn of<T: Number>(self, x: T) -> [T; 2] {
-        if self == Self::Plain {
-            return [x, T::from(1.0)];
-        }
-        let (sine, cosine) = x.sin_cos();
-        if self == Self::Sine { [sine, cosine] } else { [cosine, sine.scaled(-1.0)] }
+        self.chosen(self.parts(x))
+    }
+
+    /// What takes time: of a sine or cosine both of them, of a value itself.
+    #[inline(always)]
+    fn parts<T: Number>(self, x: T) -> (T, T) {
+        if self == Self::Plain { (x, T::from(1.0)) } else { x.sin_cos() }
+    }
+
+    /// What it is of these parts, and its derivative.
+    #[inline(always)]
+    fn chosen<T: Number>(self, (sine, cosine): (T, T)) -> [T; 2] {
+        if self == Self::Cosine { [cosine, sine.scaled(-1.0)] } else { [sine, cosine] }
     }
 }
 
@@ -419,6 +450,11 @@ impl Blocks {
             }
         }
     }
+}
+
+/// Numbers of a layer, rounded up to whole blocks, in the widest of them.
+fn width(layers: &[Blocks], columns: usize) -> usize {
+    layers.iter().map(|layer| layer.bias.len() * LANES).fold(columns, usize::max)
 }
 
 /// An activation and its derivative; both follow from `tanh`, sines and cosines, of which every kind of number has the derivatives.
@@ -478,6 +514,31 @@ mod tests {
             Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
         };
         let layers = vec![layer(3, 11, activation), layer(11, 9, activation), layer(9, 2, Activation::Identity)];
+        with_network(layers)
+    }
+
+    /// The same with nodes of the angle, of the parameter, of both and of neither, for one function or both.
+    fn nodes() -> Law {
+        let columns = |node: usize| [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0; 3]][node % 4];
+        let functions = |node: usize| [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]][node / 4 % 3];
+        let number = |index: usize| (1.7 * index as f64).sin();
+        let weight: Vec<f64> = (0..3 * 37).map(|index| columns(index / 3)[index % 3] * number(index)).collect();
+        let last: Vec<f64> = (0..2 * 37).map(|index| functions(index % 37)[index / 37] * number(index + 200)).collect();
+        let bias: Vec<f64> = (0..37).map(|index| number(index + 400)).collect();
+        let (outputs, activation) = (37, Activation::Tanh);
+        let hidden = Layer { inputs: 3, outputs, weight: weight.into(), bias: bias.into(), activation };
+        let (inputs, outputs, activation) = (37, 2, Activation::Identity);
+        with_network(vec![
+            hidden,
+            Layer { inputs, outputs, weight: last.into(), bias: vec![0.3, -0.2].into(), activation },
+        ])
+    }
+
+    fn laws() -> impl Iterator<Item = Law> {
+        SMOOTH.map(law).into_iter().chain([nodes()])
+    }
+
+    fn with_network(layers: Vec<Layer>) -> Law {
         let scaling = Scaling {
             input_mean: vec![0.1, -0.2, 1.0],
             input_scale: vec![0.7, 0.6, 2.0],
@@ -507,8 +568,7 @@ mod tests {
 
     #[test]
     fn values_are_those_of_the_dictionary_and_the_network() {
-        for activation in Activation::ALL {
-            let law = law(activation);
+        for law in Activation::ALL.map(law).into_iter().chain([nodes()]) {
             let (found, mut expected) = (values(&law, POINT), [0.0; 3]);
             law.dictionary().evaluate(&POINT, &mut expected);
             let term = law.network().unwrap();
@@ -518,16 +578,16 @@ mod tests {
                 expected[*output] += more;
             }
             for (found, expected) in found.iter().zip(expected) {
-                assert!((found - expected).abs() < 1e-13, "{activation:?}: {found} {expected}");
+                assert!((found - expected).abs() < 1e-13, "{found} {expected}");
             }
         }
     }
 
     #[test]
     fn gradients_and_series_are_those_of_finite_differences() {
-        for law in SMOOTH.map(law) {
+        for law in laws() {
             let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-            law.compute(&POINT, &mut y, &mut gradient, 2, &mut law.work(2));
+            law.compute(&POINT, &mut y, &mut gradient, 2, &mut law.work(2, 3));
             let step = 1e-3;
             let derivative = |column: usize, of: &dyn Fn([f64; 3]) -> f64| {
                 let moved = |by: f64| {
@@ -549,12 +609,12 @@ mod tests {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i], first: direction[i], second: bend[i] });
             let (mut series, mut of_gradient) = ([Jet::default(); 3], [Jet::default(); 6]);
-            law.compute(&along, &mut series, &mut of_gradient, 2, &mut law.work(2));
+            law.compute(&along, &mut series, &mut of_gradient, 2, &mut law.work(2, 3));
             let at =
                 |h: f64| -> [f64; 3] { std::array::from_fn(|i| POINT[i] + h * direction[i] + 0.5 * h * h * bend[i]) };
             let gradient_at = |h: f64| {
                 let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-                law.compute(&at(h), &mut y, &mut gradient, 2, &mut law.work(2));
+                law.compute(&at(h), &mut y, &mut gradient, 2, &mut law.work(2, 3));
                 gradient
             };
             let five = |of: &dyn Fn(f64) -> f64| {
@@ -586,12 +646,12 @@ mod tests {
             second: Jet::from(0.0),
         });
         let mut series = [Jet::<Jet>::from(0.0); 3];
-        law.compute(&nested, &mut series, &mut [], 0, &mut law.work(0));
+        law.compute(&nested, &mut series, &mut [], 0, &mut law.work(0, 3));
         let second_along = |h: f64| {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i] + h * other[i], first: direction[i], second: 0.0 });
             let mut series = [Jet::default(); 3];
-            law.compute(&along, &mut series, &mut [], 0, &mut law.work(0));
+            law.compute(&along, &mut series, &mut [], 0, &mut law.work(0, 3));
             series.map(|jet| jet.second)
         };
         let (after, before) = (second_along(1e-4), second_along(-1e-4));
@@ -604,8 +664,7 @@ mod tests {
 
     #[test]
     fn held_columns_are_constants() {
-        let law = law(Activation::Tanh);
-        for first in 0..3 {
+        for (law, first) in laws().flat_map(|law| (0..3).map(move |first| (law.clone(), first))) {
             let held = law.held(first, &POINT[first..]).unwrap();
             let mut point = POINT;
             point[first..].fill(0.4);
@@ -614,6 +673,38 @@ mod tests {
                 assert!((found - expected).abs() < 1e-14, "{found} {expected}");
             }
             assert!((first..3).all(|column| !held.depends_on(column)));
+        }
+    }
+
+    #[test]
+    fn what_follows_from_columns_that_change_rarely_is_computed_again_when_they_do() {
+        let law = nodes();
+        for held in 1..3 {
+            let mut work = law.work(1, held);
+            for (index, value) in [1.3, 1.3, 0.2, f64::NAN, 0.2].into_iter().enumerate() {
+                for column in held..3 {
+                    let mut point = POINT;
+                    (point[0], point[column]) = (0.1 * index as f64, value);
+                    let (mut y, mut gradient) = ([0.0; 3], [0.0; 3]);
+                    law.compute(&point, &mut y, &mut gradient, 1, &mut work);
+                    let (mut expected, mut of_gradient) = ([0.0; 3], [0.0; 3]);
+                    law.compute(&point, &mut expected, &mut of_gradient, 1, &mut law.work(1, 3));
+                    for (found, expected) in y.iter().chain(&gradient).zip(expected.iter().chain(&of_gradient)) {
+                        let is_same = (found - expected).abs() < 1e-14 || found.is_nan() && expected.is_nan();
+                        assert!(is_same, "{held} {index} {column}: {found} {expected}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_the_first_functions_alone_are_the_same() {
+        for law in laws() {
+            let (mut y, mut all, mut two) = ([0.0; 3], [0.0; 6], [0.0; 4]);
+            law.compute(&POINT, &mut y, &mut all, 2, &mut law.work(2, 3));
+            law.compute(&POINT, &mut y, &mut two, 2, &mut law.work(2, 3));
+            assert_eq!(all[..4], two);
         }
     }
 

@@ -184,10 +184,11 @@ impl Dynamics {
         Work {
             columns: zeros(n + self.parameters()),
             law: zeros(outputs),
-            gradient: zeros(outputs * n),
-            of_law: self.law.work(n),
+            // of M and V
+            gradient: zeros((n * (n + 1) / 2 + 1) * n),
+            of_law: self.law.work(n, n),
             force_columns: zeros(if self.forces.is_some() { self.force_columns() } else { 0 }),
-            of_forces: self.forces.as_ref().map(|forces| forces.work(0)),
+            of_forces: self.forces.as_ref().map(|forces| forces.work(0, n..n + self.parameters())),
             factors: zeros(n * n),
             accelerations: zeros(n),
         }

@@ -184,7 +184,7 @@ impl Motion {
             equations: self.dynamics.work(),
             along: vec![none; self.positions.dictionary().columns()],
             positions: vec![none; self.positions.dictionary().outputs()],
-            of_positions: self.positions.work(0),
+            of_positions: self.positions.work(0, self.dynamics.coordinates()),
         }
     }
 
