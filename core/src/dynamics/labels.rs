@@ -1,6 +1,10 @@
 //! What a mechanism's equations of motion are in a configuration.
 
-use super::{Range, Region, outputs::Outputs};
+use super::{
+    Range, Region,
+    outputs::Outputs,
+    reactions::{self, Forces},
+};
 use crate::multibody::{
     Mechanism,
     reduced::{Reduced, Terms},
@@ -34,6 +38,8 @@ pub(super) struct Label {
     pub(super) functions: Vec<f64>,
     /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](Labels::known).
     pub(super) gradients: Vec<f64>,
+    /// Of forces of joints and springs.
+    pub(super) reactions: Forces,
     /// Whether all forces are linear in the velocities and, apart from them, in the inputs.
     pub(super) is_linear: bool,
 }
@@ -155,8 +161,17 @@ impl<'a> Labels<'a> {
     /// [`Configured::other_forces`] are what is left.
     pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
         let (configured, is_linear) = self.configured(point)?;
-        let Configured { terms, damping, .. } = configured;
         let n = self.coordinates();
+        let reactions = match self.outputs.reactions.as_slice() {
+            [] => Forces::default(),
+            measures => {
+                let (rates, inputs) = self.probe();
+                let Configured { reduced, terms, .. } = &configured;
+                let found = reactions::in_configuration(reduced, terms, [rates.as_slice(), &inputs], measures);
+                found.map_err(|message| self.explain(point, &message))?
+            }
+        };
+        let Configured { terms, damping, .. } = configured;
         let mut functions = Vec::with_capacity(self.functions());
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
@@ -177,7 +192,7 @@ impl<'a> Labels<'a> {
         gradients.extend(terms.potential_force.iter().map(|force| -force));
         gradients.resize(self.functions_of_equations() * n, 0.0);
         gradients.extend(self.outputs.gradients(&terms.q, &terms.velocities));
-        Ok(Label { functions, gradients, is_linear })
+        Ok(Label { functions, gradients, reactions, is_linear })
     }
 
     /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix and the potential, which
@@ -187,13 +202,23 @@ impl<'a> Labels<'a> {
         (0..self.functions()).map(|function| function <= n * (n + 1) / 2 || function >= of_equations).collect()
     }
 
+    /// Rates of both signs and other sizes, all at once, and inputs: where it is looked whether forces are linear.
+    fn probe(&self) -> (DVector<f64>, Vec<f64>) {
+        let rate = |row: usize| if row.is_multiple_of(2) { -2.5 } else { 1.75 } + 0.1 * row as f64;
+        let inputs = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
+        (DVector::from_fn(self.coordinates(), |row, _| rate(row)), inputs)
+    }
+
+    /// A message with the point that it is about.
+    fn explain(&self, point: &[f64], message: &str) -> String {
+        let values: Vec<String> =
+            self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
+        format!("at {}: {message}", values.join(", "))
+    }
+
     /// The equations in the configuration of a point, and whether the forces are linear there.
     pub(super) fn configured(&self, point: &[f64]) -> Result<(Configured, bool), String> {
-        let explain = |message: String| {
-            let values: Vec<String> =
-                self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
-            format!("at {}: {message}", values.join(", "))
-        };
+        let explain = |message: String| self.explain(point, &message);
         let reduced = self.reduced(point).map_err(explain)?;
         let n = self.coordinates();
         let terms = reduced.terms(&DVector::from_column_slice(&point[..n])).map_err(explain)?;
@@ -201,11 +226,9 @@ impl<'a> Labels<'a> {
         let damping = |rates: &DVector<f64>| &terms.force - reduced.force(&terms, rates, &rest);
         let only = |k: usize, rate: f64| DVector::from_fn(n, |row, _| if row == k { rate } else { 0.0 });
         let columns: Vec<DVector<f64>> = (0..n).map(|k| damping(&only(k, 1.0))).collect();
-        // rates of both signs and other sizes, all at once
-        let rates = DVector::from_fn(n, |row, _| if row % 2 == 0 { -2.5 } else { 1.75 } + 0.1 * row as f64);
+        let (rates, inputs) = self.probe();
         let linear = columns.iter().zip(&rates).fold(DVector::zeros(n), |sum, (column, rate)| sum + column * *rate);
         let found = damping(&rates);
-        let inputs: Vec<f64> = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
         let together = &terms.force - &linear + &terms.input_map * DVector::from_column_slice(&inputs);
         let driven = reduced.force(&terms, &rates, &inputs);
         // a maximum leaves out what is not a number, so that is looked for first

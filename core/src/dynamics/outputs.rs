@@ -1,4 +1,5 @@
-//! What of the outputs of a mechanism is learned: positions, of which velocities and accelerations are exact derivatives.
+//! What of the outputs of a mechanism is learned: positions, of which velocities and accelerations are exact derivatives, and forces of
+//! joints and springs.
 
 use crate::multibody::{Mechanism, coordinate::Coordinate, measure::Measure, reduced::Reduced};
 use metafmu_runtime::Shown;
@@ -10,6 +11,8 @@ use std::f64::consts::TAU;
 pub(super) struct Outputs {
     /// Different ones that the outputs need.
     pub positions: Vec<Coordinate>,
+    /// Different forces of joints and springs, and the name of an output that shows each.
+    pub reactions: Vec<(String, Measure)>,
     /// What each output is.
     pub shown: Vec<Shown>,
     /// Turns of each position in a turn of each coordinate that is an angle, and change of each for each metre of the others where that
@@ -21,7 +24,7 @@ impl Outputs {
     /// Finds outputs of a mechanism by their names.
     ///
     /// # Errors
-    /// A sentence: an output is not known, or nothing that follows from a state's positions, velocities, accelerations and energies.
+    /// A sentence: an output is not known, or the effort of a driver.
     pub(super) fn new(mechanism: &Mechanism, values: &[f64], names: &[String]) -> Result<Self, String> {
         let measures = mechanism.measures(values)?;
         let mut outputs = Self::default();
@@ -34,12 +37,12 @@ impl Outputs {
                 Measure::Acceleration(coordinate) => Shown::Acceleration(outputs.add(*coordinate)),
                 Measure::KineticEnergy => Shown::KineticEnergy,
                 Measure::PotentialEnergy => Shown::PotentialEnergy,
-                Measure::JointForce { .. }
-                | Measure::JointMoment { .. }
-                | Measure::DriverEffort(_)
-                | Measure::SpringEffort(_) => {
-                    let expected = "expected a position, velocity, acceleration or energy";
-                    return Err(format!("the output `{name}` is a force or torque, {expected}"));
+                measure @ (Measure::JointForce { .. } | Measure::JointMoment { .. } | Measure::SpringEffort(_)) => {
+                    Shown::Reaction(outputs.add_reaction(name, measure))
+                }
+                Measure::DriverEffort(_) => {
+                    let expected = "expected a position, velocity, acceleration, energy, or force of a joint or spring";
+                    return Err(format!("the output `{name}` is the effort of a driver, {expected}"));
                 }
             };
             outputs.shown.push(shown);
@@ -52,6 +55,14 @@ impl Outputs {
         known.unwrap_or_else(|| {
             self.positions.push(coordinate);
             self.positions.len() - 1
+        })
+    }
+
+    fn add_reaction(&mut self, name: &str, measure: &Measure) -> usize {
+        let known = self.reactions.iter().position(|(_, known)| known == measure);
+        known.unwrap_or_else(|| {
+            self.reactions.push((name.into(), measure.clone()));
+            self.reactions.len() - 1
         })
     }
 
