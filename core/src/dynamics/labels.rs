@@ -7,6 +7,7 @@ use super::{
 };
 use crate::multibody::{
     Mechanism,
+    coordinate::Coordinate,
     reduced::{Reduced, Terms},
 };
 use metafmu_runtime::{Dynamics, dictionary::Factor};
@@ -65,13 +66,18 @@ impl<'a> Labels<'a> {
             let unknown = || format!("the mechanism has no parameter `{}`", range.name);
             known.get_index_of(&range.name).ok_or_else(unknown)
         };
-        let varied = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
+        let varied: Vec<usize> = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
         let mut defaults: Vec<f64> = known.values().map(|parameter| parameter.default).collect();
         for (name, value) in &region.constants {
             let unknown = || format!("the mechanism has no parameter `{name}`");
             defaults[known.get_index_of(name).ok_or_else(unknown)?] = *value;
         }
-        let outputs = Outputs::new(mechanism, &defaults, &region.outputs)?;
+        let mut others = defaults.clone();
+        for (range, position) in region.parameters.iter().zip(&varied) {
+            let value = &mut others[*position];
+            *value = if *value == range.max { range.min } else { range.max };
+        }
+        let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
         let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new(), outputs };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
@@ -118,12 +124,22 @@ impl<'a> Labels<'a> {
         ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
     }
 
-    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
+    /// Values of all parameters of the mechanism at a point.
+    fn values(&self, point: &[f64]) -> Vec<f64> {
         let mut values = self.defaults.clone();
         let of_parameters = &point[self.coordinates()..];
         self.varied.iter().zip(of_parameters).for_each(|(position, value)| values[*position] = *value);
+        values
+    }
+
+    /// The positions that the outputs need, with the parameters of a point.
+    pub(super) fn positions(&self, point: &[f64]) -> Result<Vec<Coordinate>, String> {
+        self.outputs.positions_with(self.mechanism, &self.values(point))
+    }
+
+    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
         let names: Vec<&str> = self.region.coordinates.iter().map(|range| range.name.as_str()).collect();
-        self.mechanism.reduced(&values, &names)
+        self.mechanism.reduced(&self.values(point), &names)
     }
 
     /// Largest magnitude of each function over some labels; functions of one kind share the largest of theirs.
@@ -184,14 +200,15 @@ impl<'a> Labels<'a> {
         for row in 0..n {
             functions.extend(terms.input_map.row(row).iter());
         }
-        functions.extend(self.outputs.labels(&terms.q, &point[..n]));
+        let positions = self.positions(point)?;
+        functions.extend(self.outputs.labels(&positions, &terms.q, &point[..n]));
         let mut gradients = Vec::with_capacity(self.functions() * n);
         for row in 0..n {
             gradients.extend((0..=row).flat_map(|column| terms.mass_gradient.iter().map(move |by| by[(row, column)])));
         }
         gradients.extend(terms.potential_force.iter().map(|force| -force));
         gradients.resize(self.functions_of_equations() * n, 0.0);
-        gradients.extend(self.outputs.gradients(&terms.q, &terms.velocities));
+        gradients.extend(self.outputs.gradients(&positions, &terms.q, &terms.velocities));
         Ok(Label { functions, gradients, reactions, is_linear })
     }
 

@@ -195,6 +195,29 @@ fn outputs_are_positions_with_their_windings() {
 }
 
 #[test]
+fn points_that_parameters_move_are_where_they_are_with_their_values() {
+    // alike for the defaults only
+    let text = format!(
+        "{CRANE}\n    outputs.half = {{ measure = \"load.half.x\" }}\n    outputs.fixed = {{ measure = \"load.fixed.x\" }}\n"
+    );
+    let points = "points = { top = [0, \"l\"], half = [0, \"l / 2\"], fixed = [0, 0.75] } }";
+    let text = text.replace("points = { top = [0, \"l\"] } }", points);
+    let region = Region { outputs: named(&["half", "fixed"]), ..crane_region() };
+    let mechanism = parse(&text);
+    let fitted = fit(&mechanism, &region, 1).unwrap();
+    assert_eq!(fitted.outputs, [Shown::Position(0), Shown::Position(1)]);
+    let mut found = [0.0; 2];
+    fitted.positions.evaluate(&[3.0, 0.7, 1.1, 1.0, 0.2], &mut found);
+    let expected = [0.55, 0.35].map(|rope: f64| rope * 0.7f64.sin());
+    assert_eq!(fitted.windings, [1.0, 0.0, 1.0, 0.0]);
+    assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-12), "{found:?} {expected:?}");
+    let assembly = Assembly::new(&mechanism, &region).unwrap();
+    let positions = assembly.with(&[1.1, 1.0, 0.2]).unwrap().positions(&[3.0, 0.7]).unwrap();
+    let of_mechanism: Vec<f64> = positions.iter().map(|(_, position)| position - 3.0).collect();
+    assert!((0..2).all(|k| (of_mechanism[k] - expected[k]).abs() < 1e-12), "{of_mechanism:?} {expected:?}");
+}
+
+#[test]
 fn a_closed_loop_is_put_together_at_any_coordinate() {
     let text = include_str!("../../../examples/dynamics/slider-crank.toml");
     let mechanism = parse(&format!("{text}x = {{ measure = \"slider.x\" }}\nspeed = {{ measure = \"slider.vx\" }}\n"));
