@@ -293,7 +293,7 @@ fn size_of_discrete(discrete: &Discrete) -> String {
 
 /// How large the functions in equations of motion are, and how they are integrated.
 fn size_of_motion(motion: &Motion) -> String {
-    let Motion { dynamics, positions, step, .. } = motion;
+    let Motion { dynamics, positions, reactions, step, .. } = motion;
     let network = |what: &str, term: Option<&NetworkTerm>| {
         term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
     };
@@ -302,8 +302,11 @@ fn size_of_motion(motion: &Motion) -> String {
         network("positions", positions.network()),
         network("forces", dynamics.forces()),
     ];
+    let of_reactions = reactions
+        .as_ref()
+        .map_or(String::new(), |reactions| format!(", {} for forces", reactions.functions().products()));
     format!(
-        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions){}, integrated \
+        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions{of_reactions}){}, integrated \
          in steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
         dynamics.coordinates(),
         dynamics.law().dictionary().products(),

@@ -353,7 +353,13 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             },
             Model::Response(_) | Model::PerInstant { .. } => return later.clone(),
         };
-        let follows_inputs = |output: &usize| matches!(motion.outputs[*output], Shown::Acceleration(_));
+        let follows_inputs = |output: &usize| match motion.outputs[*output] {
+            Shown::Acceleration(_) => true,
+            Shown::Reaction(index) => {
+                motion.reactions.as_ref().is_some_and(|reactions| reactions.follows_inputs(index))
+            }
+            _ => false,
+        };
         let n = states.len() / 2;
         match table[position].1.quantity {
             Quantity::Output(output) if !follows_inputs(&output) => states.clone(),

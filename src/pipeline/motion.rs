@@ -9,6 +9,7 @@ use super::{
 use crate::{
     Result,
     dataset::{Dataset, Run},
+    dynamics::FittedReactions,
     evaluation::{OFF, predict_all, predict_off},
     source::{Source, driven::Driven},
     surrogate,
@@ -29,6 +30,9 @@ pub struct MotionRecord {
     pub products: [usize; 2],
     /// Largest error of any function of the dictionary at unseen configurations, relative to the largest value of the function.
     pub error: f64,
+    /// Of the forces of joints and springs among the outputs, which have a dictionary of their own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reactions: Option<ReactionRecord>,
     /// Of forces that are not linear in the velocities, which a network gives: root mean square error at unseen states, relative to their
     /// standard deviation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -45,6 +49,19 @@ pub struct MotionRecord {
     pub solver_error: f64,
 }
 
+/// What was learned of forces of joints and springs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ReactionRecord {
+    /// Highest harmonic of the angles.
+    pub harmonics: usize,
+    /// Highest power of the other coordinates and of the parameters.
+    pub powers: usize,
+    /// Products of sines, cosines and powers with a coefficient.
+    pub products: usize,
+    /// Largest error of any function at unseen configurations, relative to its largest value.
+    pub error: f64,
+}
+
 /// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism; with networks that of
 /// the accelerations, relative to their standard deviation.
 const POOR: f64 = 0.01;
@@ -56,6 +73,23 @@ fn dictionary() -> String {
 impl MotionRecord {
     /// What is wrong with the equations.
     pub(super) fn problem(&self) -> Option<String> {
+        self.problem_of_equations().or_else(|| self.problem_of_reactions())
+    }
+
+    fn problem_of_reactions(&self) -> Option<String> {
+        let reactions = self.reactions.as_ref()?;
+        // also of what is not a number
+        let is_good = reactions.error <= POOR;
+        (!is_good).then(|| {
+            format!(
+                "the learned forces of joints and springs are off by {:.1e} of their largest value at unseen configurations, expected \
+                 at most {POOR}: they are no sums of sines, cosines and powers, or the ranges are too wide",
+                reactions.error
+            )
+        })
+    }
+
+    fn problem_of_equations(&self) -> Option<String> {
         if let Some(exported) = self.candidates.iter().find(|candidate| candidate.name == self.exported) {
             // also of what is not a number
             let is_good = exported.error <= POOR;
@@ -79,7 +113,13 @@ impl MotionRecord {
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver_step, .. } = self;
-        let Self { candidates, exported, force_error, .. } = self;
+        let Self { candidates, exported, reactions, force_error, .. } = self;
+        let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
+            format!(
+                "; forces of joints and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
+                 {error:.1e}"
+            )
+        });
         let forces = force_error.map_or(String::new(), |error| {
             format!("; a network for forces that are not linear in the velocities, error {error:.1e} at unseen states")
         });
@@ -92,7 +132,7 @@ impl MotionRecord {
         };
         format!(
             "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
-             in positions, error {error:.1e} at unseen configurations{forces}{compared}; solver steps of {solver_step} s"
+             in positions, error {error:.1e} at unseen configurations{reactions}{forces}{compared}; solver steps of {solver_step} s"
         )
     }
 }
@@ -128,6 +168,12 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         powers: fitted.order[1],
         products: [dynamics.law().dictionary().products(), positions.dictionary().products()],
         error: fitted.error,
+        reactions: fitted.reactions.as_ref().map(|FittedReactions { reactions, order, error }| ReactionRecord {
+            harmonics: order[0],
+            powers: order[1],
+            products: reactions.functions().products(),
+            error: *error,
+        }),
         force_error: learned.force_error,
         candidates: learned.candidates.clone(),
         exported: learned.exported.clone(),
@@ -162,6 +208,7 @@ fn assemble(project: &Project, dataset: &Dataset, driven: &Driven, learned: &Lea
         dynamics: dynamics.clone(),
         positions: positions.clone(),
         windings: fitted.windings.clone(),
+        reactions: fitted.reactions.as_ref().map(|fitted| fitted.reactions.clone()),
         outputs: fitted.outputs.clone(),
         step,
     };

@@ -167,13 +167,8 @@ impl<'a> Asked<'a> {
         project.begin(Work::Equations, 1);
         let unseen = held_out(count);
         let all = equations.functions(count, seed).map_err(refuse)?;
-        let set = |range: Range<usize>| OfEquations {
-            samples: part(&all.samples, range.clone()),
-            gradients: all.gradients[range].to_vec(),
-            has_other_forces: all.has_other_forces,
-        };
         let accelerations = equations.accelerations(unseen, seed ^ 1).map_err(refuse)?;
-        let (unseen, seen) = (set(0..unseen), set(unseen..count));
+        let (unseen, seen) = (all.part(0..unseen), all.part(unseen..count));
         project.event(Event::End);
         Ok(Self {
             project,

@@ -253,6 +253,7 @@ impl Columns {
                     positions: Dictionary::new(&self.of_motion(), n, &[])?.into(),
                     // the positions are the coordinates
                     windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
+                    reactions: None,
                     outputs: outputs.collect(),
                     step,
                 }))

@@ -392,20 +392,92 @@ def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
     result = run("new", "pendulum", "--system", "single-pendulum", "--structure", "dynamics")
     assert result.returncode == 0, result.stderr
     text = (tmp_path / "pendulum.toml").read_text()
-    # a velocity at the start, and forces of a joint
-    assert "# thetad0: acts on nothing but the start" in text and "# fx: cannot be learned with states" in text
+    # a velocity at the start
+    assert "# thetad0: acts on nothing but the start" in text
     (tmp_path / "pendulum.toml").write_text(text.replace("stop = 10.0", "stop = 1.0").replace("test_runs = 20", "test_runs = 2"))
     result = run("build", "pendulum.toml", "--out", "out")
     assert result.returncode == 0, result.stderr
     fmu = tmp_path / "out" / "pendulum.fmu"
     starts = {"L": 0.15, "c": 0.05, "pivot.angle_start": 1.0, "pivot.angular_velocity_start": -2.0}
-    found = simulate_fmu(str(fmu), stop_time=1.0, output_interval=0.002, start_values=starts, output=["theta", "thetad"])
+    found = simulate_fmu(str(fmu), stop_time=1.0, output_interval=0.002, start_values=starts, output=["theta", "thetad", "fx", "fy"])
     # the equation of Choi et al. 2021, section 4.1
     equation = lambda t, y: [y[1], -9.81 / 0.15 * np.sin(y[0]) - 0.05 / (0.3 * 0.15) * y[1]]
     exact = solve_ivp(equation, (0, 1), [1.0, -2.0], t_eval=np.minimum(found["time"], 1.0), rtol=1e-12, atol=1e-12).y
     assert np.abs(found["theta"] - exact[0]).max() < 1e-6 and np.abs(found["thetad"] - exact[1]).max() < 1e-5
+    # the force of the pivot carries the mass of 0.3 kg at the end of the rod
+    sine, cosine, alpha = np.sin(exact[0]), np.cos(exact[0]), equation(0, exact)[1]
+    fx, fy = 0.3 * 0.15 * (cosine * alpha - sine * exact[1] ** 2), 0.3 * (9.81 + 0.15 * (sine * alpha + cosine * exact[1] ** 2))
+    assert np.ptp(fy) > 3 and np.abs(found["fx"] - fx).max() < 1e-4 and np.abs(found["fy"] - fy).max() < 1e-4
     result = run("new", "crank", "--system", "slider-crank", "--structure", "dynamics")
     assert result.returncode == 2 and "slider-crank" in result.stderr and not (tmp_path / "crank.toml").exists(), result.stderr
+
+
+FORCES_OF_JOINTS = """
+rope_fx = { measure = "rope.fx", description = "force of the trolley on the load" }
+rope_fy = { measure = "rope.fy", description = "force of the trolley on the load" }
+rail_fy = { measure = "rail.fy", description = "force of the rail on the trolley" }
+bearing = { measure = "bearing.force", description = "force of the damping" }
+"""
+
+
+def forces_of_joints(states, force):
+    """By Newton's law for the load and for both bodies, from the states at the rows."""
+    l, m, b = PARAMETERS.values()
+    _, theta, v, omega = states.T
+    a, alpha = np.array([rates(state, at, PARAMETERS.values())[2:] for state, at in zip(states, force)]).T
+    sine, cosine = np.sin(theta), np.cos(theta)
+    rope_fy = m * (9.81 + l * (sine * alpha + cosine * omega**2))
+    return np.column_stack([m * (a + l * (cosine * alpha - sine * omega**2)), rope_fy, rope_fy + 2 * 9.81, -b * v])
+
+
+@pytest.fixture(scope="module")
+def crane_with_forces(tmp_path_factory):
+    crane = write(tmp_path_factory.mktemp("forces") / "crane", ("[outputs]\n", "[outputs]\nrope_fx = {}\nrope_fy = {}\nrail_fy = {}\nbearing = {}\n"))
+    mechanism = crane.study.with_name("crane.toml")
+    mechanism.write_text(mechanism.read_text() + FORCES_OF_JOINTS)
+    metafmu("build", crane.study, "--out", crane.folder, "--fmi", "both", "--sources")
+    return crane
+
+
+@pytest.mark.parametrize("version,interface", KINDS)
+def test_forces_of_joints_are_those_of_newton(crane_with_forces, version, interface, linear_solution):
+    fmu, names = crane_with_forces.fmu(version), ["rope_fx", "rope_fy", "rail_fy", "bearing"]
+    options = {"solver": "CVode", "relative_tolerance": 1e-9} if interface == "ModelExchange" else {}
+    starts = PARAMETERS | STARTS
+    found = simulate_fmu(
+        fmu, fmi_type=interface, start_values=starts, stop_time=STOP, output_interval=STEP, output=[*STATES, *names], input=JUMPS, **options
+    )
+    _, rows = np.unique(np.round(found["time"], 9), return_index=True)
+    # the force before a jump holds up to it; an instance for co-simulation has been given it at the row before
+    times = found["time"][rows]
+    held = FORCES[np.minimum((times - 1e-6).clip(0) / KNOTS[1], FORCES.size - 2).astype(int)]
+    states = np.column_stack([found[state] for state in STATES])[rows]
+    forces = np.column_stack([found[name] for name in names])[rows]
+    expected = forces_of_joints(states, held)
+    assert np.ptp(forces, axis=0).min() > 0.5
+    between = np.abs(np.round(times / KNOTS[1]) * KNOTS[1] - times) > 1e-6
+    np.testing.assert_allclose(forces[between], expected[between], rtol=0, atol=1e-10)
+    description = read_model_description(fmu)
+    follows = {output.variable.name: {known.name for known in output.dependencies} for output in description.outputs}
+    assert "force" in follows["rope_fx"] and "force" in follows["rail_fy"] and "force" not in follows["bearing"]
+    record = json.loads((crane_with_forces.folder / "training.json").read_text())["motion"]["reactions"]
+    assert record["error"] < 1e-12 and record["products"] > 0
+    assert validate_fmu(fmu) == []
+
+
+def test_forces_in_a_closed_loop_are_those_of_the_mechanism(tmp_path):
+    mechanism = (ROOT / "examples" / "dynamics" / "slider-crank.toml").read_text()
+    outputs = 'side = { measure = "guide.fy" }\nmain = { measure = "A.fx" }\npin = { measure = "C.fx" }\n'
+    (tmp_path / "mechanism.toml").write_text(mechanism + outputs)
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, check=True, capture_output=True, text=True)
+    run("new", "linkage", "--mechanism", "mechanism.toml", "--structure", "dynamics")
+    study = (tmp_path / "linkage.toml").read_text()
+    assert all(f"\n{name} = {{ unit = \"N\" }}" in study for name in ("side", "main", "pin")), study
+    (tmp_path / "linkage.toml").write_text(study.replace("stop = 10.0", "stop = 3.0").replace("test_runs = 20", "test_runs = 4"))
+    run("build", "linkage.toml", "--out", "out")
+    outputs = json.loads((tmp_path / "out" / "metrics.json").read_text())["outputs"]
+    assert list(outputs) == ["theta", "side", "main", "pin"]
+    assert all(output["relative_max_error"] < 1e-6 for output in outputs.values()), outputs
 
 
 def test_a_mechanism_does_not_get_overwritten_by_the_study_of_its_name(tmp_path):

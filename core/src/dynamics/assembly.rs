@@ -1,7 +1,7 @@
 //! Positions of a mechanism at coordinates that a surrogate has come to.
 
 use super::{Region, labels::Labels, outputs::Outputs};
-use crate::multibody::{Mechanism, reduced::Reduced};
+use crate::multibody::{Mechanism, coordinate::Coordinate, reduced::Reduced};
 use metafmu_runtime::Shown;
 use nalgebra::DVector;
 
@@ -11,6 +11,7 @@ pub struct Assembly<'a>(Labels<'a>);
 /// The same with values for the parameters.
 pub struct Assembled<'a> {
     reduced: Reduced,
+    positions: Vec<Coordinate>,
     outputs: &'a Outputs,
 }
 
@@ -29,7 +30,11 @@ impl<'a> Assembly<'a> {
         let Self(labels) = self;
         let point: Vec<f64> =
             std::iter::repeat_n(0.0, labels.coordinates()).chain(parameters.iter().copied()).collect();
-        Ok(Assembled { reduced: labels.reduced(&point)?, outputs: labels.outputs() })
+        Ok(Assembled {
+            reduced: labels.reduced(&point)?,
+            positions: labels.positions(&point)?,
+            outputs: labels.outputs(),
+        })
     }
 }
 
@@ -45,7 +50,7 @@ impl Assembled<'_> {
             let windings = &self.outputs.windings[position * s.len()..][..s.len()];
             windings.iter().zip(s).map(|(winding, s)| winding * s).sum()
         };
-        let unturned: Vec<f64> = self.outputs.labels(&q, s).collect();
+        let unturned: Vec<f64> = self.outputs.labels(&self.positions, &q, s).collect();
         let positions = self.outputs.shown.iter().enumerate();
         Ok(positions
             .filter_map(|(output, shown)| match *shown {

@@ -1,8 +1,13 @@
 //! What a mechanism's equations of motion are in a configuration.
 
-use super::{Range, Region, outputs::Outputs};
+use super::{
+    Range, Region,
+    outputs::Outputs,
+    reactions::{self, Forces},
+};
 use crate::multibody::{
     Mechanism,
+    coordinate::Coordinate,
     reduced::{Reduced, Terms},
 };
 use metafmu_runtime::{Dynamics, dictionary::Factor};
@@ -34,6 +39,8 @@ pub(super) struct Label {
     pub(super) functions: Vec<f64>,
     /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](Labels::known).
     pub(super) gradients: Vec<f64>,
+    /// Of forces of joints and springs.
+    pub(super) reactions: Forces,
     /// Whether all forces are linear in the velocities and, apart from them, in the inputs.
     pub(super) is_linear: bool,
 }
@@ -59,13 +66,18 @@ impl<'a> Labels<'a> {
             let unknown = || format!("the mechanism has no parameter `{}`", range.name);
             known.get_index_of(&range.name).ok_or_else(unknown)
         };
-        let varied = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
+        let varied: Vec<usize> = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
         let mut defaults: Vec<f64> = known.values().map(|parameter| parameter.default).collect();
         for (name, value) in &region.constants {
             let unknown = || format!("the mechanism has no parameter `{name}`");
             defaults[known.get_index_of(name).ok_or_else(unknown)?] = *value;
         }
-        let outputs = Outputs::new(mechanism, &defaults, &region.outputs)?;
+        let mut others = defaults.clone();
+        for (range, position) in region.parameters.iter().zip(&varied) {
+            let value = &mut others[*position];
+            *value = if *value == range.max { range.min } else { range.max };
+        }
+        let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
         let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new(), outputs };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
@@ -112,12 +124,22 @@ impl<'a> Labels<'a> {
         ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
     }
 
-    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
+    /// Values of all parameters of the mechanism at a point.
+    fn values(&self, point: &[f64]) -> Vec<f64> {
         let mut values = self.defaults.clone();
         let of_parameters = &point[self.coordinates()..];
         self.varied.iter().zip(of_parameters).for_each(|(position, value)| values[*position] = *value);
+        values
+    }
+
+    /// The positions that the outputs need, with the parameters of a point.
+    pub(super) fn positions(&self, point: &[f64]) -> Result<Vec<Coordinate>, String> {
+        self.outputs.positions_with(self.mechanism, &self.values(point))
+    }
+
+    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
         let names: Vec<&str> = self.region.coordinates.iter().map(|range| range.name.as_str()).collect();
-        self.mechanism.reduced(&values, &names)
+        self.mechanism.reduced(&self.values(point), &names)
     }
 
     /// Largest magnitude of each function over some labels; functions of one kind share the largest of theirs.
@@ -155,8 +177,17 @@ impl<'a> Labels<'a> {
     /// [`Configured::other_forces`] are what is left.
     pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
         let (configured, is_linear) = self.configured(point)?;
-        let Configured { terms, damping, .. } = configured;
         let n = self.coordinates();
+        let reactions = match self.outputs.reactions.as_slice() {
+            [] => Forces::default(),
+            measures => {
+                let (rates, inputs) = self.probe();
+                let Configured { reduced, terms, .. } = &configured;
+                let found = reactions::in_configuration(reduced, terms, [rates.as_slice(), &inputs], measures);
+                found.map_err(|message| self.explain(point, &message))?
+            }
+        };
+        let Configured { terms, damping, .. } = configured;
         let mut functions = Vec::with_capacity(self.functions());
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
@@ -169,15 +200,16 @@ impl<'a> Labels<'a> {
         for row in 0..n {
             functions.extend(terms.input_map.row(row).iter());
         }
-        functions.extend(self.outputs.labels(&terms.q, &point[..n]));
+        let positions = self.positions(point)?;
+        functions.extend(self.outputs.labels(&positions, &terms.q, &point[..n]));
         let mut gradients = Vec::with_capacity(self.functions() * n);
         for row in 0..n {
             gradients.extend((0..=row).flat_map(|column| terms.mass_gradient.iter().map(move |by| by[(row, column)])));
         }
         gradients.extend(terms.potential_force.iter().map(|force| -force));
         gradients.resize(self.functions_of_equations() * n, 0.0);
-        gradients.extend(self.outputs.gradients(&terms.q, &terms.velocities));
-        Ok(Label { functions, gradients, is_linear })
+        gradients.extend(self.outputs.gradients(&positions, &terms.q, &terms.velocities));
+        Ok(Label { functions, gradients, reactions, is_linear })
     }
 
     /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix and the potential, which
@@ -187,13 +219,23 @@ impl<'a> Labels<'a> {
         (0..self.functions()).map(|function| function <= n * (n + 1) / 2 || function >= of_equations).collect()
     }
 
+    /// Rates of both signs and other sizes, all at once, and inputs: where it is looked whether forces are linear.
+    fn probe(&self) -> (DVector<f64>, Vec<f64>) {
+        let rate = |row: usize| if row.is_multiple_of(2) { -2.5 } else { 1.75 } + 0.1 * row as f64;
+        let inputs = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
+        (DVector::from_fn(self.coordinates(), |row, _| rate(row)), inputs)
+    }
+
+    /// A message with the point that it is about.
+    fn explain(&self, point: &[f64], message: &str) -> String {
+        let values: Vec<String> =
+            self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
+        format!("at {}: {message}", values.join(", "))
+    }
+
     /// The equations in the configuration of a point, and whether the forces are linear there.
     pub(super) fn configured(&self, point: &[f64]) -> Result<(Configured, bool), String> {
-        let explain = |message: String| {
-            let values: Vec<String> =
-                self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
-            format!("at {}: {message}", values.join(", "))
-        };
+        let explain = |message: String| self.explain(point, &message);
         let reduced = self.reduced(point).map_err(explain)?;
         let n = self.coordinates();
         let terms = reduced.terms(&DVector::from_column_slice(&point[..n])).map_err(explain)?;
@@ -201,11 +243,9 @@ impl<'a> Labels<'a> {
         let damping = |rates: &DVector<f64>| &terms.force - reduced.force(&terms, rates, &rest);
         let only = |k: usize, rate: f64| DVector::from_fn(n, |row, _| if row == k { rate } else { 0.0 });
         let columns: Vec<DVector<f64>> = (0..n).map(|k| damping(&only(k, 1.0))).collect();
-        // rates of both signs and other sizes, all at once
-        let rates = DVector::from_fn(n, |row, _| if row % 2 == 0 { -2.5 } else { 1.75 } + 0.1 * row as f64);
+        let (rates, inputs) = self.probe();
         let linear = columns.iter().zip(&rates).fold(DVector::zeros(n), |sum, (column, rate)| sum + column * *rate);
         let found = damping(&rates);
-        let inputs: Vec<f64> = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
         let together = &terms.force - &linear + &terms.input_map * DVector::from_column_slice(&inputs);
         let driven = reduced.force(&terms, &rates, &inputs);
         // a maximum leaves out what is not a number, so that is looked for first

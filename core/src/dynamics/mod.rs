@@ -3,7 +3,7 @@
 //!
 //! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
 //! mass matrix, the potential, the other forces at rest, the damping and the map of the inputs. One linear least-squares problem for
-//! all of them finds the coefficients. Velocities and inputs enter the equations exactly
+//! all of them finds the coefficients, another one those of forces in joints and springs that outputs show. Velocities and inputs enter the equations exactly
 //! ([`Dynamics`]), so neither is sampled and neither is extrapolated, unless forces are not linear in them, as friction is: what the
 //! equations leave out then is sampled over velocities and inputs as well ([`Equations`]).
 //!
@@ -16,6 +16,7 @@ pub mod identify;
 mod labels;
 mod least_squares;
 mod outputs;
+mod reactions;
 mod state_space;
 mod terms;
 pub mod trajectory;
@@ -28,11 +29,13 @@ pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
 use labels::{Label, Labels, Point};
 use metafmu_runtime::{
-    Dynamics, Shown,
+    Dynamics, Reactions, Shown,
     dictionary::{Dictionary, Factor},
 };
+use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
+use reactions::Forces;
 pub use state_space::{FittedFunctions, fit_functions};
 
 /// Where the equations are learned.
@@ -79,6 +82,8 @@ pub struct Fitted {
     pub positions: Dictionary,
     /// See there.
     pub windings: Vec<f64>,
+    /// Forces of joints and springs, if there are any among the outputs.
+    pub reactions: Option<FittedReactions>,
     /// What the outputs of the region are.
     pub outputs: Vec<Shown>,
     /// Highest harmonic of the angles, and highest power of the others.
@@ -90,6 +95,18 @@ pub struct Fitted {
     pub error: f64,
     /// Whether there are forces that are not linear in the velocities or the inputs, of which the equations have a linear part.
     pub has_other_forces: bool,
+}
+
+/// Forces of joints and springs that were learned, and how well.
+#[derive(Clone, Debug)]
+pub struct FittedReactions {
+    /// The forces.
+    pub reactions: Reactions,
+    /// Highest harmonic of the angles, and highest power of the others.
+    pub order: [usize; 2],
+    /// Largest error of any function at configurations that were held out, as that of [`Fitted`]; functions of the same part of a force
+    /// are taken together.
+    pub error: f64,
 }
 
 /// An error at which a higher order is not worth its cost: rounding begins to dominate.
@@ -127,27 +144,89 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
     let mut samples = OfEquations::default();
+    let equations = raise_order(&factors, FIRST_ORDER, |exponents| {
+        samples.extend(&labels, rows(exponents), seed)?;
+        let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
+        least_squares::solve(&factors, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
+    })?;
+    let counts = [labels.coordinates(), labels.inputs()];
+    let of_reactions = |exponents: &[Vec<i16>]| {
+        samples.extend(&labels, rows(exponents), seed)?;
+        let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
+        let sizes = samples.sizes;
+        let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
+        least_squares::solve(&factors, exponents, &seen, &unseen, &scales)
+    };
+    let has_reactions = !labels.outputs().reactions.is_empty();
+    // what makes one of them hard to learn does so with both
+    let first = equations.order;
+    let reactions = has_reactions.then(|| raise_order(&factors, first, of_reactions)).transpose()?;
+    let has_other_forces = samples.has_other_forces || unseen.has_other_forces;
+    let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
+    let [dynamics, positions] =
+        [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(&factors, columns));
+    let [coordinates, inputs] = counts;
+    let dynamics = Dynamics::new(coordinates, inputs, dynamics?).map_err(|error| error.to_string())?;
+    let reactions = reactions.map(|found| {
+        let functions = found.dictionary(&factors, 0..found.coefficients.ncols())?;
+        let reactions = Reactions::new(coordinates, inputs, functions).map_err(|error| error.to_string())?;
+        Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
+    });
+    Ok(Fitted {
+        dynamics,
+        positions: positions?,
+        windings: labels.outputs().windings.clone(),
+        reactions: reactions.transpose()?,
+        outputs: labels.outputs().shown.clone(),
+        order: equations.order,
+        terms: equations.exponents.len(),
+        error: equations.error,
+        has_other_forces,
+    })
+}
+
+/// Coefficients of the products of an order.
+struct Solution {
+    order: [usize; 2],
+    exponents: Vec<Vec<i16>>,
+    /// Shape `[products, functions]`.
+    coefficients: DMatrix<f64>,
+    error: f64,
+}
+
+impl Solution {
+    /// Some of the functions.
+    fn dictionary(&self, factors: &[Factor], columns: std::ops::Range<usize>) -> Result<Dictionary, String> {
+        least_squares::dictionary(factors, &self.exponents, &self.coefficients, columns)
+    }
+}
+
+/// Solves for coefficients of higher and higher orders, as long as that is worth it.
+fn raise_order(
+    factors: &[Factor],
+    first: [usize; 2],
+    mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), String>,
+) -> Result<Solution, String> {
     let mut try_order = |order: [usize; 2]| {
-        let exponents = terms::exponents(&factors, order);
+        let exponents = terms::exponents(factors, order);
         if exponents.len() > MOST_TERMS {
             return Ok(None);
         }
-        samples.extend(&labels, rows(&exponents), seed)?;
-        solve(&labels, &factors, order, &exponents, &samples, &unseen).map(Some)
+        solve(&exponents).map(|(coefficients, error)| Some(Solution { order, exponents, coefficients, error }))
     };
     let too_many =
         format!("more than {MOST_TERMS} terms even at the lowest order: fewer coordinates or parameters are needed");
-    let mut best = try_order(FIRST_ORDER)?.ok_or(too_many)?;
+    let mut best = try_order(first)?.ok_or(too_many)?;
     while best.error > EXACT {
         let [harmonics, powers] = best.order;
         // what limits the error is not known; neither alone may lower it
         let higher = [[2 * harmonics, powers], [harmonics, powers + 1], [2 * harmonics, powers + 1]];
-        let mut next: Option<Fitted> = None;
+        let mut next: Option<Solution> = None;
         for order in higher {
-            let fitted = try_order(order)?;
-            let is_better = |fitted: &Fitted| next.as_ref().is_none_or(|next| fitted.error < WORTH_IT * next.error);
-            if let Some(fitted) = fitted.filter(is_better) {
-                next = Some(fitted);
+            let found = try_order(order)?;
+            let is_better = |found: &Solution| next.as_ref().is_none_or(|next| found.error < WORTH_IT * next.error);
+            if let Some(found) = found.filter(is_better) {
+                next = Some(found);
             }
         }
         match next {
@@ -167,15 +246,17 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<St
     let labels = Labels::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
+    let mut scales = labels.scales(samples.samples.labels.iter());
+    let counts = [labels.coordinates(), labels.inputs()];
+    scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
     let samples = samples.samples;
-    let scales = labels.scales(samples.labels.iter());
     let mut idle = Vec::new();
     for (index, parameter) in region.parameters.iter().enumerate() {
         let changes = samples.points.iter().take(COMPARED).map(|point| {
             let at = |value: f64| {
                 let mut point = point.clone();
                 point[labels.coordinates() + index] = value;
-                labels.at(&point).map(|label| label.functions)
+                labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
             };
             let differences = at(parameter.min)?.into_iter().zip(at(parameter.max)?).map(|(low, high)| high - low);
             Ok(differences.zip(&scales).any(|(change, scale)| change.abs() > UNCHANGED * scale))
@@ -208,6 +289,10 @@ pub struct OfEquations {
     pub samples: Samples,
     /// Derivatives of the functions with respect to the coordinates, where they are known: shape `[functions, coordinates]` each.
     pub gradients: Vec<Vec<f64>>,
+    /// Functions of the forces of joints and springs.
+    reactions: Vec<Vec<f64>>,
+    /// Of forces anywhere in the mechanism, part by part, the largest.
+    sizes: [f64; reactions::PARTS],
     /// Whether forces somewhere are not linear in the velocities or the inputs.
     pub has_other_forces: bool,
 }
@@ -221,6 +306,26 @@ impl Samples {
 }
 
 impl OfEquations {
+    /// Some of the samples.
+    pub fn part(&self, range: std::ops::Range<usize>) -> Self {
+        let Self { samples: Samples { points, labels }, gradients, reactions, sizes, has_other_forces } = self;
+        let of = |rows: &[Vec<f64>]| rows[range.clone()].to_vec();
+        Self {
+            samples: Samples { points: of(points), labels: of(labels) },
+            gradients: of(gradients),
+            reactions: of(reactions),
+            sizes: *sizes,
+            has_other_forces: *has_other_forces,
+        }
+    }
+
+    /// The first samples of the forces of joints and springs.
+    fn reactions(&self, count: usize) -> Samples {
+        let points = &self.samples.points;
+        let count = count.min(points.len());
+        Samples { points: points[..count].to_vec(), labels: self.reactions[..count].to_vec() }
+    }
+
     /// Adds points until there are `count`, the same ones for the same seed.
     fn extend(&mut self, labels: &Labels, count: usize, seed: u64) -> Result<(), String> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -235,32 +340,11 @@ impl OfEquations {
         for label in found {
             self.samples.labels.push(label.functions);
             self.gradients.push(label.gradients);
+            let Forces { functions, sizes } = label.reactions;
+            self.reactions.push(functions);
+            self.sizes.iter_mut().zip(sizes).for_each(|(largest, size)| *largest = size.max(*largest));
         }
         self.samples.points.extend(points);
         Ok(())
     }
-}
-
-/// The coefficients of least squares, and their error at unseen points.
-fn solve(
-    labels: &Labels,
-    factors: &[Factor],
-    order: [usize; 2],
-    exponents: &[Vec<i16>],
-    samples: &OfEquations,
-    unseen: &OfEquations,
-) -> Result<Fitted, String> {
-    let has_other_forces = samples.has_other_forces || unseen.has_other_forces;
-    let (samples, unseen) = (&samples.samples, &unseen.samples);
-    let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
-    let scales = labels.scales(samples.labels.iter().chain(&unseen.labels));
-    let (coefficients, error) =
-        least_squares::solve(factors, exponents, &samples.first(rows(exponents)), unseen, &scales)?;
-    let law = |columns| least_squares::dictionary(factors, exponents, &coefficients, columns);
-    let equations = law(0..of_equations)?;
-    let dynamics =
-        Dynamics::new(labels.coordinates(), labels.inputs(), equations).map_err(|error| error.to_string())?;
-    let positions = law(of_equations..functions)?;
-    let (windings, outputs) = (labels.outputs().windings.clone(), labels.outputs().shown.clone());
-    Ok(Fitted { dynamics, positions, windings, outputs, order, terms: exponents.len(), error, has_other_forces })
 }

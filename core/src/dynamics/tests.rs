@@ -1,5 +1,8 @@
 use super::*;
-use crate::integrate::{Budget, TOLERANCE, integrate};
+use crate::{
+    integrate::{Budget, TOLERANCE, integrate},
+    signal::Signal,
+};
 use metafmu_runtime::StatePoint;
 use nalgebra::Vector2;
 use std::{f64::consts::TAU, path::Path};
@@ -192,6 +195,29 @@ fn outputs_are_positions_with_their_windings() {
 }
 
 #[test]
+fn points_that_parameters_move_are_where_they_are_with_their_values() {
+    // alike for the defaults only
+    let text = format!(
+        "{CRANE}\n    outputs.half = {{ measure = \"load.half.x\" }}\n    outputs.fixed = {{ measure = \"load.fixed.x\" }}\n"
+    );
+    let points = "points = { top = [0, \"l\"], half = [0, \"l / 2\"], fixed = [0, 0.75] } }";
+    let text = text.replace("points = { top = [0, \"l\"] } }", points);
+    let region = Region { outputs: named(&["half", "fixed"]), ..crane_region() };
+    let mechanism = parse(&text);
+    let fitted = fit(&mechanism, &region, 1).unwrap();
+    assert_eq!(fitted.outputs, [Shown::Position(0), Shown::Position(1)]);
+    let mut found = [0.0; 2];
+    fitted.positions.evaluate(&[3.0, 0.7, 1.1, 1.0, 0.2], &mut found);
+    let expected = [0.55, 0.35].map(|rope: f64| rope * 0.7f64.sin());
+    assert_eq!(fitted.windings, [1.0, 0.0, 1.0, 0.0]);
+    assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-12), "{found:?} {expected:?}");
+    let assembly = Assembly::new(&mechanism, &region).unwrap();
+    let positions = assembly.with(&[1.1, 1.0, 0.2]).unwrap().positions(&[3.0, 0.7]).unwrap();
+    let of_mechanism: Vec<f64> = positions.iter().map(|(_, position)| position - 3.0).collect();
+    assert!((0..2).all(|k| (of_mechanism[k] - expected[k]).abs() < 1e-12), "{of_mechanism:?} {expected:?}");
+}
+
+#[test]
 fn a_closed_loop_is_put_together_at_any_coordinate() {
     let text = include_str!("../../../examples/dynamics/slider-crank.toml");
     let mechanism = parse(&format!("{text}x = {{ measure = \"slider.x\" }}\nspeed = {{ measure = \"slider.vx\" }}\n"));
@@ -210,4 +236,144 @@ fn a_closed_loop_is_put_together_at_any_coordinate() {
             assert!((found - expected).abs() < 1e-12, "{theta}: {found} {expected}");
         }
     }
+}
+
+/// Outputs that are forces, in a state: as learned, and as the augmented formulation has them.
+fn forces(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4]) -> [Vec<f64>; 2] {
+    let mechanism = parse(text);
+    let fitted = fit(&mechanism, region, 1).unwrap();
+    let FittedReactions { reactions, error, order } = fitted.reactions.unwrap();
+    assert!(error < 1e-9, "{error:e} {order:?}");
+    let point = StatePoint { q, v, u, p };
+    let mut accelerations = vec![0.0; q.len()];
+    fitted.dynamics.accelerations(point, &mut accelerations, &mut fitted.dynamics.scratch());
+    let shown = |reactions: Vec<f64>| -> Vec<f64> {
+        let of = |shown: &Shown| if let Shown::Reaction(index) = shown { reactions[*index] } else { f64::NAN };
+        fitted.outputs.iter().map(of).collect()
+    };
+    let names: Vec<&str> = region.coordinates.iter().map(|range| range.name.as_str()).collect();
+    let value = |(name, parameter): (&String, &crate::multibody::description::ParameterOptions)| {
+        let varied = region.parameters.iter().position(|range| range.name == *name);
+        varied.map_or(parameter.default, |index| p[index])
+    };
+    let values: Vec<f64> = mechanism.parameters().iter().map(value).collect();
+    let signals: Vec<Signal> = u.iter().map(|u| Signal::Constant(*u)).collect();
+    let integration = (TOLERANCE, &Budget::default());
+    let row = mechanism.simulate_from(&values, (&names, [q, v]), &signals, &[0.0], integration).unwrap();
+    let of_output = |name: &String| row[mechanism.outputs().iter().position(|output| output.name == *name).unwrap()];
+    [shown(reactions.evaluate(point, &accelerations)), region.outputs.iter().map(of_output).collect()]
+}
+
+fn named(outputs: &[&str]) -> Vec<String> {
+    outputs.iter().map(|name| (*name).to_owned()).collect()
+}
+
+fn assert_alike([found, expected]: [Vec<f64>; 2], tolerance: f64) {
+    let largest = expected.iter().fold(0.0f64, |largest, one| largest.max(one.abs()));
+    assert!(!found.is_empty() && found.len() == expected.len());
+    for (found, expected) in found.iter().zip(&expected) {
+        assert!((found - expected).abs() < tolerance * largest, "{found} {expected}");
+    }
+}
+
+#[test]
+fn the_force_at_the_pivot_of_a_pendulum_has_its_closed_form() {
+    let text = format!(
+        "{}fx = {{ measure = \"pivot.fx\" }}\nfy = {{ measure = \"pivot.fy\" }}\n",
+        include_str!("../../../examples/dynamics/pendulum.toml")
+    );
+    let region = Region {
+        coordinates: vec![Range::new("pivot.angle", 0.0, TAU)],
+        parameters: vec![Range::new("L", 0.5, 1.0), Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.2)],
+        outputs: named(&["fx", "fy"]),
+        ..Region::default()
+    };
+    let (theta, omega, torque, [l, m, c]) = (2.1f64, -7.0, 1.7, [0.7, 1.3, 0.15]);
+    let [found, simulated] = forces(&text, &region, [&[theta], &[omega], &[torque], &[l, m, c]]);
+    let (sine, cosine) = theta.sin_cos();
+    let alpha = (torque - c * omega - m * 9.81 * l * sine) / (m * l * l);
+    let fx = m * l * (cosine * alpha - sine * omega * omega);
+    let fy = m * (9.81 + l * (sine * alpha + cosine * omega * omega));
+    assert_alike([found, vec![fx, fy]], 1e-11);
+    assert_alike([simulated, vec![fx, fy]], 1e-11);
+}
+
+#[test]
+fn forces_in_trees_and_loops_are_those_of_the_simulation() {
+    // joints of all kinds, and a spring
+    let crane = format!(
+        "{CRANE}\
+         bodies.hook = {{ mass = 0.3, inertia = 0.01, position = [0.1, \"-l - 0.2\"] }}\n\
+         joints.weld = {{ type = \"fixed\", between = [\"load.eye\", \"hook\"] }}\n\
+         springs.line = {{ coordinate = \"rail.position\", stiffness = 2, damping = 0.1 }}\n\
+         outputs.rail = {{ measure = \"rail.fy\" }}\n\
+         outputs.moment = {{ measure = \"rail.moment\" }}\n\
+         outputs.rope_x = {{ measure = \"rope.fx\" }}\n\
+         outputs.rope_y = {{ measure = \"rope.fy\" }}\n\
+         outputs.weld = {{ measure = \"weld.moment\" }}\n\
+         outputs.line = {{ measure = \"line.force\" }}\n"
+    );
+    let crane = crane.replace("points = { top = [0, \"l\"] } }", "points = { top = [0, \"l\"], eye = [0.1, -0.2] } }");
+    let region = Region { outputs: named(&["rail", "moment", "rope_x", "rope_y", "weld", "line"]), ..crane_region() };
+    assert_alike(forces(&crane, &region, [&[3.0, 0.7], &[1.5, -2.0], &[12.0], &[1.3, 0.8, 0.2]]), 1e-11);
+
+    let slider_crank = format!(
+        "{}side = {{ measure = \"guide.fy\" }}\nmoment = {{ measure = \"guide.moment\" }}\n\
+         pin = {{ measure = \"B.fx\" }}\nmain = {{ measure = \"A.fy\" }}\n",
+        include_str!("../../../examples/dynamics/slider-crank.toml")
+    );
+    let region = Region {
+        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        parameters: vec![Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.5)],
+        outputs: named(&["side", "moment", "pin", "main"]),
+        ..Region::default()
+    };
+    assert_alike(forces(&slider_crank, &region, [&[2.2], &[9.0], &[0.7], &[1.7, 0.3]]), 1e-9);
+
+    let four_bar = format!(
+        "{}x = {{ measure = \"C.fx\" }}\ny = {{ measure = \"D.fy\" }}\nspring = {{ measure = \"return.force\" }}\n",
+        include_str!("../../../examples/dynamics/four-bar.toml")
+    );
+    let region = Region {
+        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        outputs: named(&["x", "y", "spring"]),
+        ..Region::default()
+    };
+    assert_alike(forces(&four_bar, &region, [&[5.1], &[-12.0], &[-0.4], &[]]), 1e-9);
+}
+
+#[test]
+fn friction_along_a_coordinate_leaves_the_forces_of_joints_exact_and_elsewhere_they_are_refused() {
+    let text = format!("{}outputs.rope = {{ measure = \"rope.fy\" }}\n", rough_crane());
+    let region = Region {
+        outputs: named(&["rope"]),
+        velocities: vec![[-2.0, 2.0], [-3.0, 3.0]],
+        inputs: vec![[-20.0, 20.0]],
+        ..crane_region()
+    };
+    let fitted = fit(&parse(&text), &region, 1).unwrap();
+    assert!(fitted.has_other_forces && fitted.reactions.as_ref().unwrap().error < 1e-12);
+    // with the accelerations that friction leads to, the force is that of the simulation
+    let (q, v, u, p) = ([3.0, 0.7], [0.03, -2.0], [12.0], [1.3, 0.8, 0.2]);
+    let mechanism = parse(&text);
+    let names = ["rail.position", "rope.angle"];
+    let accelerations =
+        mechanism.reduced(&p, &names).unwrap().accelerations(&q.to_vec().into(), &v.to_vec().into(), &u).unwrap();
+    let point = StatePoint { q: &q, v: &v, u: &u, p: &p };
+    let found = fitted.reactions.unwrap().reactions.evaluate(point, accelerations.as_slice());
+    let integration = (TOLERANCE, &Budget::default());
+    let expected =
+        mechanism.simulate_from(&p, (&names, [&q, &v]), &[Signal::Constant(12.0)], &[0.0], integration).unwrap();
+    assert!((found[0] - expected[1]).abs() < 1e-10 * expected[1].abs(), "{found:?} {expected:?}");
+
+    let slider_crank = format!(
+        "{}side = {{ measure = \"guide.fy\" }}\n[actuators.friction]\ncoordinate = \"guide.position\"\n\
+         effort = \"-tanh(guide.velocity / 0.05)\"\n",
+        include_str!("../../../examples/dynamics/slider-crank.toml")
+    );
+    let region =
+        Region { coordinates: vec![Range::new("A.angle", 0.0, TAU)], outputs: named(&["side"]), ..Region::default() };
+    let message = fit(&parse(&slider_crank), &region, 1).unwrap_err();
+    let expected = "the output `side` is the force of a joint that is not linear in the velocities and the inputs, expected one that is";
+    assert!(message.starts_with("at A.angle = ") && message.ends_with(expected), "{message}");
 }

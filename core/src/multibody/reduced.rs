@@ -12,6 +12,13 @@
 //!
 //! Everything but the velocities in `Q` is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
 //! for the partition of coordinates; Shabana: *Computational Dynamics*, chapter 5, for the quadratic velocity terms).
+//!
+//! Multipliers follow from accelerations without the inverse of `M`: with the forces `mu` along the independent coordinates that
+//! accelerations other than those of the equations would need,
+//!
+//! ```text
+//! J^T [lambda; mu] = F_a(s, sd, u) - M_q (T sdd + sum over j, k of dT_j/ds_k sd_j sd_k)
+//! ```
 
 use super::{
     constraint::{Slot, Target, independence},
@@ -61,6 +68,8 @@ pub struct Terms {
     pub q: DVector<f64>,
     /// `T`, shape `[3 bodies, n]`.
     pub velocities: DMatrix<f64>,
+    /// `dT/ds_k` for each `k`.
+    pub velocity_gradient: Vec<DMatrix<f64>>,
     /// `M`, shape `[n, n]`, in kg, kg.m or kg.m².
     pub mass: DMatrix<f64>,
     /// `dM/ds_k` for each `k`.
@@ -171,22 +180,63 @@ impl Reduced {
         let velocities = factors.solve(&unit).ok_or_else(|| self.singular(&q))?;
         let weighted = self.weighted(&velocities);
         let mass = velocities.tr_mul(&weighted);
-        let mut mass_gradient = Vec::with_capacity(n);
+        let (mut velocity_gradient, mut mass_gradient) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for k in 0..n {
             let side = -self.second_derivatives(&q, &velocities, k);
             let of_velocities = factors.solve(&side).ok_or_else(|| self.singular(&q))?;
             let half = of_velocities.tr_mul(&weighted);
             mass_gradient.push(&half + half.transpose());
+            velocity_gradient.push(of_velocities);
         }
         let (force, input_map) = self.forces(&q, &velocities)?;
         let potential = self.model.potential_energy(&q);
         let potential_force = velocities.tr_mul(&self.model.potential_forces(&q));
-        Ok(Terms { q, velocities, mass, mass_gradient, force, potential_force, input_map, potential })
+        Ok(Terms {
+            q,
+            velocities,
+            velocity_gradient,
+            mass,
+            mass_gradient,
+            force,
+            potential_force,
+            input_map,
+            potential,
+        })
     }
 
     /// Generalized forces `Q` of the independent coordinates in a state with inputs `u`.
     pub fn force(&self, terms: &Terms, rates: &DVector<f64>, u: &[f64]) -> DVector<f64> {
-        terms.velocities.tr_mul(&self.model.applied_forces(0.0, &terms.q, &(&terms.velocities * rates), u))
+        terms.velocities.tr_mul(&self.applied_forces(terms, rates, u))
+    }
+
+    /// Forces on all coordinates of the bodies in a state with inputs `u`.
+    pub fn applied_forces(&self, terms: &Terms, rates: &DVector<f64>, u: &[f64]) -> DVector<f64> {
+        self.model.applied_forces(0.0, &terms.q, &(&terms.velocities * rates), u)
+    }
+
+    /// Forces of inertia, `-M_q qdd`, of a unit of each `sdd`, and of each product `sd_j sd_k` with `k <= j`, the lower triangle row by
+    /// row: shape `[3 bodies, n + n (n + 1) / 2]`.
+    pub fn inertia_forces(&self, terms: &Terms) -> DMatrix<f64> {
+        let n = terms.velocities.ncols();
+        let of_product = |j: usize, k: usize| {
+            let column = terms.velocity_gradient[k].column(j).into_owned();
+            // both orders of two different coordinates
+            if j == k { column } else { 2.0 * column }
+        };
+        let products = (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))).map(|(j, k)| of_product(j, k));
+        let columns: Vec<DVector<f64>> =
+            terms.velocities.column_iter().map(|column| column.into_owned()).chain(products).collect();
+        -self.weighted(&DMatrix::from_columns(&columns))
+    }
+
+    /// The multipliers, and then the forces along the independent coordinates, that balance forces on all coordinates of the bodies:
+    /// `J^T [lambda; mu] = forces`, column by column.
+    ///
+    /// # Errors
+    /// A sentence that names the constraint that is singular there.
+    pub fn balance(&self, terms: &Terms, forces: &DMatrix<f64>) -> Result<DMatrix<f64>, String> {
+        let factors = jacobian(&self.model, &self.coordinates, &terms.q).transpose().lu();
+        factors.solve(forces).ok_or_else(|| self.singular(&terms.q))
     }
 
     /// `sdd` in a state with inputs `u`.

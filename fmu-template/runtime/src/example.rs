@@ -2,8 +2,8 @@
 
 use crate::{
     Activation, Bounds, Discrete, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model, Motion,
-    Output, OutputArray, Precision, Provenance, Role, ScaledNetwork, Scaling, Shown, State, StateSpace, Surrogate,
-    Variability,
+    Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State, StateSpace,
+    Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
@@ -263,6 +263,7 @@ pub fn crane() -> Surrogate {
         // x, theta and the load's x: what is not a winding is l sin theta
         positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
         windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+        reactions: None,
         outputs: vec![
             Shown::Position(0),
             Shown::Position(1),
@@ -274,6 +275,34 @@ pub fn crane() -> Surrogate {
         ],
         step: 0.005,
     };
+    Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
+/// [`crane`] with two more outputs: the vertical force of the rope on the load, and a force with made-up numbers that has all parts.
+pub fn crane_with_reactions() -> Surrogate {
+    let crane = crane();
+    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    // A; C_00, C_10, C_11; D; F; B
+    let each = Reactions::functions_of_each(2, 1);
+    let term = |exponents: [i16; 3], values: &[(usize, f64)]| {
+        let mut coefficients = vec![0.0; 2 * each];
+        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+        Term { exponents: exponents.to_vec(), coefficients }
+    };
+    let terms = [
+        term([0, 0, 0], &[(7, 9.81), (each, 2.0), (each + 5, -0.3)]),
+        term([0, -1, 1], &[(1, 1.0), (each + 1, 0.25), (each + 2, -0.5)]),
+        term([0, 1, 1], &[(4, 1.0), (each + 3, 1.5), (each + 4, 0.75)]),
+        term([1, -2, 0], &[(each + 6, 0.125), (each + 7, 0.5)]),
+        term([0, 0, 2], &[(each + 8, 0.25)]),
+    ];
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let functions = Dictionary::new(&factors, 2 * each, &terms).expect("the example is valid");
+    let reactions = Reactions::new(2, 1, functions).expect("the example is valid");
+    let mut metadata = crane.metadata().clone();
+    metadata.outputs.extend(["rope.fy", "belt"].map(|name| shown(name, "N", 20.0)));
+    let outputs = motion.outputs.iter().copied().chain([Shown::Reaction(0), Shown::Reaction(1)]).collect();
+    let motion = Motion { reactions: Some(reactions), outputs, ..(**motion).clone() };
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
 }
 

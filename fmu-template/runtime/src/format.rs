@@ -54,8 +54,11 @@
 //! | `law.exponents`, `positions.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
 //! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`](crate::Dynamics); positions |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
-//! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy |
+//! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
+//!
+//! If there are [`Reactions`](crate::Reactions), forces of joints and springs, a third dictionary gives them: `reactions.exponents` and
+//! `reactions.coefficients`, in the order of their functions.
 //!
 //! A network may add to the law, to the positions and to the forces: X is `law`, `positions` or `forces`. The columns of the last one
 //! are coordinates, parameters, velocities and inputs, and it gives the forces on the coordinates.

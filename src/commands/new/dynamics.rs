@@ -110,12 +110,16 @@ step = {:<20?} # s
             let _ = writeln!(text, "{name} = {{ min = {min:?}, max = {max:?} }}");
         }
     }
-    text += "\n[outputs]                   # positions, velocities, accelerations, energies\n";
+    text += "\n[outputs]                   # positions, velocities, accelerations, energies, forces\n";
     for output in mechanism.outputs() {
         if learned.outputs.contains(&output.name) {
             let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
         } else {
-            let _ = writeln!(text, "# {}: cannot be learned with states, as forces of joints cannot", output.name);
+            let _ = writeln!(
+                text,
+                "# {}: cannot be learned with states: it is not linear in velocities and inputs",
+                output.name
+            );
         }
     }
     text += "\n[sampling]\ntest_runs = 20              # random starts, parameters and inputs\n";

@@ -106,6 +106,25 @@ static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const NUMBER 
     return OF(scaled)(energy, 0.5);
 }
 
+/* A reaction from its functions, with velocities, the columns of the inputs and accelerations. */
+static NUMBER OF(reaction)(const NUMBER functions[REACTION_COUNT], const NUMBER v[COORDINATE_COUNT],
+                           const NUMBER columns[COLUMN_COUNT], const NUMBER a[COORDINATE_COUNT])
+{
+    NUMBER force = functions[REACTION_REST];
+    for (size_t i = 0; i < COORDINATE_COUNT; i++) {
+        force = OF(sum)(force, OF(product)(functions[i], a[i]));
+        force = OF(sum)(force, OF(product)(functions[REACTION_VELOCITIES + i], v[i]));
+        for (size_t j = 0; j <= i; j++) {
+            const NUMBER term = OF(product)(functions[REACTION_SQUARES + entry(i, j)], v[i]);
+            force = OF(sum)(force, OF(product)(term, v[j]));
+        }
+    }
+    for (size_t u = FIRST_DRIVEN; u < INPUT_COUNT; u++) {
+        force = OF(sum)(force, OF(product)(functions[REACTION_INPUTS + u - FIRST_DRIVEN], columns[u]));
+    }
+    return force;
+}
+
 /* The results at the columns of the working memory. */
 static void OF(respond)(WORK *work)
 {
@@ -126,23 +145,29 @@ static void OF(respond)(WORK *work)
             *to = OF_ALONG(sum)(*to, OF_ALONG(scaled)(work->along[i % n], model_windings[i]));
         }
     }
+    OF(dictionary)(&model_reactions, work->columns, work->reactions, NULL, 0, work->atoms, work->slopes);
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        const ALONG *position = &work->positions[model_shown[i].position];
+        const size_t which = model_shown[i].position;
+        const ALONG *positions = work->positions;
         switch (model_shown[i].kind) {
         case SHOWN_POSITION:
-            work->results[i] = position->value;
+            work->results[i] = positions[which].value;
             break;
         case SHOWN_VELOCITY:
-            work->results[i] = position->first;
+            work->results[i] = positions[which].first;
             break;
         case SHOWN_ACCELERATION:
-            work->results[i] = position->second;
+            work->results[i] = positions[which].second;
             break;
         case SHOWN_KINETIC_ENERGY:
             work->results[i] = OF(kinetic_energy)(v, work->law);
             break;
         case SHOWN_POTENTIAL_ENERGY:
             work->results[i] = work->law[LAW_POTENTIAL];
+            break;
+        case SHOWN_REACTION:
+            work->results[i] =
+                OF(reaction)(&work->reactions[which * REACTION_COUNT], v, work->point, work->accelerations);
             break;
         }
     }

@@ -20,7 +20,7 @@
  *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
  * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
- * another stage, and the positions with their derivatives.
+ * another stage, the positions with their derivatives, and the reactions.
  */
 #include "evaluator.h"
 

@@ -8,7 +8,12 @@
  * The inputs of a point are p, the starts of q and v, u; its states are q and v. A position is r(q, p) + w^T q with
  * whole numbers w, so that an angle may go around; its velocity and acceleration are exact derivatives. The functions
  * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary, to which a
- * network may add. Another network may add forces that depend on q, p, v and u.
+ * network may add. Another network may add forces that depend on q, p, v and u. A reaction, the force of a joint or
+ * spring, is
+ *
+ *     A(q, p) vd + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) u
+ *
+ * with functions of its own.
  */
 #ifndef MOTION_H
 #define MOTION_H
@@ -24,12 +29,13 @@ typedef enum {
     SHOWN_VELOCITY,
     SHOWN_ACCELERATION,
     SHOWN_KINETIC_ENERGY,
-    SHOWN_POTENTIAL_ENERGY
+    SHOWN_POTENTIAL_ENERGY,
+    SHOWN_REACTION
 } ShownKind;
 
 typedef struct {
     ShownKind kind;
-    size_t position; /* which one, or whose derivative */
+    size_t position; /* which one, or whose derivative; which reaction */
 } Shown;
 
 /* Where the law has what: the lower triangle of M row by row, V, F, D row by row, B row by row. */
@@ -41,8 +47,18 @@ enum {
     LAW_COUNT = LAW_INPUTS + COORDINATE_COUNT * (INPUT_COUNT - FIRST_DRIVEN)
 };
 
+/* Where a reaction has what: A, the lower triangle of C row by row, D, F, B. */
+enum {
+    REACTION_SQUARES = COORDINATE_COUNT,
+    REACTION_VELOCITIES = REACTION_SQUARES + COORDINATE_COUNT * (COORDINATE_COUNT + 1) / 2,
+    REACTION_REST = REACTION_VELOCITIES + COORDINATE_COUNT,
+    REACTION_INPUTS = REACTION_REST + 1,
+    REACTION_COUNT = REACTION_INPUTS + INPUT_COUNT - FIRST_DRIVEN
+};
+
 extern const Dictionary model_law;
 extern const Dictionary model_positions;
+extern const Dictionary model_reactions;
 extern const NetworkTerm model_law_network;
 extern const NetworkTerm model_positions_network;
 extern const NetworkTerm model_forces_network; /* of (q, p, v, u) */
@@ -66,6 +82,7 @@ enum { FORCE_COLUMNS = DICTIONARY_COLUMNS + COORDINATE_COUNT + INPUT_COUNT - FIR
         Number gradient[LAW_COUNT * COORDINATE_COUNT];                \
         Number factors[COORDINATE_COUNT * COORDINATE_COUNT];          \
         Number accelerations[COORDINATE_COUNT];                       \
+        Number reactions[REACTION_SIZE];                              \
         Along along[DICTIONARY_COLUMNS];                              \
         Along along_atoms[ATOM_COUNT];                                \
         Along along_slopes[ATOM_COUNT];                               \

@@ -347,7 +347,8 @@ fn graph(example: &Surrogate) -> Surrogate {
         // of all alike, or of each its own
         let rows = if sum % 2 == 0 { 1 } else { 4 };
         let parameters = numbers(rows * function.parameters(), 0.9).iter().map(|number| 0.6 + 0.3 * number).collect();
-        let function_of = if function.parameters() > 0 || function == Elementwise::Logarithm { 2 } else { 1 };
+        let has_pole = matches!(function, Elementwise::Logarithm | Elementwise::Reciprocal);
+        let function_of = if function.parameters() > 0 || has_pole { 2 } else { 1 };
         steps.push(Step::Elementwise { of: function_of, function, parameters });
         steps.push(Step::Combine { of: [sum, steps.len()], operation: Operation::Add });
         sum = steps.len();
@@ -408,6 +409,7 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
     compare(&example::crane(), [1.0, 1.0], &SANITIZERS);
     compare(&example::crane(), [1.0, 1.0], &["-O3", "-march=native"]);
     compare(&example::crane_with_networks(), [10.0, 1.0], &SANITIZERS);
+    compare(&example::crane_with_reactions(), [1.0, 1.0], &SANITIZERS);
     // no position, no input
     compare(&pushed_by_nothing(), [1.0, 1.0], &SANITIZERS);
 }
@@ -425,6 +427,7 @@ fn pushed_by_nothing() -> Surrogate {
         dynamics: Dynamics::new(2, 0, law).unwrap(),
         positions: Dictionary::new(&factors, 0, &[]).unwrap().into(),
         windings: Vec::new(),
+        reactions: None,
         outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
         step: motion.step,
     };

@@ -74,7 +74,7 @@ pub struct Numbers {
 /// bits are zero, as of 0.25.
 fn shortest(value: f32) -> f64 {
     const ROUND_BITS: u32 = 10;
-    const FEW_DIGITS: usize = 7;
+    const MANY_DIGITS: usize = 7;
     if value.to_bits().trailing_zeros() >= ROUND_BITS {
         return value.into();
     }
@@ -82,7 +82,7 @@ fn shortest(value: f32) -> f64 {
     let digits = text.split('e').next().unwrap_or_default().chars().filter(char::is_ascii_digit).count();
     let fraction = |parts: f64| (f64::from(value) * parts).round() / parts;
     let fractions = [3.0, 6.0, 7.0, 9.0, 11.0, 12.0].map(fraction);
-    let meant = fractions.into_iter().find(|meant| digits > FEW_DIGITS && *meant as f32 == value);
+    let meant = fractions.into_iter().find(|meant| digits >= MANY_DIGITS && *meant as f32 == value);
     meant.or_else(|| text.parse().ok()).unwrap_or(value.into())
 }
 

@@ -75,6 +75,27 @@ fn accelerations_are_those_of_the_augmented_formulation() {
 }
 
 #[test]
+fn multipliers_from_accelerations_are_those_of_the_augmented_formulation() {
+    for (mut reduced, [s, rates, u]) in states() {
+        let (s, rates) = (vector(&s), vector(&rates));
+        let terms = reduced.terms(&s).unwrap();
+        let accelerations = reduced.accelerations(&s, &rates, &u).unwrap();
+        let products = (0..s.len()).flat_map(|j| (0..=j).map(move |k| (j, k))).map(|(j, k)| rates[j] * rates[k]);
+        let factors = DVector::from_vec(accelerations.iter().copied().chain(products).collect());
+        let forces = reduced.applied_forces(&terms, &rates, &u) + reduced.inertia_forces(&terms) * factors;
+        let found = reduced.balance(&terms, &DMatrix::from_columns(&[forces])).unwrap();
+        reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
+        let expected = augmented(&reduced.model, 0.0, &terms.q, &(&terms.velocities * &rates)).unwrap().multipliers;
+        let largest = expected.amax();
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-9 * (1.0 + largest), "{found} {expected}");
+        }
+        // accelerations are those of the equations, so that nothing else is needed
+        assert!(found.rows(expected.len(), s.len()).amax() < 1e-9 * (1.0 + largest), "{found}");
+    }
+}
+
+#[test]
 fn derivatives_of_the_mass_matrix_are_those_of_finite_differences() {
     for (reduced, [s, ..]) in states() {
         let s = vector(&s);

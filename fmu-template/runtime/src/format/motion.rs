@@ -6,14 +6,14 @@ use crate::{
     dictionary::{Dictionary, Factor, Term},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
-    model::{Motion, Shown, dynamics::Dynamics},
+    model::{Motion, Reactions, Shown, dynamics::Dynamics},
 };
 use safetensors::Dtype;
 
 impl Motion {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { dynamics, positions, windings, outputs, step } = self;
+        let Self { dynamics, positions, windings, reactions, outputs, step } = self;
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -22,6 +22,7 @@ impl Motion {
                 Shown::Acceleration(position) => [2, position as u32],
                 Shown::KineticEnergy => [3, 0],
                 Shown::PotentialEnergy => [4, 0],
+                Shown::Reaction(reaction) => [5, reaction as u32],
             })
             .collect();
         let mut tensors = vec![
@@ -35,6 +36,7 @@ impl Motion {
             tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
         }
         tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network("forces", network)));
+        tensors.extend(reactions.iter().flat_map(|reactions| of_dictionary("reactions", reactions.functions())));
         tensors
     }
 
@@ -61,12 +63,16 @@ impl Motion {
                 2 => Shown::Acceleration(position),
                 3 => Shown::KineticEnergy,
                 4 => Shown::PotentialEnergy,
+                5 => Shown::Reaction(position),
                 found => return Err(FormatError::Unknown { name: "outputs.shown".into(), index: 2 * index, found }),
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
         let dynamics = Dynamics::new(coordinates, inputs, law)?.with_forces(forces)?;
-        Ok(Self { dynamics, positions, windings, outputs, step })
+        let has_reactions = tensors.keys().any(|name| name.starts_with("reactions."));
+        let reactions = has_reactions.then(|| dictionary(tensors, "reactions", &factors)).transpose()?;
+        let reactions = reactions.map(|functions| Reactions::new(coordinates, inputs, functions)).transpose()?;
+        Ok(Self { dynamics, positions, windings, reactions, outputs, step })
     }
 }
 

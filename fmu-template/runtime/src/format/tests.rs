@@ -1,5 +1,9 @@
 use super::*;
-use crate::{Bounds, BuiltIn, Encoding, Given, Precision, Quantity, Role, Shown, Variability, example};
+use crate::{
+    Bounds, BuiltIn, Encoding, Given, Precision, Quantity, Reactions, Role, Shown, Variability,
+    dictionary::{Dictionary, Factor},
+    example,
+};
 
 #[test]
 fn a_file_gives_the_surrogate_back_and_the_same_bytes_again() {
@@ -509,7 +513,7 @@ fn crane_with(change: impl Fn(&mut Motion)) -> String {
 
 #[test]
 fn a_motion_survives_the_round_trip_with_and_without_networks() {
-    for surrogate in [example::crane(), example::crane_with_networks()] {
+    for surrogate in [example::crane(), example::crane_with_networks(), example::crane_with_reactions()] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
         assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
@@ -557,11 +561,42 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     }
 }
 
+/// Two forces that are zero.
+fn reactions(coordinates: usize, inputs: usize) -> Result<Reactions, FormatError> {
+    let functions = 2 * Reactions::functions_of_each(coordinates, inputs);
+    Reactions::new(coordinates, inputs, Dictionary::new(&[Factor::Angle; 3], functions, &[]).unwrap())
+}
+
+#[test]
+fn reactions_of_other_shapes_are_refused() {
+    let functions = |count: usize| Dictionary::new(&[Factor::Angle; 2], count, &[]).unwrap();
+    for (found, expected) in [
+        (Reactions::new(2, 1, functions(10)), "tensor `reactions` has shape [10], expected [18]"),
+        (Reactions::new(2, 1, functions(0)), "tensor `reactions` has shape [0], expected [9]"),
+        (reactions(4, 1), "tensor `reactions` has shape [3], expected [4]"),
+    ] {
+        assert_eq!(found.unwrap_err().to_string(), expected);
+    }
+    let bytes = example::crane_with_reactions().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    let found = rebuilt(&header.replacen("reactions.exponents", "reactions.exponent", 1), &bytes[8 + length..]);
+    assert_eq!(found.to_string(), "tensor `reactions.exponents` is missing");
+}
+
 #[test]
 fn a_motion_that_makes_no_sense_is_refused() {
     for (expected, change) in [
         ("nothing", &(|_: &mut Motion| {}) as &dyn Fn(&mut Motion)),
         ("tensor `shown`, element 2: 7, expected less than 3", &|motion| motion.outputs[2] = Shown::Velocity(7)),
+        ("tensor `shown`, element 1: 0, expected less than 0", &|motion| motion.outputs[1] = Shown::Reaction(0)),
+        ("tensor `shown`, element 1: 2, expected less than 2", &|motion| {
+            motion.reactions = Some(reactions(2, 1).unwrap());
+            motion.outputs[1] = Shown::Reaction(2);
+        }),
+        ("tensor `reactions` has shape [2, 0, 3], expected [2, 1, 3]", &|motion| {
+            motion.reactions = Some(reactions(2, 0).unwrap());
+        }),
         ("tensor `shown` has shape [6], expected [7]", &|motion| motion.outputs.truncate(6)),
         ("tensor `windings` has shape [5], expected [6]", &|motion| motion.windings.truncate(5)),
         ("tensor `windings`, element 1: NaN is not finite", &|motion| motion.windings[1] = f64::NAN),

@@ -7,6 +7,7 @@ mod evaluator;
 mod maps;
 pub(crate) mod motion;
 mod per_instant;
+mod reactions;
 mod solver;
 pub(crate) mod state_space;
 
@@ -17,6 +18,7 @@ use crate::{
 pub use discrete::Discrete;
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use motion::{Motion, Shown};
+pub use reactions::Reactions;
 pub use solver::{Drive, MAX_SOLVER_STEPS, StepError};
 pub use state_space::{Given, StateSpace};
 

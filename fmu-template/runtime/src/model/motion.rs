@@ -11,11 +11,13 @@
 //!
 //! and the results are the outputs and the states' derivatives `v`, `vd`. A position is a function of the configuration,
 //! `r(q, p) + w^T q` with whole numbers `w`, so that an angle may go around; its velocity and acceleration are exact derivatives.
+//! Forces of joints and springs are [`Reactions`].
 
 use super::{
     adjoint::ByDirections,
     dynamics::{Dynamics, Work},
     expect_roles, expect_step,
+    reactions::{Reactions, ReactionsWork},
     solver::{Drive, Solver, StepError},
 };
 use crate::{
@@ -36,6 +38,8 @@ pub struct Motion {
     pub positions: Law,
     /// `w` of each position, shape `[positions, n]`.
     pub windings: Vec<f64>,
+    /// Forces of joints and springs, if outputs show any.
+    pub reactions: Option<Reactions>,
     /// What the outputs are.
     pub outputs: Vec<Shown>,
     /// Largest step of the Runge-Kutta method, in seconds.
@@ -55,6 +59,8 @@ pub enum Shown {
     KineticEnergy,
     /// The potential.
     PotentialEnergy,
+    /// One of the [`Reactions`].
+    Reaction(usize),
 }
 
 /// Working memory of one evaluation at a time.
@@ -75,6 +81,7 @@ struct Parts<T> {
     along: Vec<Jet<T>>,
     positions: Vec<Jet<T>>,
     of_positions: LawWork<Jet<T>>,
+    reactions: Option<ReactionsWork<T>>,
 }
 
 /// Where the parts of a point begin.
@@ -115,14 +122,18 @@ impl Motion {
     /// As there.
     pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
         let positions = self.positions.held(self.dynamics.coordinates(), parameters)?;
+        let reactions = self.reactions.as_ref().map(|reactions| reactions.held(parameters)).transpose()?;
         let (windings, outputs) = (self.windings.clone(), self.outputs.clone());
-        Ok(Self { dynamics: self.dynamics.held(parameters)?, positions, windings, outputs, step: self.step })
+        let dynamics = self.dynamics.held(parameters)?;
+        Ok(Self { dynamics, positions, windings, reactions, outputs, step: self.step })
     }
 
-    /// Whether equations or positions depend on a coordinate or parameter, by its position among both. One that neither does may be any
-    /// number.
+    /// Whether equations, positions or reactions depend on a coordinate or parameter, by its position among both. One on which none does
+    /// may be any number.
     pub fn depends_on(&self, column: usize) -> bool {
-        self.dynamics.depends_on(column) || self.positions.depends_on(column)
+        self.dynamics.depends_on(column)
+            || self.positions.depends_on(column)
+            || self.reactions.as_ref().is_some_and(|reactions| reactions.depends_on(column))
     }
 
     /// Whether any function is that of a network.
@@ -155,11 +166,19 @@ impl Motion {
         expect_shape("positions", &[positions.columns()], &[columns])?;
         expect_shape("windings", &[self.windings.len()], &[positions.outputs() * layout.coordinates])?;
         expect_finite("windings", self.windings.iter().copied())?;
+        if let Some(reactions) = &self.reactions {
+            reactions.check([layout.coordinates, layout.inputs, columns])?;
+        }
         for (index, shown) in self.outputs.iter().enumerate() {
-            if let Shown::Position(position) | Shown::Velocity(position) | Shown::Acceleration(position) = shown
-                && *position >= positions.outputs()
-            {
-                let (found, limit) = (*position as u64, positions.outputs() as u64);
+            let (found, limit) = match *shown {
+                Shown::Position(position) | Shown::Velocity(position) | Shown::Acceleration(position) => {
+                    (position, positions.outputs())
+                }
+                Shown::Reaction(reaction) => (reaction, self.reactions.as_ref().map_or(0, Reactions::count)),
+                Shown::KineticEnergy | Shown::PotentialEnergy => continue,
+            };
+            if found >= limit {
+                let (found, limit) = (found as u64, limit as u64);
                 return Err(FormatError::Index { name: "shown".into(), index, found, limit });
             }
         }
@@ -185,6 +204,7 @@ impl Motion {
             along: vec![none; self.positions.dictionary().columns()],
             positions: vec![none; self.positions.dictionary().outputs()],
             of_positions: self.positions.work(0, self.dynamics.coordinates()),
+            reactions: self.reactions.as_ref().map(Reactions::work),
         }
     }
 
@@ -220,7 +240,7 @@ impl Motion {
     fn respond<T: Number>(&self, parts: &mut Parts<T>) {
         let layout = self.layout();
         self.accelerate(&parts.columns, &mut parts.equations);
-        let Parts { columns, results, equations, along, positions, of_positions } = parts;
+        let Parts { columns, results, equations, along, positions, of_positions, reactions } = parts;
         let n = layout.coordinates;
         let (q, v) = columns[layout.states()..].split_at(n);
         let a = &equations.accelerations;
@@ -238,6 +258,15 @@ impl Motion {
                 *position = *position + along[k].scaled(*winding);
             }
         }
+        let mut reactions = self.reactions.as_ref().zip(reactions.as_mut());
+        if let Some((reactions, work)) = &mut reactions {
+            reactions.compute(&equations.columns, work);
+        }
+        let u = &columns[layout.inputs()..layout.states()];
+        let reaction = |index: usize| {
+            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, u, a], work));
+            known.unwrap_or_else(|| T::from(f64::NAN))
+        };
         let (outputs, rates) = results.split_at_mut(self.outputs.len());
         for (to, shown) in outputs.iter_mut().zip(&self.outputs) {
             *to = match *shown {
@@ -246,6 +275,7 @@ impl Motion {
                 Shown::Acceleration(position) => positions[position].second,
                 Shown::KineticEnergy => self.dynamics.energies(|k| v[k], equations)[0],
                 Shown::PotentialEnergy => self.dynamics.energies(|k| v[k], equations)[1],
+                Shown::Reaction(index) => reaction(index),
             };
         }
         rates[..n].copy_from_slice(v);
@@ -297,8 +327,8 @@ mod tests {
         (evaluator, scratch)
     }
 
-    fn results(evaluator: &Evaluator, point: &[f64]) -> [f64; 11] {
-        let mut results = [0.0; 11];
+    fn results<const COUNT: usize>(evaluator: &Evaluator, point: &[f64]) -> [f64; COUNT] {
+        let mut results = [0.0; COUNT];
         evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
         results
     }
@@ -313,42 +343,72 @@ mod tests {
         let load = [x + l * sine, v + l * cosine * omega, a + l * cosine * alpha - l * sine * omega * omega];
         let [load_x, load_v, load_a] = load;
         let expected = [x, theta, load_x, load_v, load_a, kinetic, -9.81 * l * cosine, v, omega, a, alpha];
-        for (found, expected) in results(&evaluator().0, &POINT).iter().zip(expected) {
+        for (found, expected) in results::<11>(&evaluator().0, &POINT).iter().zip(expected) {
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
         }
     }
 
     #[test]
-    fn derivatives_are_those_of_finite_differences_with_and_without_networks() {
-        for surrogate in [example::crane(), example::crane_with_networks()] {
-            check_derivatives(&Evaluator::new(&surrogate));
+    fn reactions_are_those_of_newton_and_euler() {
+        let surrogate = example::crane_with_reactions();
+        let evaluator = Evaluator::new(&surrogate);
+        let mut scratch = evaluator.scratch();
+        for held in [false, true] {
+            let evaluator = if held { evaluator.held(&POINT[..1]) } else { Evaluator::new(&surrogate) };
+            let mut results = [0.0; 13];
+            evaluator.evaluate(&POINT, &mut results, &mut evaluator.scratch());
+            let [l, .., force, x, theta, v, omega] = POINT;
+            let (a, alpha, (sine, cosine)) = (results[11], results[12], theta.sin_cos());
+            let rope = 9.81 + l * sine * alpha + l * cosine * omega * omega;
+            let belt = 2.0 * a + 0.25 * l * sine * alpha - 0.5 * l * sine * v * v
+                + l * cosine * (1.5 * v * omega + 0.75 * omega * omega)
+                - 0.3 * v
+                + x * (2.0 * theta).sin() * (0.125 * omega + 0.5)
+                + 0.25 * l * l * force;
+            for (found, expected) in [(results[7], rope), (results[8], belt)] {
+                assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+            }
         }
+        // of jets, too
+        let (mut along, mut direction) = ([0.0; 13], [0.0; 10]);
+        direction[5] = 1.0;
+        evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
+        let expected = 1.4 * 0.9f64.sin() * along[12];
+        assert!((along[7] - expected).abs() < 1e-14, "{} {expected}", along[7]);
     }
 
-    fn check_derivatives(evaluator: &Evaluator) {
+    #[test]
+    fn derivatives_are_those_of_finite_differences_with_and_without_networks() {
+        for surrogate in [example::crane(), example::crane_with_networks()] {
+            check_derivatives::<11>(&Evaluator::new(&surrogate));
+        }
+        check_derivatives::<13>(&Evaluator::new(&example::crane_with_reactions()));
+    }
+
+    fn check_derivatives<const COUNT: usize>(evaluator: &Evaluator) {
         let mut scratch = evaluator.scratch();
         let direction = [0.3, 1.0, 1.0, 1.0, 1.0, -0.7, 0.2, 0.5, -0.4, 1.1];
         let change = [0.1, 0.0, 0.0, 0.0, 0.0, 0.4, -0.3, 0.2, 0.6, -0.8];
-        let (mut first, mut second, mut along) = ([0.0; 11], [0.0; 11], [0.0; 11]);
+        let (mut first, mut second, mut along) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
         evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
         evaluator.along_curve(&POINT, [&direction, &change], [&mut first, &mut second], &mut scratch);
         let at = |h: f64| {
-            results(
+            results::<COUNT>(
                 evaluator,
                 &std::array::from_fn::<_, 10, _>(|k| POINT[k] + h * (direction[k] + 0.5 * h * change[k])),
             )
         };
         let h = 1e-3;
         let [before, after, far_before, far_after] = [-h, h, -2.0 * h, 2.0 * h].map(at);
-        let now = results(evaluator, &POINT);
-        for k in 0..11 {
+        let now = results::<COUNT>(evaluator, &POINT);
+        for k in 0..COUNT {
             let slope = (8.0 * (after[k] - before[k]) - far_after[k] + far_before[k]) / (12.0 * h);
             let curvature =
                 (16.0 * (after[k] + before[k]) - far_after[k] - far_before[k] - 30.0 * now[k]) / (12.0 * h * h);
             assert!((first[k] - slope).abs() < 1e-8 && first[k] == along[k], "{k}: {} {slope}", first[k]);
             assert!((second[k] - curvature).abs() < 1e-5, "{k}: {} {curvature}", second[k]);
         }
-        let weights: [f64; 11] = std::array::from_fn(|k| 0.3 + k as f64);
+        let weights: [f64; COUNT] = std::array::from_fn(|k| 0.3 + k as f64);
         let mut gradient = [0.0; 10];
         evaluator.adjoint(&POINT, &weights, &mut gradient, &mut scratch);
         let forwards: f64 = first.iter().zip(weights).map(|(first, weight)| first * weight).sum();

@@ -6,14 +6,15 @@ use super::{
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
-use metafmu_runtime::{Motion, Shown, Surrogate};
+use metafmu_runtime::{Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
 
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
     "model_forces_network",
     "model_law",
     "model_law_network",
     "model_positions",
     "model_positions_network",
+    "model_reactions",
     "model_shown",
     "model_windings",
 ];
@@ -22,11 +23,13 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
     let dynamics = &motion.dynamics;
     let (law, positions) = (Laid::out(dynamics.law().dictionary()), Laid::out(motion.positions.dictionary()));
     let (n, m) = (dynamics.coordinates(), dynamics.inputs());
+    let (reactions, each) = (Laid::out(&reactions(motion)), Reactions::functions_of_each(n, m));
     let networks = networks(motion);
     let width = width(networks.iter().flatten());
     let (of_law, of_forces) = (Cost::of(networks[0].as_ref(), n), Cost::of(networks[2].as_ref(), 0));
     let sub_steps = states::sub_steps(surrogate, motion.step);
     let stages = |count: usize| 4.0 * sub_steps * count as f64;
+    let atoms = [&law, &positions, &reactions].map(Laid::atoms).into_iter().fold(1, usize::max);
     Part {
         header: "motion.h",
         defines: Vec::new(),
@@ -35,10 +38,11 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             ("COORDINATE_COUNT", n, ""),
             ("FIRST_DRIVEN", dynamics.parameters() + 2 * n, "the first input that is neither parameter nor start"),
             ("DICTIONARY_COLUMNS", dynamics.law().dictionary().columns(), "coordinates and parameters"),
-            ("ATOM_COUNT", law.atoms().max(positions.atoms()).max(1), "functions of the columns"),
+            ("ATOM_COUNT", atoms, "functions of the columns"),
             BLOCK_SIZE,
             ("NETWORK_WIDTH", width, "of the widest layer of a network"),
             ("POSITION_SIZE", positions.outputs.max(1), "number of positions, but C has no empty arrays"),
+            ("REACTION_SIZE", reactions.outputs.max(each), "number of functions of the reactions, of one at least"),
         ],
         remark: remark(
             states::operations(sub_steps, stage(&law, n, m) + of_law.operations + of_forces.operations, 2 * n, m),
@@ -46,7 +50,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             stages(of_law.activations + of_forces.activations),
             "motion.c",
         ),
-        data: data(motion, &law, &positions, &networks),
+        data: data(motion, [("law", &law), ("positions", &positions), ("reactions", &reactions)], &networks),
     }
 }
 
@@ -56,10 +60,16 @@ fn networks(motion: &Motion) -> [Option<Term<'_>>; 3] {
     [dynamics.law().network(), motion.positions.network(), dynamics.forces()].map(|term| term.map(Term::from))
 }
 
-fn data(motion: &Motion, law: &Laid, positions: &Laid, networks: &[Option<Term>; 3]) -> String {
+/// The functions of the reactions, or of none.
+fn reactions(motion: &Motion) -> Dictionary {
+    let factors: Vec<_> = motion.positions.dictionary().factors().collect();
+    let none = || Dictionary::new(&factors, 0, &[]).expect("the factors are those of another dictionary");
+    motion.reactions.as_ref().map_or_else(none, |reactions| reactions.functions().clone())
+}
+
+fn data(motion: &Motion, dictionaries: [(&str, &Laid); 3], networks: &[Option<Term>; 3]) -> String {
     let mut text = states::data(motion.step);
-    law.write(&mut text, "law");
-    positions.write(&mut text, "positions");
+    dictionaries.iter().for_each(|(name, dictionary)| dictionary.write(&mut text, name));
     for (name, term) in ["law", "positions", "forces"].into_iter().zip(networks) {
         write_network(&mut text, name, term.as_ref());
     }
@@ -75,6 +85,7 @@ fn data(motion: &Motion, law: &Laid, positions: &Laid, networks: &[Option<Term>;
             Shown::Acceleration(position) => ("ACCELERATION", position),
             Shown::KineticEnergy => ("KINETIC_ENERGY", 0),
             Shown::PotentialEnergy => ("POTENTIAL_ENERGY", 0),
+            Shown::Reaction(reaction) => ("REACTION", reaction),
         };
         push(&mut text, format_args!("    {{SHOWN_{kind}, {position}}},\n"));
     }

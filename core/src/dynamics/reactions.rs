@@ -1,0 +1,152 @@
+//! Forces of joints and springs: their functions of a configuration, as [`Reactions`](metafmu_runtime::Reactions) has them.
+
+use crate::multibody::{
+    measure::Measure,
+    model::Model,
+    reduced::{Reduced, Terms},
+    simulate::Sample,
+};
+use metafmu_runtime::Reactions;
+use nalgebra::{DMatrix, DVector};
+use std::iter::once;
+
+/// Parts of a force: by accelerations, by products of velocities, by velocities, at rest, by inputs.
+pub(super) const PARTS: usize = 5;
+
+/// Part of the largest force in the mechanism that is rounding.
+const LINEAR: f64 = 1e-9;
+
+/// A part of a force below this share of the same part of the largest one in the mechanism may be rounding.
+const SMALL: f64 = 1e-3;
+
+/// Forces in a configuration.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Forces {
+    /// Functions of one force after the other.
+    pub(super) functions: Vec<f64>,
+    /// The largest of each part that acts anywhere in the mechanism.
+    pub(super) sizes: [f64; PARTS],
+}
+
+/// The functions of forces of joints and springs, each with the name of an output that shows it. At `rates` and `inputs`, all other than
+/// zero, it is looked whether the forces are linear.
+///
+/// # Errors
+/// A sentence: a force of a joint is not linear in the velocities or the inputs, or as [`Reduced::balance`].
+pub(super) fn in_configuration(
+    reduced: &Reduced,
+    terms: &Terms,
+    [rates, inputs]: [&[f64]; 2],
+    measures: &[(String, Measure)],
+) -> Result<Forces, String> {
+    let (n, m) = (rates.len(), inputs.len());
+    let at = |rates: &[f64], u: &[f64]| reduced.applied_forces(terms, &DVector::from_column_slice(rates), u);
+    let only = |count: usize, k: usize| -> Vec<f64> { (0..count).map(|i| f64::from(u8::from(i == k))).collect() };
+    let rest = at(&vec![0.0; n], &vec![0.0; m]);
+    let by_velocities = (0..n).map(|k| at(&only(n, k), &vec![0.0; m]) - &rest);
+    let by_inputs = (0..m).map(|k| at(&vec![0.0; n], &only(m, k)) - &rest);
+    let linear: Vec<DVector<f64>> = by_velocities.chain(by_inputs).collect();
+    // velocities and inputs all at once, and of that what is not linear in them
+    let together = at(rates, inputs);
+    let factors = rates.iter().chain(inputs);
+    let other = linear.iter().zip(factors).fold(&together - &rest, |rest, (column, factor)| rest - column * *factor);
+    let inertia = reduced.inertia_forces(terms);
+    let (of_velocities, of_inputs) = linear.split_at(n);
+    let forces: Vec<DVector<f64>> = (inertia.column_iter().map(|column| column.into_owned()))
+        .chain(of_velocities.iter().cloned())
+        .chain(once(rest))
+        .chain(of_inputs.iter().cloned())
+        .chain([together, other])
+        .collect();
+    let balanced = reduced.balance(terms, &DMatrix::from_columns(&forces))?;
+    let each = Reactions::functions_of_each(n, m);
+    let mut sizes = [0.0; PARTS];
+    let parts = parts(n, m);
+    for (size, part) in sizes.iter_mut().zip(&parts) {
+        *size = balanced.columns(part.start, part.len()).iter().fold(0.0, |largest: f64, one| largest.max(one.abs()));
+    }
+    let model = reduced.model();
+    let constraints = model.constraints.len();
+    let still = DVector::zeros(terms.q.len());
+    let sample = |v: DVector<f64>, multipliers: DVector<f64>| Sample {
+        t: 0.0,
+        q: terms.q.clone(),
+        v,
+        qdd: still.clone(),
+        multipliers,
+    };
+    let limit = LINEAR * (balanced.columns(each, 1).amax() + balanced.columns(parts[3].start, 1).amax());
+    let mut functions = Vec::with_capacity(each * measures.len());
+    for (name, measure) in measures {
+        if let Measure::SpringEffort(_) = measure {
+            functions.extend(of_spring(model, measure, n, m, |k| {
+                sample(
+                    k.map_or(still.clone(), |k| terms.velocities.column(k).into_owned()),
+                    DVector::zeros(constraints),
+                )
+            }));
+            continue;
+        }
+        let of_column = |column: usize| {
+            let multipliers = balanced.column(column).rows(0, constraints).into_owned();
+            measure.value(model, &sample(still.clone(), multipliers))
+        };
+        // also where it is not a number
+        let is_linear = of_column(each + 1).abs() <= limit;
+        if !is_linear {
+            return Err(format!(
+                "the output `{name}` is the force of a joint that is not linear in the velocities and the inputs, expected one that is"
+            ));
+        }
+        functions.extend((0..each).map(of_column));
+    }
+    Ok(Forces { functions, sizes })
+}
+
+/// Of a spring: its stiffness acts at rest, its damping by velocities; `sample` has the velocities of a unit of a coordinate's.
+fn of_spring(
+    model: &Model,
+    measure: &Measure,
+    n: usize,
+    m: usize,
+    sample: impl Fn(Option<usize>) -> Sample,
+) -> Vec<f64> {
+    let rest = measure.value(model, &sample(None));
+    let mut functions = vec![0.0; Reactions::functions_of_each(n, m)];
+    let [_, _, damping, at_rest, _] = parts(n, m);
+    for (k, function) in functions[damping].iter_mut().enumerate() {
+        *function = measure.value(model, &sample(Some(k))) - rest;
+    }
+    functions[at_rest.start] = rest;
+    functions
+}
+
+/// Which functions of a force are of each part.
+fn parts(n: usize, m: usize) -> [std::ops::Range<usize>; PARTS] {
+    let mut begin = 0;
+    [n, n * (n + 1) / 2, n, 1, m].map(|count| {
+        begin += count;
+        begin - count..begin
+    })
+}
+
+/// Largest magnitude of each function over some labels; functions of one part of a force share the largest of theirs, or, where that is
+/// next to nothing, a share of what acts elsewhere.
+pub(super) fn scales<'l>(
+    [n, m]: [usize; 2],
+    sizes: &[f64; PARTS],
+    labels: impl Iterator<Item = &'l Vec<f64>>,
+) -> Vec<f64> {
+    let mut largest: Vec<f64> = Vec::new();
+    for label in labels {
+        largest.resize(label.len(), 0.0);
+        largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
+    }
+    for force in largest.chunks_mut(Reactions::functions_of_each(n, m)) {
+        for (part, size) in parts(n, m).into_iter().zip(sizes) {
+            let scale = force[part.clone()].iter().copied().fold(SMALL * size, f64::max);
+            force[part].fill(if scale > 0.0 { scale } else { 1.0 });
+        }
+    }
+    largest
+}

@@ -1,0 +1,136 @@
+//! Forces and moments that follow from the motion: of joints, and of springs.
+//!
+//! The equations of the bodies on one side of a joint have no inverse of the mass matrix, so that a force is, with the accelerations
+//! `a` of the coordinates,
+//!
+//! ```text
+//! r = A(q, p) a + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) u
+//! ```
+//!
+//! whose functions of the configuration are of the same kind as those of the [equations of motion](super::dynamics): of a tree of
+//! joints sums of sines, cosines and powers. The accelerations are those of the equations.
+
+use super::dynamics::Point;
+use crate::{
+    FormatError,
+    dictionary::Dictionary,
+    map::{dictionary::DictionaryWork, expect_shape, jet::Number},
+};
+
+/// Forces and moments in a motion with `n` coordinates and `m` inputs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reactions {
+    coordinates: usize,
+    inputs: usize,
+    /// From `(q, p)` to the functions of each force, one force after the other.
+    functions: Dictionary,
+}
+
+/// Working memory of one evaluation in one kind of numbers.
+#[derive(Clone, Debug)]
+pub(super) struct ReactionsWork<T> {
+    functions: Vec<T>,
+    of_functions: DictionaryWork<T>,
+}
+
+impl Reactions {
+    /// Number of functions of a force: `A`, the lower triangle of `C` row by row, `D`, `F`, `B`.
+    pub fn functions_of_each(coordinates: usize, inputs: usize) -> usize {
+        let n = coordinates;
+        n + n * (n + 1) / 2 + n + 1 + inputs
+    }
+
+    /// The forces from their functions of `(q, p)`.
+    ///
+    /// # Errors
+    /// [`FormatError`] if there are functions of a part of a force, or none, or fewer columns than coordinates.
+    pub fn new(coordinates: usize, inputs: usize, functions: Dictionary) -> Result<Self, FormatError> {
+        let each = Self::functions_of_each(coordinates, inputs);
+        let expected = functions.outputs().div_ceil(each).max(1) * each;
+        expect_shape("reactions", &[functions.outputs()], &[expected])?;
+        if functions.columns() < coordinates {
+            let (found, expected) = (vec![functions.columns()], vec![coordinates]);
+            return Err(FormatError::Shape { name: "reactions".into(), found, expected });
+        }
+        Ok(Self { coordinates, inputs, functions })
+    }
+
+    /// Makes sure that it fits equations of motion with so many coordinates, inputs, and coordinates and parameters.
+    ///
+    /// # Errors
+    /// [`FormatError`].
+    pub(super) fn check(&self, [coordinates, inputs, columns]: [usize; 3]) -> Result<(), FormatError> {
+        let found = [self.coordinates, self.inputs, self.functions.columns()];
+        expect_shape("reactions", &found, &[coordinates, inputs, columns])
+    }
+
+    /// The same with some values of the parameters, as [`Dictionary::held`].
+    ///
+    /// # Errors
+    /// As there.
+    ///
+    /// # Panics
+    /// Likewise.
+    pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
+        Ok(Self { functions: self.functions.held(self.coordinates, parameters)?, ..*self })
+    }
+
+    /// Number of forces and moments.
+    pub fn count(&self) -> usize {
+        self.functions.outputs() / Self::functions_of_each(self.coordinates, self.inputs)
+    }
+
+    /// The functions of the configuration.
+    pub fn functions(&self) -> &Dictionary {
+        &self.functions
+    }
+
+    /// Whether a force depends on a coordinate or parameter, by its position among both.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.functions.terms().any(|term| term.exponents[column] != 0)
+    }
+
+    /// Whether a force changes at once with an input: by its own share, or because accelerations do.
+    pub fn follows_inputs(&self, index: usize) -> bool {
+        let each = Self::functions_of_each(self.coordinates, self.inputs);
+        let of_inputs = each - self.inputs..each;
+        let mut functions = (0..self.coordinates).chain(of_inputs).map(|function| index * each + function);
+        functions.any(|function| self.functions.terms().any(|term| term.coefficients[function] != 0.0))
+    }
+
+    /// The forces in a state with these accelerations.
+    ///
+    /// # Panics
+    /// If a slice has the wrong length.
+    pub fn evaluate(&self, Point { q, v, u, p }: Point, accelerations: &[f64]) -> Vec<f64> {
+        let mut work = self.work();
+        self.compute(&[q, p].concat(), &mut work);
+        (0..self.count()).map(|index| self.value(index, [v, u, accelerations], &work)).collect()
+    }
+
+    pub(super) fn work<T: Number>(&self) -> ReactionsWork<T> {
+        let functions = vec![T::from(0.0); self.functions.outputs()];
+        ReactionsWork { functions, of_functions: self.functions.work() }
+    }
+
+    /// Computes the functions at `(q, p)`, of which [`value`](Self::value) makes the forces. Does not allocate.
+    pub(super) fn compute<T: Number>(&self, columns: &[T], work: &mut ReactionsWork<T>) {
+        self.functions.compute(columns, &mut work.functions, &mut [], 0, &mut work.of_functions);
+    }
+
+    /// A force or moment with velocities, inputs and accelerations.
+    pub(super) fn value<T: Number>(&self, index: usize, [v, u, a]: [&[T]; 3], work: &ReactionsWork<T>) -> T {
+        let (n, each) = (self.coordinates, Self::functions_of_each(self.coordinates, self.inputs));
+        let (of_accelerations, rest) = work.functions[index * each..][..each].split_at(n);
+        let (of_squares, rest) = rest.split_at(n * (n + 1) / 2);
+        let (of_velocities, rest) = rest.split_at(n);
+        let mut force = rest[0];
+        for i in 0..n {
+            force = force + of_accelerations[i] * a[i] + of_velocities[i] * v[i];
+            for j in 0..=i {
+                force = force + of_squares[i * (i + 1) / 2 + j] * v[i] * v[j];
+            }
+        }
+        rest[1..].iter().zip(u).fold(force, |force, (function, u)| force + *function * *u)
+    }
+}
