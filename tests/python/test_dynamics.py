@@ -350,13 +350,13 @@ def test_the_same_study_gives_the_same_bytes_whatever_the_number_of_threads(cran
     assert content(build(tmp_path / "threads", **OTHER_THREADS)) == expected
 
 
-def test_a_network_alone_with_drawn_nodes_is_the_solution_to_a_hundred_thousandth(tmp_path, linear_solution):
+def test_a_network_alone_with_drawn_nodes_is_the_solution_to_a_millionth(tmp_path, linear_solution):
     crane = write(tmp_path / "crane", ("[sampling]", '[dynamics]\nmodel = "network"\n\n[sampling]\nstates = 2000'))
     done = metafmu("build", crane.study, "--out", crane.folder, "--sources")
     assert "nodes with random weights" in done.stdout + done.stderr
     record = json.loads((crane.folder / "training.json").read_text())
     assert record["motion"]["exported"] == "network" and record["epochs"] == 0
-    assert {candidate["name"]: candidate["error"] < 2e-5 for candidate in record["motion"]["candidates"]}["network"]
+    assert {candidate["name"]: candidate["error"] < 2e-7 for candidate in record["motion"]["candidates"]}["network"]
     with Running(crane.fmu(2), "CoSimulation", tmp_path) as running:
         rows = [running.get(STATES)]
         for row, time in enumerate(ROWS[:-1]):
@@ -365,7 +365,7 @@ def test_a_network_alone_with_drawn_nodes_is_the_solution_to_a_hundred_thousandt
             rows.append(running.step(row))
     error = np.abs(rows - linear_solution).max()
     # no sum of sines and cosines, which would be exact
-    assert 1e-9 < error < 1e-4, error
+    assert 1e-9 < error < 1e-6, error
 
 
 def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
