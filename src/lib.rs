@@ -57,6 +57,8 @@
 pub mod acceptance;
 pub mod baseline;
 pub mod calibration;
+mod cli;
+mod commands;
 pub mod export;
 pub mod fmi;
 mod html;
@@ -69,6 +71,10 @@ pub mod source;
 pub mod surrogate;
 pub mod swap;
 
+// the commands use what is public here, like every other program
+extern crate self as metafmu;
+
+pub use commands::command;
 use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{

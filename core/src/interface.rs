@@ -5,7 +5,7 @@ use crate::{
     diagnostics::{
         Problems,
         names::expected_one_of,
-        origin::{self, Origin},
+        origin::{self, Origin, Problem},
         schema,
     },
     study::{MAX_NAME, check_variable_name},
@@ -13,7 +13,10 @@ use crate::{
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{path::Path, sync::LazyLock};
+use std::{
+    path::{Path, PathBuf},
+    sync::LazyLock,
+};
 
 /// An interface file: names, units and ranges of what a model of another tool takes and gives.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -189,6 +192,21 @@ impl Interface {
             return Err(Error::Study { problems });
         }
         let mut interface: Self = origin.deserialize(root)?;
+        interface.origin = origin;
+        interface.origin.refuse(interface.problems())?;
+        Ok(interface)
+    }
+
+    /// The same of JSON, which another program wrote: what is wrong with it has keys, but no lines.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every mistake.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let origin = Origin::new(Path::new(""), text);
+        let mut interface: Self = serde_json::from_str(text).map_err(|error| {
+            let message = error.to_string();
+            Error::Study { problems: vec![Problem { path: PathBuf::new(), line: 1, key: String::new(), message }] }
+        })?;
         interface.origin = origin;
         interface.origin.refuse(interface.problems())?;
         Ok(interface)

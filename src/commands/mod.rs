@@ -19,14 +19,67 @@ pub mod terminal;
 pub mod train;
 pub mod validate;
 
-use crate::cli::StudyArgs;
-use metafmu::{Error, Result, evaluation::Verdict, pipeline::Project};
+use crate::cli::{Cli, Command, StudyArgs};
+use clap::Parser;
+use metafmu::{Error, Result, evaluation::Verdict, export::serve_worker, pipeline, pipeline::Project};
 use std::{
     borrow::Cow,
+    ffi::OsString,
     fmt::Display,
     io::{ErrorKind, Write},
     path::Path,
 };
+
+/// The `metafmu` command: parses the arguments, the first of which is the program's name, does what they say, and gives the exit
+/// code. Errors are on stderr. `program` is what its worker processes run, with other arguments; unless given this
+/// process's executable.
+pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&Path>) -> u8 {
+    if let Some(program) = program {
+        terminal::set_program(program);
+    }
+    let command = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli.command,
+        Err(error) => {
+            // help is one of these errors
+            let _ = error.print();
+            return error.exit_code() as u8;
+        }
+    };
+    match run(command) {
+        Ok(Outcome::Fine) => 0,
+        Ok(Outcome::ProblemsFound) => 1,
+        Ok(Outcome::Interrupted) => 130,
+        Err(error) => {
+            terminal::end();
+            for line in error.to_string().lines() {
+                say(format_args!("error: {line}"));
+            }
+            if matches!(error, Error::Interrupted) { 130 } else { 2 }
+        }
+    }
+}
+
+fn run(command: Command) -> Result<Outcome> {
+    match command {
+        Command::New(args) => new::run(&args),
+        Command::Build(args) => build::run(&args),
+        Command::Sample(args) => sample::run(&args),
+        Command::Train(args) => train::run(&args),
+        Command::Search(args) => search::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::FitBaseline => pipeline::compare::work().map(|()| Outcome::Fine),
+        Command::Report(args) => report::run(&args),
+        Command::Export(args) => export::run(&args),
+        Command::Import(args) => import::run(&args),
+        Command::Schema(args) => schema::run(&args),
+        Command::Validate(args) => validate::run(&args),
+        Command::Predict(args) => predict::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Swap(args) => swap::run(&args),
+        Command::FmuWorker => serve_worker().map(|()| Outcome::Fine),
+    }
+}
 
 /// How a command that did its work ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

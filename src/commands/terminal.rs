@@ -36,9 +36,15 @@ pub fn workers() -> Result<Workers<'static>> {
     Ok(Workers { program: program()?, stop: interrupt::flag() })
 }
 
+static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+
+/// Names the program that worker processes run; the first one counts.
+pub fn set_program(program: &Path) {
+    let _ = PROGRAM.set(program.to_owned());
+}
+
 /// This program.
 fn program() -> Result<&'static Path> {
-    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     if let Some(program) = PROGRAM.get() {
         return Ok(program);
     }

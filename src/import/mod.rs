@@ -75,24 +75,46 @@ fn arranged(sources: &[Source], variables: usize) -> Step {
 /// Points at which the ranges of outputs are found, if there are no data.
 const POINTS: usize = 4096;
 
-/// The surrogate of a model: `bytes` are those of its file, `data` a table with a column for each input, whose ranges count where the
-/// interface has none.
+/// What is known of a map beside its interface.
+#[derive(Clone, Copy, Debug)]
+pub struct About<'a> {
+    /// Its file, or what it is called in messages.
+    pub path: &'a Path,
+    /// What it was made of: the bytes of its file, for instance. Another model has others.
+    pub content: &'a [u8],
+    /// Whether it was made to be computed in single precision.
+    pub is_single: bool,
+    /// What wrote it.
+    pub producer: &'a str,
+}
+
+/// The surrogate of a model: `bytes` are those of its file, `rows` training data with a column for each input that is a variable, whose
+/// ranges count where the interface has none.
 ///
 /// # Errors
-/// [`Error::Study`] with the keys of the interface that do not fit, [`Error::Import`] if the model has no finite outputs, [`Error::Table`].
+/// [`Error::Study`] with the keys of the interface that do not fit, [`Error::Import`] if the model has no finite outputs.
 pub fn surrogate(
     (path, bytes): (&Path, &[u8]),
     imported: Imported,
     interface: &Interface,
-    data: Option<&Path>,
+    rows: Option<Vec<Vec<f64>>>,
 ) -> Result<Surrogate> {
     let mapping = interface.mapping(&imported.inputs, &imported.outputs)?;
-    let names: Vec<&str> = interface.variables().map(|(name, _)| name.as_str()).collect();
-    let rows = data.map(|data| rows(data, &names)).transpose()?;
     let inputs = inputs(interface, rows.as_deref())?;
     let (is_single, producer) = (imported.is_single, imported.producer.clone());
     let refused = |problem: String| Error::Import { path: path.to_owned(), problems: vec![problem] };
-    let map = imported.into_map(&mapping, names.len()).map_err(refused)?;
+    let map = imported.into_map(&mapping, inputs.len()).map_err(refused)?;
+    let about = About { path, content: bytes, is_single, producer: &producer };
+    of_map(map, about, interface, rows)
+}
+
+/// The same of a map, whose columns are the inputs of the interface that are variables, and its outputs.
+///
+/// # Errors
+/// As [`surrogate`].
+pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
+    let About { path, content, is_single, producer } = about;
+    let inputs = inputs(interface, rows.as_deref())?;
     let outputs = interface.outputs.iter().map(|(name, output)| Output {
         name: name.clone(),
         unit: output.unit.clone(),
@@ -101,7 +123,7 @@ pub fn surrogate(
         max: 0.0,
     });
     let has_time = inputs.iter().any(|input| input.role == Role::Time);
-    let digest = Sha256::new().chain_update(interface.text().as_bytes()).chain_update(bytes).finalize();
+    let digest = Sha256::new().chain_update(interface.text().as_bytes()).chain_update(content).finalize();
     let metadata = Metadata {
         name: interface.name.clone(),
         description: interface.description.clone(),
@@ -114,7 +136,7 @@ pub fn surrogate(
         time_step: interface.time.step,
         stop_time: (!has_time).then_some(interface.time.stop),
         provenance: Provenance {
-            tool: match producer.as_str() {
+            tool: match producer {
                 "" => concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
                 producer => format!("metafmu {}, of a model by {producer}", env!("CARGO_PKG_VERSION")),
             },
@@ -128,7 +150,8 @@ pub fn surrogate(
         |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
     let mut surrogate = made(metadata, map)?;
     let points = rows.unwrap_or_else(|| points(surrogate.inputs()));
-    let ranges = output_ranges(&surrogate, &points).map_err(refused)?;
+    let ranges = output_ranges(&surrogate, &points)
+        .map_err(|problem| Error::Import { path: path.to_owned(), problems: vec![problem] })?;
     let mut metadata = surrogate.metadata().clone();
     for (output, [min, max]) in metadata.outputs.iter_mut().zip(ranges) {
         (output.min, output.max) = (min, max);
@@ -193,10 +216,14 @@ fn role(options: &InterfaceInput) -> Role {
     }
 }
 
-/// The rows of some columns of a table.
-fn rows(path: &Path, names: &[&str]) -> Result<Vec<Vec<f64>>> {
+/// The rows of a table: the columns of an interface's variables.
+///
+/// # Errors
+/// [`Error::Table`], [`Error::Io`], [`Error::Import`] if there are no rows.
+pub fn rows(path: &Path, interface: &Interface) -> Result<Vec<Vec<f64>>> {
     let mut table = Table::open(path)?;
-    let columns = names.iter().map(|name| table.column(name)).collect::<Result<Vec<usize>>>()?;
+    let names = interface.variables().map(|(name, _)| name);
+    let columns = names.map(|name| table.column(name)).collect::<Result<Vec<usize>>>()?;
     let mut rows = Vec::new();
     while table.next_row()? {
         rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);

@@ -123,7 +123,8 @@ pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Resul
     let plan = Plan::of(options, FmiChoice::default())?;
     let surrogate = load_file(file)?;
     files::writable_folder(folder)?;
-    let target = Target { folder, name: &surrogate.metadata().name, about: &study::ExportOptions::default() };
+    let target =
+        Target { folder, name: &surrogate.metadata().name, alone: false, about: &study::ExportOptions::default() };
     let same =
         |path: &PathBuf| path.canonicalize().is_ok_and(|path| file.canonicalize().is_ok_and(|file| file == path));
     if let Some(path) = plan.wanted().map(|version| target.fmu(version)).find(same) {
@@ -141,6 +142,21 @@ pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
     let bytes = onnx(surrogate)?;
     files::write_whole(path, &bytes)?;
     Ok(bytes.len())
+}
+
+/// The FMUs of a surrogate, with these names: of a single version it is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3` in its
+/// name.
+///
+/// # Errors
+/// [`Error::NoSources`], [`Error::Io`], the error of an unknown platform.
+pub fn export_surrogate(surrogate: &Surrogate, fmu: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
+    let plan = Plan::of(options, FmiChoice::default())?;
+    let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    files::writable_folder(folder)?;
+    let stem = fmu.file_stem().unwrap_or_default().to_string_lossy();
+    let target =
+        Target { folder, name: &stem, alone: plan.wanted().count() == 1, about: &study::ExportOptions::default() };
+    write(&target, &plan, surrogate, None, &[])
 }
 
 /// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.
@@ -196,7 +212,7 @@ fn write_of_project(
     model: &str,
 ) -> Result<Vec<Written>> {
     let name = format!("{}{model}", project.study.name);
-    let target = Target { folder: project.folder(), name: &name, about: &project.study.export };
+    let target = Target { folder: project.folder(), name: &name, alone: false, about: &project.study.export };
     let written = write(&target, plan, surrogate, accuracy, figures)?;
     let others = FmiVersion::ALL.into_iter().filter(|version| plan.wanted().all(|wanted| wanted != *version));
     for path in others.map(|version| target.fmu(version)) {
@@ -212,12 +228,14 @@ fn write_of_project(
 struct Target<'a> {
     folder: &'a Path,
     name: &'a str,
+    /// Whether there is an FMU of one version only, whose name does not say which.
+    alone: bool,
     about: &'a study::ExportOptions,
 }
 
 impl Target<'_> {
     fn fmu(&self, version: FmiVersion) -> PathBuf {
-        let suffix = if version == FmiVersion::V3 { "-fmi3" } else { "" };
+        let suffix = if version == FmiVersion::V3 && !self.alone { "-fmi3" } else { "" };
         self.folder.join(format!("{}{suffix}.fmu", self.name))
     }
 }

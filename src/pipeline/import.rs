@@ -80,7 +80,8 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
     }
     let (bytes, model) = read(&options.model, Some(&interface))?;
     let tolerance = options.tolerance.unwrap_or(TOLERANCES[usize::from(!model.is_single)]);
-    let surrogate = import::surrogate((&options.model, &bytes), model, &interface, options.data.as_deref())?;
+    let rows = options.data.as_deref().map(|data| import::rows(data, &interface)).transpose()?;
+    let surrogate = import::surrogate((&options.model, &bytes), model, &interface, rows)?;
     let check = match &options.check {
         Some(table) => check(&surrogate, table, tolerance)?,
         None => Vec::new(),

@@ -9,6 +9,7 @@ pub mod compare;
 pub mod discrete;
 pub mod evaluate;
 pub mod export;
+pub mod fit;
 pub mod import;
 pub mod learned;
 pub mod motion;

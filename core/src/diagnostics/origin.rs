@@ -19,7 +19,7 @@ use toml::{Spanned, de::DeTable, de::DeValue};
 /// One mistake in a study or mechanism file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// The file.
+    /// The file; empty if it is of none.
     pub path: PathBuf,
     /// Line, counted from 1.
     pub line: usize,
@@ -33,6 +33,9 @@ impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { path, line, key, message } = self;
         let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
+        if path.as_os_str().is_empty() {
+            return write!(f, "{key}{message}");
+        }
         write!(f, "{}:{line}: {key}{message}", path.display())
     }
 }
