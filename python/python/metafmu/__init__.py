@@ -1,0 +1,54 @@
+"""metafmu: a trained model, or a multibody model, as a small FMU that runs anywhere.
+
+>>> import metafmu
+>>> surrogate = metafmu.from_sklearn(pipeline, data=X)         # or from_torch, from_keras, from_jax, from_onnx
+>>> surrogate.export("model.fmu", fmi="both")                  # doctest: +SKIP
+
+What is not used is not imported: neither the frameworks nor numpy for the command.
+"""
+
+from typing import TYPE_CHECKING
+
+from ._metafmu import Error, __version__
+
+if TYPE_CHECKING:
+    from ._graph import Graph
+    from ._jax import from_jax
+    from ._keras import from_keras
+    from ._onnx import from_onnx
+    from ._regressor import Regressor, fit
+    from ._sklearn import from_sklearn
+    from ._study import Study, Validation, validate
+    from ._surrogate import Surrogate
+    from ._torch import from_torch
+
+_PLACES = {
+    "Graph": "_graph",
+    "Regressor": "_regressor",
+    "Study": "_study",
+    "Surrogate": "_surrogate",
+    "Validation": "_study",
+    "fit": "_regressor",
+    "from_jax": "_jax",
+    "from_keras": "_keras",
+    "from_onnx": "_onnx",
+    "from_sklearn": "_sklearn",
+    "from_torch": "_torch",
+    "validate": "_study",
+}
+
+__all__ = ["Error", "__version__", *_PLACES]
+
+
+def __getattr__(name):
+    if name not in _PLACES:
+        raise AttributeError(f"module `metafmu` has no attribute `{name}`")
+    import importlib
+
+    value = getattr(importlib.import_module(f".{_PLACES[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted(__all__)

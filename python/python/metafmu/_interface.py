@@ -1,0 +1,93 @@
+"""Names, units and ranges of variables from what a user gives: names, dicts, data."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+
+from . import _metafmu
+from ._surrogate import Variable, rows_of
+
+_INPUT_KEYS = ("causality", "variability", "min", "max", "start", "unit", "description")
+_OUTPUT_KEYS = ("unit", "description")
+
+
+def identifier(name):
+    """A name for an FMU's model: letters, digits, ``-`` and ``_``."""
+    text = re.sub(r"[^A-Za-z0-9_-]+", "_", str(name)).strip("_")
+    return (text if text[:1].isalpha() else f"model_{text}")[:100] or "model"
+
+
+def of_section(given, count, prefix, what, keys, names=None):
+    """The entries of a section of an interface: a dict of dicts by name, in the order of the model's columns.
+
+    ``given``: a list of names or :class:`Variable`, or a dict of names to units, ranges ``(min, max)`` or dicts with the keys of
+    docs/import.md; ``names``: those used if nothing is given.
+    """
+    if given is None:
+        given = names if names is not None and len(names) == count else [f"{prefix}{place}" for place in range(count)]
+        if count == 1 and names is None:
+            given = [prefix]
+    if isinstance(given, str):
+        given = [given]
+    items = list(given.items()) if isinstance(given, dict) else [(item, {}) for item in given]
+    section = {}
+    for name, about in items:
+        if isinstance(name, Variable):
+            fields = ("unit", "min", "max", "start", "description") if "min" in keys else ("unit", "description")
+            about = {field: getattr(name, field) for field in fields if getattr(name, field) is not None}
+            name = name.name
+        elif isinstance(about, str):
+            about = {"unit": about}
+        elif isinstance(about, (tuple, list)):
+            if len(about) != 2 or "min" not in keys:
+                raise _metafmu.Error(f"{what} `{name}`: {about!r}, expected a unit or a dict")
+            about = {"min": about[0], "max": about[1]}
+        about = dict(about or {})
+        unknown = [key for key in about if key not in keys]
+        if unknown:
+            raise _metafmu.Error(f"{what} `{name}`: unknown key `{unknown[0]}`, expected one of {', '.join(keys)}")
+        for key in ("min", "max", "start"):
+            if key in about:
+                about[key] = float(about[key])
+        name = str(name)
+        if name in section:
+            raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
+        section[name] = about
+    if len(section) != count:
+        raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), the model has {count}")
+    return section
+
+
+def interface(count_inputs, count_outputs, *, inputs, outputs, data, name, description, step, stop, input_names=None, output_names=None):
+    """The text of an interface, in JSON, and the rows of the data as bytes, or None."""
+    if data is not None and inputs is None and input_names is None and hasattr(data, "columns"):
+        columns = [str(column) for column in data.columns]
+        input_names = columns if len(columns) == count_inputs else None
+    of_inputs = of_section(inputs, count_inputs, "x", "input", _INPUT_KEYS, input_names)
+    of_outputs = of_section(outputs, count_outputs, "y", "output", _OUTPUT_KEYS, output_names)
+    rows = None
+    if data is not None:
+        rows = rows_of(data, list(of_inputs), "data")
+        if not len(rows):
+            raise _metafmu.Error("data has no rows, expected at least one")
+        if not np.isfinite(rows).all():
+            row, column = np.argwhere(~np.isfinite(rows))[0]
+            raise _metafmu.Error(f"data: {rows[row, column]} in row {row} of `{list(of_inputs)[column]}`, expected a finite number")
+    elif missing := [name for name, about in of_inputs.items() if about.get("causality") != "time" and not {"min", "max"} <= set(about)]:
+        raise _metafmu.Error(
+            f"no range of the inputs {', '.join(f'`{name}`' for name in missing[:20])}: expected data=X with the rows that the model was "
+            "trained on, or inputs={\"NAME\": {\"min\": 0.0, \"max\": 1.0, \"unit\": \"m\"}, ...}"
+        )
+    text = json.dumps(
+        {
+            "name": identifier(name),
+            "description": description,
+            "time": {"step": float(step), "stop": float(stop)},
+            "inputs": of_inputs,
+            "outputs": of_outputs,
+        }
+    )
+    return text, None if rows is None else rows.tobytes()

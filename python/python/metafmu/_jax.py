@@ -1,0 +1,188 @@
+"""Functions of JAX, by their jaxpr: networks of Flax, Equinox or by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import _metafmu
+from ._graph import Graph
+from ._rows import Row, binary, compose, concatenate, constant, is_row, outputs_of
+
+Error = _metafmu.Error
+
+
+def from_jax(function, example, params=None, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+    """The surrogate of a function of JAX.
+
+    ``function(x)``, or ``function(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
+    batch of shape (rows, n). The other arguments are those of :func:`metafmu.from_torch`.
+
+    >>> f = lambda params, x: jax.nn.tanh(x @ params["w"]) @ params["v"]
+    >>> metafmu.from_jax(f, X[:1], params, data=X, outputs=["y"]).export("f.fmu")
+
+    Raises :class:`metafmu.Error` with the primitive that is not known.
+    """
+    import jax
+
+    example = np.asarray(example) if not hasattr(example, "dtype") else example
+    if example.ndim not in (1, 2):
+        raise Error(f"an example of the shape {example.shape}, expected (n,) or (rows, n)")
+    example = example if example.ndim == 1 else example[:1]
+    of_x = function if params is None else lambda x: function(params, x)
+    closed = jax.make_jaxpr(of_x)(example)
+    graph = Graph(int(np.prod(example.shape)))
+    results = _follow(closed.jaxpr, closed.consts, [Row(graph, 0, example.shape)])
+    _, value = outputs_of(results if len(results) > 1 else results[0])
+    kinds = [np.dtype(variable.aval.dtype) for variable in closed.jaxpr.invars]
+    return graph.finish(
+        value, inputs=inputs, outputs=outputs, data=data, name=name or getattr(function, "__name__", "function"), description=description,
+        step=step, stop=stop, producer="JAX", single=all(kind != np.float64 for kind in kinds),
+    )
+
+
+def _follow(jaxpr, consts, arguments):
+    from jax.extend.core import Literal
+
+    known = dict(zip(jaxpr.constvars, consts)) | dict(zip(jaxpr.invars, arguments))
+    read = lambda atom: atom.val if isinstance(atom, Literal) else known[atom]
+    for equation in jaxpr.eqns:
+        operands = [read(atom) for atom in equation.invars]
+        name = equation.primitive.name
+        if not any(is_row(part) or isinstance(part, _Mask) for part in operands):
+            results = equation.primitive.bind(*operands, **equation.params)
+            results = results if equation.primitive.multiple_results else [results]
+        else:
+            try:
+                results = _primitive(equation, name, operands)
+            except Error as error:
+                if str(error).startswith("primitive `"):
+                    raise
+                raise Error(f"primitive `{name}`: {error}") from None
+        known.update(zip(equation.outvars, results))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
+_BINARY = {"add": "add", "add_any": "add", "sub": "subtract", "mul": "multiply", "div": "divide", "max": "maximum", "min": "minimum", "pow": "power"}
+_ONE = {
+    "tanh": "tanh", "logistic": "sigmoid", "exp": "exp", "log": "log", "sin": "sin", "cos": "cos", "abs": "abs", "sqrt": "sqrt",
+    "rsqrt": "rsqrt", "neg": "neg", "erf": "erf", "erfc": "erfc", "tan": "tan", "sinh": "sinh", "cosh": "cosh", "log1p": "log1p",
+    "expm1": "expm1", "atan": "atan", "square": "square", "exp2": "exp2",
+}
+_MOVES = {"broadcast_in_dim", "reshape", "squeeze", "transpose", "slice", "rev", "expand_dims"}
+_SAME = {"convert_element_type", "copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier"}
+_CALLS = {"pjit": "jaxpr", "jit": "jaxpr", "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr", "custom_vjp_call_jaxpr": "fun_jaxpr",
+          "closed_call": "call_jaxpr", "core_call": "call_jaxpr", "remat": "jaxpr", "checkpoint": "jaxpr", "remat2": "jaxpr"}
+_LINEAR = {"reduce_sum", "cumsum"}
+
+
+def _primitive(equation, name, operands):
+    """The results of an equation of which at least one operand is a row."""
+    params, x = equation.params, operands[0]
+    if name in _CALLS:
+        inner = params[_CALLS[name]]
+        return _follow(getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), operands)
+    if name in _SAME:
+        return operands
+    if name in ("max", "min") and any(not is_row(part) and np.all(np.asarray(part) == (-np.inf if name == "max" else np.inf)) for part in operands):
+        return [next(part for part in operands if is_row(part))]
+    if name in _BINARY:
+        return [binary(_BINARY[name], *(part if is_row(part) else np.asarray(part) for part in operands))]
+    if name in _ONE:
+        return [compose(x, _ONE[name])]
+    if name == "integer_pow":
+        return [x.map("reciprocal") if params["y"] == -1 else x.map("power", float(params["y"]))]
+    if name in _MOVES:
+        index = equation.primitive.bind(np.asarray(x.index(), dtype=np.int32), **params)
+        return [x.take(np.asarray(index))]
+    if name == "concatenate":
+        return [concatenate([part if is_row(part) else np.asarray(part) for part in operands], params["dimension"])]
+    if name == "stack":
+        return [concatenate([part if is_row(part) else np.asarray(part) for part in operands], params.get("axis", params.get("dimension", 0)), stack=True)]
+    if name in ("reduce_max", "reduce_min"):
+        return [_extreme(x, tuple(params["axes"]), "maximum" if name == "reduce_max" else "minimum")]
+    if name == "split":
+        index = equation.primitive.bind(np.asarray(x.index(), dtype=np.int32), **params)
+        return [x.take(np.asarray(part)) for part in index]
+    if name == "gather" and is_row(x) and not is_row(operands[1]):
+        index = equation.primitive.bind(np.asarray(x.index(), dtype=np.int32), operands[1], **params)
+        return [x.take(np.asarray(index))]
+    if name == "clamp" and is_row(operands[1]) and not is_row(x) and not is_row(operands[2]):
+        return [operands[1].map("clip", np.asarray(x), np.asarray(operands[2]))]
+    if name == "dot_general":
+        return [_product(equation, operands)]
+    if name in _LINEAR:
+        return [_of_basis(equation, operands, 0)]
+    if name in ("gt", "ge", "lt", "le", "ne"):
+        return [_compared(name, *operands)]
+    if name == "select_n" and isinstance(x, _Mask) and len(operands) == 3:
+        return [x.choose(operands[1], operands[2])]
+    every = sorted({*_BINARY, *_ONE, *_MOVES, *_SAME, *_CALLS, *_LINEAR, "integer_pow", "concatenate", "stack", "reduce_max", "reduce_min", "split", "gather", "clamp",
+                    "dot_general", "gt", "ge", "lt", "le", "select_n"})
+    raise Error(f"not known, or not in this form; expected one of {', '.join(every)}")
+
+
+def _extreme(row, axes, operation):
+    """The largest or smallest number along some dimensions."""
+    kept = [axis for axis in range(row.ndim) if axis not in axes]
+    index = row.index().transpose(*kept, *axes).reshape(*(row.shape[axis] for axis in kept), -1)
+    result = row.take(index[..., 0])
+    for place in range(1, index.shape[-1]):
+        result = binary(operation, result, row.take(index[..., place]))
+    return result
+
+
+def _product(equation, operands):
+    if all(map(is_row, operands)):
+        ((left, right), batch), (a, b) = equation.params["dimension_numbers"], operands
+        if a.size == b.size and len(left) == a.ndim - len(batch[0]) == b.ndim - len(batch[1]) and a.shape == b.shape and left == right:
+            return binary("multiply", a, b).reduce(left, False)
+        raise Error("a product of two matrices that both depend on the inputs, expected one that is constant")
+    return _of_basis(equation, operands, 0 if is_row(operands[0]) else 1)
+
+
+def _of_basis(equation, operands, place):
+    """What is linear in an operand, by what it makes of each unit vector."""
+    import jax
+
+    row = operands[place]
+    kind = equation.invars[place].aval.dtype
+    basis = np.eye(row.size, dtype=kind).reshape(row.size, *row.shape)
+    params = {key: value for key, value in equation.params.items()}
+    if "precision" in params:
+        params["precision"] = (jax.lax.Precision.HIGHEST,) * 2
+
+    def of(x):
+        return equation.primitive.bind(*(x if number == place else part for number, part in enumerate(operands)), **params)
+
+    made = np.asarray(jax.vmap(of)(basis))
+    return row.matrix(np.ascontiguousarray(made.reshape(row.size, -1).T), made.shape[1:])
+
+
+class _Mask:
+    """A comparison: the row is 1 where it is true, else 0; none if it is true nowhere."""
+
+    def __init__(self, row):
+        self.row = row
+
+    def choose(self, otherwise, chosen):
+        if self.row is None:
+            return otherwise
+        shape = self.row.shape
+        graph = self.row.graph
+        part = lambda x: x if is_row(x) else constant(graph, np.broadcast_to(np.asarray(x), shape))
+        return binary("add", binary("multiply", self.row, part(chosen)), binary("multiply", self.row.linear(-1.0, 1.0), part(otherwise)))
+
+
+def _compared(name, first, second):
+    if name == "ne":
+        # how a function looks for numbers that are none
+        if is_row(first) and is_row(second) and first.value == second.value:
+            return _Mask(None)
+        raise Error("a comparison for equality")
+    parts = [part if is_row(part) else np.asarray(part) for part in (first, second)]
+    # a >= b unless b > a
+    if name in ("gt", "le"):
+        above = binary("subtract", *parts).map("positive")
+    else:
+        above = binary("subtract", *reversed(parts)).map("positive")
+    return _Mask(above.linear(-1.0, 1.0) if name in ("ge", "le") else above)

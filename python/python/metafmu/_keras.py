@@ -1,0 +1,214 @@
+"""Models of Keras 3: Sequential and functional ones, of any backend."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import _metafmu
+from ._graph import Graph
+from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+
+Error = _metafmu.Error
+
+
+def from_keras(model, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+    """The surrogate of a built Keras model, as it predicts.
+
+    The arguments are those of :func:`metafmu.from_torch`.
+
+    >>> model = keras.Sequential([keras.Input((2,)), keras.layers.Dense(16, "tanh"), keras.layers.Dense(1)])
+    >>> metafmu.from_keras(model, data=X, outputs={"force": "N"}).export("force.fmu")
+
+    Raises :class:`metafmu.Error` with the layer that is not known.
+    """
+    shapes = [(1, *tensor.shape[1:]) for tensor in _inputs(model)]
+    if any(length is None for shape in shapes for length in shape):
+        raise Error(f"inputs of the shapes {shapes}, expected numbers for all dimensions but the batch")
+    graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
+    everything, rows, begin = Row(graph, 0, (graph.width(0),)), [], 0
+    for shape in shapes:
+        size = int(np.prod(shape))
+        rows.append(everything.take(np.arange(begin, begin + size).reshape(shape)))
+        begin += size
+    _, value = outputs_of(_model(model, rows))
+    weights = model.get_weights()
+    return graph.finish(
+        value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop,
+        producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
+    )
+
+
+def _inputs(model):
+    tensors = getattr(model, "inputs", None)
+    if not tensors:
+        raise Error(f"{type(model).__name__} `{getattr(model, 'name', '?')}` is not built, or a subclass: expected a Sequential or functional "
+                    "model that knows its inputs")
+    return tensors
+
+
+def _model(model, rows):
+    _inputs(model)
+    functional = getattr(model, "_functional", None) or model
+    if not hasattr(functional, "_run_through_graph"):
+        raise Error(f"{type(model).__name__} is a model of its own kind, expected a Sequential or functional one")
+    return functional._run_through_graph(rows if len(rows) > 1 else rows[0], lambda operation: lambda *args, **kw: _apply(operation, args, kw))
+
+
+def _apply(operation, args, kwargs):
+    kwargs = {key: value for key, value in kwargs.items() if key not in ("training", "mask")}
+    if hasattr(operation, "_run_through_graph") or getattr(operation, "_functional", None) is not None:
+        rows = list(args[0]) if isinstance(args[0], (tuple, list)) else [args[0]]
+        return _model(operation, rows)
+    kind = type(operation).__name__
+    known = _LAYERS.get(kind)
+    if known is None or not type(operation).__module__.startswith("keras."):
+        raise Error(f"the layer {kind} (`{operation.name}`) is not known, expected one of {', '.join(sorted(_LAYERS))}")
+    try:
+        return known(operation, *args, **kwargs)
+    except Error as error:
+        raise Error(f"layer `{operation.name}` ({kind}): {error}") from None
+
+
+_ACTIVATIONS = {
+    "linear": "identity", "tanh": "tanh", "sigmoid": "sigmoid", "relu": "relu", "silu": "silu", "swish": "silu", "softplus": "softplus",
+    "softsign": "softsign", "selu": "selu", "relu6": "relu6", "hard_sigmoid": "hard_sigmoid", "hard_silu": "hard_swish",
+    "hard_swish": "hard_swish", "mish": "mish", "exponential": "exp", "log_sigmoid": "log_sigmoid", "tanh_shrink": "tanhshrink",
+}
+
+
+def _activation(function, row):
+    if function is None:
+        return row
+    name = getattr(function, "__name__", type(function).__name__)
+    if name in _ACTIVATIONS:
+        return compose(row, _ACTIVATIONS[name])
+    # with the options that Keras has unless told otherwise
+    others = {
+        "gelu": lambda: row.map("gelu"),
+        "elu": lambda: row.map("elu", 1.0),
+        "leaky_relu": lambda: row.map("leaky_relu", 0.2),
+        "softmax": lambda: row.softmax(-1),
+    }
+    if name in others:
+        return others[name]()
+    raise Error(f"the activation {name} is not known, expected one of {', '.join(sorted([*_ACTIVATIONS, *others]))}")
+
+
+def _array(tensor):
+    return np.asarray(tensor.numpy() if hasattr(tensor, "numpy") else tensor)
+
+
+def _variable(variable):
+    from keras import ops
+
+    return np.asarray(ops.convert_to_numpy(variable))
+
+
+def _dense(layer, x):
+    bias = _variable(layer.bias) if layer.use_bias else None
+    return _activation(layer.activation, x.affine(_variable(layer.kernel).T, bias))
+
+
+def _batch_norm(layer, x):
+    if layer.axis not in (-1, x.ndim - 1):
+        raise Error(f"axis {layer.axis}, expected the last one")
+    double = lambda variable: _variable(variable).astype(np.float64)
+    factor = 1.0 / np.sqrt(double(layer.moving_variance) + layer.epsilon)
+    factor = factor * double(layer.gamma) if layer.scale else factor
+    offset = (double(layer.beta) if layer.center else 0.0) - double(layer.moving_mean) * factor
+    return x.linear(factor, offset)
+
+
+def _layer_norm(layer, x):
+    axes = layer.axis if isinstance(layer.axis, (tuple, list)) else [layer.axis]
+    axes = sorted(axis % x.ndim for axis in axes)
+    if axes != list(range(x.ndim - len(axes), x.ndim)) or getattr(layer, "rms_scaling", False):
+        raise Error(f"axes {axes}, expected the last ones and no rms_scaling")
+    row = x.standardise(len(axes), layer.epsilon)
+    factor = _variable(layer.gamma).astype(np.float64) if layer.scale else 1.0
+    offset = _variable(layer.beta).astype(np.float64) if layer.center else 0.0
+    return row.linear(factor, offset)
+
+
+def _relu(layer, x):
+    slope = float(_array(layer.negative_slope or 0.0))
+    if layer.threshold:
+        if slope or layer.max_value is not None:
+            raise Error("a threshold with a slope or a largest value, expected one of them")
+        return x.map("thresholded_relu", float(layer.threshold))
+    row = x.map("leaky_relu", slope) if slope else x.map("relu")
+    return row if layer.max_value is None else binary("minimum", row, float(layer.max_value))
+
+
+def _normalization(layer, x):
+    mean, variance = _variable(layer.mean).astype(np.float64), _variable(layer.variance).astype(np.float64)
+    deviation = np.maximum(np.sqrt(variance), 1e-7)
+    if layer.invert:
+        return x.linear(deviation, mean)
+    return x.linear(1.0 / deviation, -mean / deviation)
+
+
+def _merge(operation):
+    def merge(layer, parts):
+        row = parts[0]
+        for part in parts[1:]:
+            row = binary(operation, row, part)
+        return row
+
+    return merge
+
+
+def _average(layer, parts):
+    return _merge("add")(layer, parts).linear(1.0 / len(parts))
+
+
+def _two(operation):
+    def two(layer, a, b):
+        return binary(operation, *(part if is_row(part) else _array(part) for part in (a, b)))
+
+    return two
+
+
+def _same(layer, x):
+    return x
+
+
+def _either(layer, operation, *args):
+    """A layer that merges a list, or an operation of two tensors of the same name."""
+    return (_two if len(args) == 2 else _merge)(operation)(layer, *args)
+
+
+_LAYERS = {
+    "Dense": _dense,
+    "Activation": lambda layer, x: _activation(layer.activation, x),
+    "ReLU": _relu,
+    "LeakyReLU": lambda layer, x: x.map("leaky_relu", float(layer.negative_slope)),
+    "PReLU": lambda layer, x: x.map("leaky_relu", np.broadcast_to(_variable(layer.alpha).astype(np.float64), x.shape)),
+    "ELU": lambda layer, x: x.map("elu", float(layer.alpha)),
+    "Softmax": lambda layer, x: x.softmax(layer.axis if isinstance(layer.axis, int) else layer.axis[0]),
+    "BatchNormalization": _batch_norm,
+    "LayerNormalization": _layer_norm,
+    "Flatten": lambda layer, x: x.take(x.index().reshape(1, -1)),
+    "Reshape": lambda layer, x: x.take(x.index().reshape(1, *layer.target_shape)),
+    "Permute": lambda layer, x: x.take(x.index().transpose(0, *layer.dims)),
+    "RepeatVector": lambda layer, x: x.take(np.repeat(x.index()[:, None, :], layer.n, axis=1)),
+    "Concatenate": lambda layer, parts, *rest: concatenate(list(parts), layer.axis),
+    "Add": lambda layer, *args: _either(layer, "add", *args),
+    "Subtract": lambda layer, *args: _either(layer, "subtract", *args),
+    "Multiply": lambda layer, *args: _either(layer, "multiply", *args),
+    "Maximum": lambda layer, *args: _either(layer, "maximum", *args),
+    "Minimum": lambda layer, *args: _either(layer, "minimum", *args),
+    "Divide": _two("divide"),
+    "TrueDivide": _two("divide"),
+    "Power": _two("power"),
+    "Negative": lambda layer, x: x.linear(-1.0),
+    "GetItem": lambda layer, x, key: x.take(x.index()[key]),
+    "Average": _average,
+    "Rescaling": lambda layer, x: x.linear(np.asarray(layer.scale, dtype=np.float64), np.asarray(layer.offset, dtype=np.float64)),
+    "Normalization": _normalization,
+    **{name: _same for name in ("Dropout", "AlphaDropout", "GaussianDropout", "GaussianNoise", "SpatialDropout1D", "ActivityRegularization",
+                                "Identity", "InputLayer")},
+    **{name: (lambda function: lambda layer, x: compose(x, function))(function) for name, function in (
+        ("Tanh", "tanh"), ("Sigmoid", "sigmoid"), ("Relu", "relu"), ("Sin", "sin"), ("Cos", "cos"), ("Exp", "exp"), ("Log", "log"),
+        ("Sqrt", "sqrt"), ("Square", "square"), ("Absolute", "abs"), ("Silu", "silu"), ("Softplus", "softplus"))},
+}

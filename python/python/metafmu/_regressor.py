@@ -1,0 +1,170 @@
+"""Networks that are trained here."""
+
+from __future__ import annotations
+
+import json
+import numbers
+
+import numpy as np
+
+from . import _metafmu
+from ._interface import interface
+from ._surrogate import Surrogate
+
+try:
+    from sklearn.base import BaseEstimator, RegressorMixin
+    from sklearn.utils.validation import check_is_fitted, validate_data
+except ImportError:  # scikit-learn is optional
+
+    class RegressorMixin:
+        def score(self, X, y, sample_weight=None):
+            """The coefficient of determination of the predictions, the mean over the outputs."""
+            y, found = np.asarray(y, dtype=np.float64), self.predict(X)
+            weights = np.ones(len(y)) if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
+            y, found = y.reshape(len(y), -1), found.reshape(len(y), -1)
+            spread = np.sum(weights[:, None] * (y - np.average(y, axis=0, weights=weights)) ** 2, axis=0)
+            return float(np.mean(1.0 - np.sum(weights[:, None] * (y - found) ** 2, axis=0) / spread))
+
+    class BaseEstimator:
+        def get_params(self, deep=True):
+            """The parameters of the constructor."""
+            return {name: getattr(self, name) for name in _PARAMETERS}
+
+        def set_params(self, **parameters):
+            """Sets parameters of the constructor."""
+            for name, value in parameters.items():
+                if name not in _PARAMETERS:
+                    raise ValueError(f"Invalid parameter {name!r} for estimator {type(self).__name__}")
+                setattr(self, name, value)
+            return self
+
+    def check_is_fitted(estimator):
+        if not hasattr(estimator, "surrogate_"):
+            raise _metafmu.Error(f"this {type(estimator).__name__} is not fitted yet: expected `fit` first")
+
+    def validate_data(estimator, X, y=None, reset=True, **_):
+        names = [str(column) for column in X.columns] if hasattr(X, "columns") else None
+        x = np.asarray(X, dtype=np.float64)
+        if x.ndim != 2 or not len(x) or not np.isfinite(x).all():
+            raise _metafmu.Error(f"X has the shape {x.shape}, expected finite numbers of shape (rows, columns)")
+        if reset:
+            estimator.n_features_in_ = x.shape[1]
+            if names is not None:
+                estimator.feature_names_in_ = np.array(names, dtype=object)
+        elif x.shape[1] != estimator.n_features_in_:
+            raise _metafmu.Error(f"X has {x.shape[1]} columns, expected {estimator.n_features_in_}")
+        if y is None:
+            return x
+        y = np.asarray(y, dtype=np.float64)
+        if len(y) != len(x) or not np.isfinite(y).all():
+            raise _metafmu.Error(f"y has the shape {y.shape}, expected finite numbers in {len(x)} rows")
+        return x, y
+
+
+_PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose")
+
+
+class Regressor(RegressorMixin, BaseEstimator):
+    """A feed-forward network, trained by SOAP in single precision: an estimator of scikit-learn, if that is installed.
+
+    ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``: passes over the rows at most;
+    ``batch``: rows of a step; ``validation``: share of the rows that is held out to choose the best epoch; ``random_state``: an
+    integer, 0 unless given; ``training``: further keys of `[training]` in a study file, as a dict; ``verbose``: lines of progress on stderr.
+
+    >>> model = metafmu.Regressor(hidden=(32, 32)).fit(X, y)
+    >>> model.score(X_test, y_test)
+    >>> model.export("model.fmu")
+
+    After `fit` there are `surrogate_`, `history_` (a dict with the losses of each epoch), `n_features_in_` and, of a DataFrame,
+    `feature_names_in_`.
+    """
+
+    def __init__(self, hidden=(64, 64), activation="tanh", epochs=150, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
+                 training=None, verbose=False):
+        self.hidden = hidden
+        self.activation = activation
+        self.epochs = epochs
+        self.batch = batch
+        self.learning_rate = learning_rate
+        self.validation = validation
+        self.random_state = random_state
+        self.training = training
+        self.verbose = verbose
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = True
+        return tags
+
+    def fit(self, X, y):
+        """Trains the network on rows of inputs and of outputs, one or several columns."""
+        names = [str(name) for name in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
+        x, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        y = np.asarray(y, dtype=np.float64)
+        self._is_vector = y.ndim == 1
+        columns = y.reshape(len(y), -1)
+        features = getattr(self, "feature_names_in_", None)
+        self._names = None if features is None else [str(name) for name in features], names if names and len(names) == columns.shape[1] else None
+        self.surrogate_, self.history_ = self._trained(x, columns)
+        return self
+
+    def _trained(self, x, y, **about):
+        about = {"inputs": None, "outputs": None, "name": "surrogate", "description": "", "step": 0.01, "stop": 1.0, **about}
+        inputs, outputs = self._names
+        text, rows = interface(x.shape[1], y.shape[1], data=x, input_names=inputs, output_names=outputs, **about)
+        options = {
+            "network": {"hidden": [int(nodes) for nodes in np.atleast_1d(self.hidden)], "activation": self.activation},
+            "training": {
+                "epochs": int(self.epochs), "batch": int(self.batch), "learning_rate": float(self.learning_rate),
+                "validation": float(self.validation), **(self.training or {}),
+            },
+            "seed": self._seed(),
+        }
+        core, fit = _metafmu.fit(rows, np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
+        return Surrogate(core), json.loads(fit)
+
+    def _seed(self):
+        if self.random_state is None:
+            return 0
+        if isinstance(self.random_state, numbers.Integral):
+            return int(self.random_state)
+        return int(self.random_state.randint(2**31 - 1))
+
+    def predict(self, X):
+        """Outputs of rows of inputs, of the shape of ``y``."""
+        check_is_fitted(self)
+        x = validate_data(self, X, reset=False, dtype=np.float64)
+        found = self.surrogate_.predict(x)
+        return found[:, 0] if self._is_vector else found
+
+    def to_surrogate(self):
+        """The trained network as a :class:`Surrogate`."""
+        check_is_fitted(self)
+        return self.surrogate_
+
+    def export(self, path, **options):
+        """Writes FMUs: see :meth:`Surrogate.export`."""
+        return self.to_surrogate().export(path, **options)
+
+
+def fit(X, y, inputs=None, outputs=None, *, name="surrogate", description="", step=0.01, stop=1.0, **options):
+    """Trains a network on rows of inputs and outputs; returns a :class:`Surrogate`.
+
+    ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
+    given; ``options``: those of :class:`Regressor`.
+
+    >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"}, hidden=(32, 32))
+    >>> surrogate.export("force.fmu")
+    """
+    model = Regressor(**options)
+    names = [str(part) for part in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
+    x = np.ascontiguousarray(X, dtype=np.float64)
+    columns = np.asarray(y, dtype=np.float64)
+    columns = columns.reshape(len(columns), -1)
+    if x.ndim != 2 or len(x) != len(columns):
+        raise _metafmu.Error(f"X has the shape {x.shape} and y {np.shape(y)}, expected (rows, inputs) and as many rows of outputs")
+    if not np.isfinite(columns).all():
+        raise _metafmu.Error("y has numbers that are not finite")
+    model._names = [str(column) for column in X.columns] if hasattr(X, "columns") else None, names
+    surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop)
+    return surrogate

@@ -1,0 +1,482 @@
+"""Fitted estimators of scikit-learn, read in double precision."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import _metafmu
+from ._graph import Graph
+
+Error = _metafmu.Error
+
+_READERS = {}
+
+
+def _reads(*names):
+    def register(function):
+        for name in names:
+            _READERS[name] = function
+        return function
+
+    return register
+
+
+def from_sklearn(estimator, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+    """The surrogate of a fitted regressor or pipeline of scikit-learn.
+
+    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality``
+    ("input", "parameter" or "time"); unless given the columns of the DataFrame that it was fitted to. ``outputs``: names, or a dict of names
+    to units. ``data``: rows that it was trained on, an array or a DataFrame: ranges of the inputs that have none. ``step``, ``stop``: of a
+    simulation, unless the host says otherwise.
+
+    >>> model = make_pipeline(StandardScaler(), MLPRegressor()).fit(X, y)
+    >>> metafmu.from_sklearn(model, data=X, outputs={"force": "N"}).export("model.fmu")
+
+    Raises :class:`metafmu.Error` for an estimator that is not known, with those that are.
+    """
+    count = getattr(estimator, "n_features_in_", None)
+    if count is None:
+        _check(estimator)
+        raise Error(f"{type(estimator).__name__} is not fitted: expected one after `fit`")
+    graph = Graph(count)
+    value = _read(graph, estimator, 0)
+    names = getattr(estimator, "feature_names_in_", None)
+    return graph.finish(
+        value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop,
+        producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
+    )
+
+
+def _check(estimator):
+    kind = type(estimator)
+    # a class of somebody else may predict otherwise than the one it comes from
+    if kind.__name__ in _READERS and kind.__module__.split(".")[0] == "sklearn":
+        return _READERS[kind.__name__]
+    raise Error(f"{kind.__name__} of {kind.__module__} is not known, expected one of {', '.join(sorted(_READERS))}")
+
+
+def _read(graph, estimator, value):
+    reader = _check(estimator)
+    try:
+        return reader(graph, estimator, value)
+    except AttributeError as error:
+        raise Error(f"{type(estimator).__name__} is not fitted, or of a version of scikit-learn that is not known: {error}") from error
+
+
+# transformers
+
+
+def _or(array, otherwise):
+    return otherwise if array is None else np.asarray(array, dtype=np.float64)
+
+
+def _scaling(estimator):
+    """Factors and offsets of a transformer that is linear in each column."""
+    name = type(estimator).__name__
+    if name == "StandardScaler":
+        factor = 1.0 / _or(estimator.scale_, 1.0)
+        return factor, -_or(estimator.mean_ if estimator.with_mean else None, 0.0) * factor
+    if name == "MinMaxScaler":
+        return np.asarray(estimator.scale_), np.asarray(estimator.min_)
+    if name == "MaxAbsScaler":
+        return 1.0 / np.asarray(estimator.scale_), 0.0
+    if name == "RobustScaler":
+        factor = 1.0 / _or(estimator.scale_ if estimator.with_scaling else None, 1.0)
+        return factor, -_or(estimator.center_ if estimator.with_centering else None, 0.0) * factor
+    return None
+
+
+@_reads("StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler")
+def _scaler(graph, estimator, value):
+    factor, offset = _scaling(estimator)
+    scaled = graph.linear(value, factor, offset)
+    if getattr(estimator, "clip", False):
+        low, high = estimator.feature_range if hasattr(estimator, "feature_range") else (-1.0, 1.0)
+        scaled = graph.elementwise(scaled, "clip", low, high)
+    return scaled
+
+
+def _by_numpy(graph, function, value):
+    """A function of numpy, number by number."""
+    name = getattr(function, "__name__", repr(function))
+    if name in ("exp", "log", "sin", "cos", "tanh"):
+        return graph.elementwise(value, name)
+    if name == "expm1":
+        return graph.linear(graph.elementwise(value, "exp"), 1.0, -1.0)
+    if name == "log1p":
+        return graph.elementwise(graph.linear(value, 1.0, 1.0), "log")
+    if name in ("square", "sqrt"):
+        return graph.elementwise(value, "power", 2.0 if name == "square" else 0.5)
+    raise Error(f"the function {name}, expected numpy's exp, expm1, log, log1p, square, sqrt, sin, cos or tanh")
+
+
+@_reads("FunctionTransformer")
+def _function(graph, estimator, value):
+    if estimator.func is None:
+        return value
+    if estimator.kw_args:
+        raise Error("a FunctionTransformer with kw_args, expected none")
+    return _by_numpy(graph, estimator.func, value)
+
+
+@_reads("PolynomialFeatures")
+def _polynomial(graph, estimator, value):
+    terms = [np.repeat(np.arange(len(powers)), powers) for powers in estimator.powers_]
+    one = graph.constant([1.0])
+    factor = lambda place: [(value, term[place]) if place < len(term) else (one, 0) for term in terms]
+    product = graph.columns(factor(0))
+    for place in range(1, max(map(len, terms))):
+        product = graph.combine(product, graph.columns(factor(place)), "multiply")
+    return product
+
+
+@_reads("PCA")
+def _pca(graph, estimator, value):
+    weight = np.asarray(estimator.components_, dtype=np.float64)
+    if estimator.whiten:
+        scale = np.sqrt(estimator.explained_variance_)
+        weight = weight / np.maximum(scale, np.finfo(scale.dtype).eps)[:, None]
+    mean = _or(estimator.mean_, np.zeros(weight.shape[1]))
+    return graph.affine(graph.linear(value, 1.0, -mean), weight)
+
+
+@_reads("Pipeline")
+def _pipeline(graph, estimator, value):
+    for _, step in estimator.steps:
+        if step is not None and not (isinstance(step, str) and step == "passthrough"):
+            value = _read(graph, step, value)
+    return value
+
+
+@_reads("FeatureUnion")
+def _union(graph, estimator, value):
+    parts = []
+    weights = estimator.transformer_weights or {}
+    for name, step in estimator.transformer_list:
+        if isinstance(step, str) and step == "drop":
+            continue
+        part = value if isinstance(step, str) else _read(graph, step, value)
+        parts.append(graph.linear(part, weights[name]) if name in weights else part)
+    return graph.concatenate(parts)
+
+
+@_reads("ColumnTransformer")
+def _columns(graph, estimator, value):
+    names = [str(name) for name in getattr(estimator, "feature_names_in_", [])]
+    places = np.arange(graph.width(value))
+    weights = estimator.transformer_weights or {}
+    parts = []
+    for name, step, columns in estimator.transformers_:
+        if isinstance(step, str) and step == "drop":
+            continue
+        if isinstance(columns, str):
+            columns = [columns]
+        columns = np.atleast_1d(places[columns] if isinstance(columns, slice) and not names else np.asarray(columns))
+        if columns.dtype.kind in "OU":
+            columns = [names.index(str(column)) for column in columns]
+        elif columns.dtype.kind == "b":
+            columns = np.flatnonzero(columns)
+        if not len(columns):
+            continue
+        part = graph.select(value, columns)
+        if not isinstance(step, str):
+            part = _read(graph, step, part)
+        parts.append(graph.linear(part, weights[name]) if name in weights else part)
+    return graph.concatenate(parts)
+
+
+@_reads("SelectKBest", "SelectPercentile", "SelectFromModel", "VarianceThreshold")
+def _selection(graph, estimator, value):
+    return graph.select(value, estimator.get_support(indices=True))
+
+
+# linear models
+
+
+def _affine(graph, value, coefficients, intercept):
+    weight = np.atleast_2d(np.asarray(coefficients, dtype=np.float64))
+    return graph.affine(value, weight, np.broadcast_to(np.asarray(intercept, dtype=np.float64).ravel(), (len(weight),)))
+
+
+@_reads(
+    "LinearRegression", "Ridge", "RidgeCV", "Lasso", "LassoCV", "ElasticNet", "ElasticNetCV", "Lars", "LarsCV", "LassoLars", "LassoLarsCV",
+    "LassoLarsIC", "OrthogonalMatchingPursuit", "OrthogonalMatchingPursuitCV", "BayesianRidge", "ARDRegression", "HuberRegressor",
+    "SGDRegressor", "TheilSenRegressor", "MultiTaskLasso", "MultiTaskLassoCV", "MultiTaskElasticNet", "MultiTaskElasticNetCV",
+    "QuantileRegressor", "LinearSVR", "PassiveAggressiveRegressor",
+)
+def _linear(graph, estimator, value):
+    return _affine(graph, value, estimator.coef_, estimator.intercept_)
+
+
+@_reads("PoissonRegressor", "GammaRegressor", "TweedieRegressor")
+def _generalized(graph, estimator, value):
+    return _linked(graph, estimator._base_loss.link, _affine(graph, value, estimator.coef_, estimator.intercept_))
+
+
+def _linked(graph, link, value):
+    name = type(link).__name__
+    if name == "IdentityLink":
+        return value
+    if name == "LogLink":
+        return graph.elementwise(value, "exp")
+    raise Error(f"a link function {name}, expected IdentityLink or LogLink")
+
+
+@_reads("PLSRegression")
+def _pls(graph, estimator, value):
+    return _affine(graph, graph.linear(value, 1.0, -np.asarray(estimator._x_mean)), estimator.coef_, estimator.intercept_)
+
+
+@_reads("RANSACRegressor")
+def _ransac(graph, estimator, value):
+    return _read(graph, estimator.estimator_, value)
+
+
+@_reads("GridSearchCV", "RandomizedSearchCV", "HalvingGridSearchCV", "HalvingRandomSearchCV")
+def _search(graph, estimator, value):
+    return _read(graph, estimator.best_estimator_, value)
+
+
+@_reads("DummyRegressor")
+def _dummy(graph, estimator, value):
+    return graph.constant(np.ravel(estimator.constant_))
+
+
+# networks, kernels
+
+
+@_reads("MLPRegressor")
+def _mlp(graph, estimator, value):
+    functions = {"logistic": "sigmoid", "tanh": "tanh", "relu": "relu", "identity": "identity", "exp": "exp"}
+    last = len(estimator.coefs_) - 1
+    for layer, (weight, bias) in enumerate(zip(estimator.coefs_, estimator.intercepts_)):
+        value = graph.affine(value, np.asarray(weight, dtype=np.float64).T, np.asarray(bias, dtype=np.float64))
+        activation = estimator.out_activation_ if layer == last else estimator.activation
+        if activation not in functions:
+            raise Error(f"an activation {activation}, expected one of {', '.join(functions)}")
+        value = graph.elementwise(value, functions[activation])
+    return value
+
+
+def _kernel_of_vectors(graph, value, vectors, kernel, gamma, coef0, degree):
+    """What a kernel of libsvm gives for each of the vectors."""
+    if kernel == "rbf":
+        return graph.elementwise(graph.linear(graph.distances(value, vectors), -gamma), "exp")
+    if kernel == "linear":
+        return graph.affine(value, vectors)
+    if kernel in ("poly", "polynomial", "sigmoid"):
+        inner = graph.affine(value, gamma * vectors, np.full(len(vectors), float(coef0)))
+        return graph.elementwise(inner, "tanh") if kernel == "sigmoid" else graph.elementwise(inner, "power", degree)
+    raise Error(f"a kernel {kernel!r}, expected linear, poly, rbf or sigmoid")
+
+
+@_reads("SVR", "NuSVR")
+def _svr(graph, estimator, value):
+    vectors = estimator.support_vectors_
+    if hasattr(vectors, "toarray"):
+        raise Error("support vectors in a sparse matrix, expected an estimator that was fitted to an array")
+    kernel = _kernel_of_vectors(graph, value, np.asarray(vectors), estimator.kernel, estimator._gamma, estimator.coef0, estimator.degree)
+    return _affine(graph, kernel, estimator.dual_coef_, estimator.intercept_)
+
+
+@_reads("KernelRidge")
+def _kernel_ridge(graph, estimator, value):
+    vectors = np.asarray(estimator.X_fit_, dtype=np.float64)
+    gamma = 1.0 / vectors.shape[1] if estimator.gamma is None else estimator.gamma
+    kernel = _kernel_of_vectors(graph, value, vectors, estimator.kernel, gamma, estimator.coef0, estimator.degree)
+    return _affine(graph, kernel, np.asarray(estimator.dual_coef_).T, 0.0)
+
+
+@_reads("GaussianProcessRegressor")
+def _gaussian_process(graph, estimator, value):
+    points = np.asarray(estimator.X_train_, dtype=np.float64)
+    alpha = np.asarray(estimator.alpha_, dtype=np.float64).reshape(len(points), -1)
+    scale, mean = np.ravel(estimator._y_train_std), np.ravel(estimator._y_train_mean)
+    kind, kernel = _kernel(graph, estimator.kernel_, value, points)
+    if kind == "number":
+        kernel = graph.constant(np.full(len(points), kernel))
+    weight = alpha.T * np.broadcast_to(scale, (alpha.shape[1],))[:, None]
+    return _affine(graph, kernel, weight, np.broadcast_to(mean, (alpha.shape[1],)))
+
+
+_KERNELS = "RBF, Matern (0.5, 1.5, 2.5, inf), RationalQuadratic, ConstantKernel, WhiteKernel, DotProduct, Sum, Product, Exponentiation"
+
+
+def _kernel(graph, kernel, value, points):
+    """A number, or the value with the kernel between the inputs and each of the points."""
+    name = type(kernel).__name__
+    if name == "ConstantKernel":
+        return "number", float(kernel.constant_value)
+    if name == "WhiteKernel":
+        # of different points
+        return "number", 0.0
+    if name in ("Sum", "Product"):
+        parts = [_kernel(graph, part, value, points) for part in (kernel.k1, kernel.k2)]
+        numbers = [part for kind, part in parts if kind == "number"]
+        values = [part for kind, part in parts if kind == "value"]
+        if len(numbers) == 2:
+            return "number", numbers[0] + numbers[1] if name == "Sum" else numbers[0] * numbers[1]
+        if numbers:
+            return "value", graph.linear(values[0], 1.0, numbers[0]) if name == "Sum" else graph.linear(values[0], numbers[0])
+        return "value", graph.combine(*values, "add" if name == "Sum" else "multiply")
+    if name == "Exponentiation":
+        kind, base = _kernel(graph, kernel.kernel, value, points)
+        return (kind, base**kernel.exponent) if kind == "number" else (kind, graph.elementwise(base, "power", kernel.exponent))
+    if name == "DotProduct":
+        return "value", graph.affine(value, points, np.full(len(points), float(kernel.sigma_0) ** 2))
+    if name == "RationalQuadratic":
+        squares = graph.distances(value, points, kernel.length_scale)
+        return "value", graph.elementwise(graph.linear(squares, 0.5 / kernel.alpha, 1.0), "power", -kernel.alpha)
+    if name == "RBF" or name == "Matern" and kernel.nu == np.inf:
+        squares = graph.distances(value, points, kernel.length_scale)
+        return "value", graph.elementwise(graph.linear(squares, -0.5), "exp")
+    if name == "Matern" and kernel.nu in (0.5, 1.5, 2.5):
+        # the slope of the root is finite at the points themselves, where the squares have the slope 0
+        squares = graph.linear(graph.distances(value, points, kernel.length_scale), 2.0 * kernel.nu, 1e-200)
+        distance = graph.elementwise(squares, "power", 0.5)
+        decay = graph.elementwise(graph.linear(distance, -1.0), "exp")
+        if kernel.nu == 0.5:
+            return "value", decay
+        factor = graph.linear(distance, 1.0, 1.0)
+        if kernel.nu == 2.5:
+            factor = graph.combine(factor, graph.linear(squares, 1.0 / 3.0), "add")
+        return "value", graph.combine(factor, decay, "multiply")
+    about = f" with nu = {kernel.nu}" if name == "Matern" else ""
+    raise Error(f"a kernel {name}{about}, expected sums and products of {_KERNELS}")
+
+
+# trees
+
+
+def _tree(tree, scale=1.0):
+    """The trees of an estimator's `tree_`, one for each output."""
+    left, right = tree.children_left, tree.children_right
+    leaf = left < 0
+    values = tree.value[:, :, 0]
+    return [
+        {
+            "left": left,
+            "right": right,
+            "column": np.where(leaf, -1, tree.feature),
+            "number": np.where(leaf, scale * values[:, output], tree.threshold),
+            "output": output,
+        }
+        for output in range(values.shape[1])
+    ]
+
+
+def _rounded(graph, value):
+    # trees compare inputs in single precision with thresholds in double precision
+    return graph.elementwise(value, "single")
+
+
+@_reads("DecisionTreeRegressor", "ExtraTreeRegressor")
+def _decision_tree(graph, estimator, value):
+    return graph.forest(_rounded(graph, value), _tree(estimator.tree_), estimator.n_outputs_)
+
+
+@_reads("RandomForestRegressor", "ExtraTreesRegressor")
+def _random_forest(graph, estimator, value):
+    share = 1.0 / len(estimator.estimators_)
+    trees = [tree for member in estimator.estimators_ for tree in _tree(member.tree_, share)]
+    return graph.forest(_rounded(graph, value), trees, estimator.n_outputs_)
+
+
+@_reads("GradientBoostingRegressor")
+def _gradient_boosting(graph, estimator, value):
+    trees = [tree for member in estimator.estimators_[:, 0] for tree in _tree(member.tree_, estimator.learning_rate)]
+    # the first estimator gets rounded inputs as well
+    value = _rounded(graph, value)
+    sums = graph.forest(value, trees)
+    if isinstance(estimator.init_, str):
+        return sums
+    if type(estimator.init_).__name__ == "DummyRegressor":
+        return graph.linear(sums, 1.0, float(np.ravel(estimator.init_.constant_)[0]))
+    return graph.combine(sums, _read(graph, estimator.init_, value), "add")
+
+
+@_reads("HistGradientBoostingRegressor")
+def _histogram_boosting(graph, estimator, value):
+    if estimator.is_categorical_ is not None and np.any(estimator.is_categorical_):
+        raise Error("HistGradientBoostingRegressor with categorical columns, expected numbers only")
+    trees = []
+    for (predictor,) in estimator._predictors:
+        nodes = predictor.nodes
+        leaf = nodes["is_leaf"].astype(bool)
+        largest = np.finfo(np.float64).max
+        # a split off of missing values only
+        threshold = np.clip(nodes["num_threshold"], -largest, largest)
+        trees.append(
+            {
+                "left": nodes["left"].astype(np.int64),
+                "right": nodes["right"].astype(np.int64),
+                "column": np.where(leaf, -1, nodes["feature_idx"].astype(np.int64)),
+                "number": np.where(leaf, nodes["value"], threshold),
+            }
+        )
+    baseline = float(np.ravel(estimator._baseline_prediction)[0])
+    sums = graph.linear(graph.forest(value, trees), 1.0, baseline) if trees else graph.constant([baseline])
+    return _linked(graph, estimator._loss.link, sums)
+
+
+# several of them
+
+
+def _mean(graph, values, weights=None):
+    """A weighted mean of values of one length."""
+    weights = np.ones(len(values)) if weights is None else np.asarray(weights, dtype=np.float64)
+    width = graph.width(values[0])
+    weight = np.kron((weights / weights.sum())[None, :], np.eye(width))
+    return graph.affine(graph.concatenate(values), weight)
+
+
+@_reads("BaggingRegressor")
+def _bagging(graph, estimator, value):
+    everything = list(range(graph.width(value)))
+    part = lambda places: value if list(places) == everything else graph.select(value, places)
+    members = zip(estimator.estimators_, estimator.estimators_features_)
+    return _mean(graph, [_read(graph, member, part(places)) for member, places in members])
+
+
+@_reads("VotingRegressor")
+def _voting(graph, estimator, value):
+    return _mean(graph, [_read(graph, member, value) for member in estimator.estimators_], estimator._weights_not_none)
+
+
+@_reads("StackingRegressor")
+def _stacking(graph, estimator, value):
+    parts = [_read(graph, member, value) for member in estimator.estimators_]
+    if estimator.passthrough:
+        parts.append(value)
+    return _read(graph, estimator.final_estimator_, graph.concatenate(parts))
+
+
+@_reads("MultiOutputRegressor")
+def _multi_output(graph, estimator, value):
+    return graph.concatenate([_read(graph, member, value) for member in estimator.estimators_])
+
+
+@_reads("TransformedTargetRegressor")
+def _transformed_target(graph, estimator, value):
+    value = _read(graph, estimator.regressor_, value)
+    return _inverse(graph, estimator.transformer_, value)
+
+
+def _inverse(graph, transformer, value):
+    """What undoes a transformer of targets."""
+    scaling = _scaling(transformer)
+    if scaling is not None:
+        if getattr(transformer, "clip", False):
+            raise Error(f"a {type(transformer).__name__} of targets with clip=True, expected one that is linear")
+        factor, offset = (np.asarray(part, dtype=np.float64) for part in scaling)
+        return graph.linear(value, 1.0 / factor, -offset / factor)
+    name = type(transformer).__name__
+    if name == "Pipeline":
+        for _, step in reversed(transformer.steps):
+            value = _inverse(graph, step, value)
+        return value
+    if name == "FunctionTransformer":
+        return value if transformer.inverse_func is None else _by_numpy(graph, transformer.inverse_func, value)
+    raise Error(
+        f"targets by {name}, expected StandardScaler, MinMaxScaler, MaxAbsScaler, RobustScaler, a Pipeline of them, or functions of numpy"
+    )

@@ -1,0 +1,118 @@
+"""Studies, and the validation of FMUs."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from pathlib import Path
+
+from . import _metafmu
+from ._program import program
+from ._surrogate import Surrogate
+
+
+class Study:
+    """A study file: what is sampled, how, and what is made of it.
+
+    >>> result = metafmu.Study.load("study.toml").build()
+    >>> result.metrics["outputs"], result.fmus
+    >>> result.report                                           # shows itself in a notebook
+    """
+
+    def __init__(self, path, name):
+        self.path, self.name = path, name
+
+    @classmethod
+    def load(cls, path):
+        """Reads and checks a study; :class:`metafmu.Error` has every mistake with its line."""
+        path = Path(path)
+        name, _ = _metafmu.study(path, None, program())
+        return cls(path, name)
+
+    def build(self, out=None, *, fmi=None, resume=False, verbose=True):
+        """Samples, trains, evaluates, exports, validates and reports; returns a :class:`Result`.
+
+        ``out``: folder of the results, ``out/NAME`` unless given; ``fmi``: ``"2"``, ``"3"`` or ``"both"``, the study's unless given;
+        ``resume``: keeps what a stopped build of the same study has finished; ``verbose``: lines of progress on stderr. Ctrl-C ends the
+        training and raises KeyboardInterrupt.
+        """
+        out = None if out is None else Path(out)
+        fmi = None if fmi is None else str(fmi)
+        return Result(json.loads(_metafmu.build(self.path, out, fmi, bool(resume), program(), bool(verbose))))
+
+    def __repr__(self):
+        return f"Study({self.name!r}, {str(self.path)!r})"
+
+
+class Result:
+    """What a build has made."""
+
+    def __init__(self, built):
+        self._built = built
+        self.name = built["name"]
+        #: Folder of the results.
+        self.folder = Path(built["folder"])
+        #: What `metrics.json` holds: accuracy on the test runs.
+        self.metrics = built["metrics"]
+        #: Whether the surrogate is good enough, and if not, why.
+        self.accepted, self.verdict = built["accepted"], built["verdict"]
+        #: The FMUs.
+        self.fmus = [Path(fmu["fmu"]) for fmu in built["fmus"]]
+        #: Problems of the FMUs, none if they are fine.
+        self.problems = [problem for fmu in built["fmus"] for problem in fmu["problems"]]
+        #: The report, a page of HTML.
+        self.report = Report(Path(built["report"]))
+
+    @property
+    def surrogate(self):
+        """The surrogate."""
+        return Surrogate.load(self._built["model"])
+
+    def __repr__(self):
+        return f"{self._built['table']}\n{self.verdict}".rstrip()
+
+
+class Report(os.PathLike):
+    """A page of HTML: a path, and in a notebook the page itself."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __fspath__(self):
+        return str(self.path)
+
+    def __repr__(self):
+        return f"Report({str(self.path)!r})"
+
+    def _repr_html_(self):
+        # its styles are its own
+        page = html.escape(self.path.read_text(encoding="utf-8"), quote=True)
+        return f'<iframe srcdoc="{page}" width="100%" height="600" style="border:0"></iframe>'
+
+
+class Validation:
+    """What was found wrong with an FMU: true if nothing was."""
+
+    def __init__(self, found):
+        #: Dicts with `area`, `line` and `message`.
+        self.problems = found["problems"]
+        #: What could not be checked, and why.
+        self.not_checked = found["not_checked"]
+        self._text = found["text"]
+
+    def __bool__(self):
+        return not self.problems
+
+    def __repr__(self):
+        return self._text.rstrip()
+
+
+def validate(fmu, time_limit=60.0):
+    """Checks any FMU of FMI 2.0 or 3.0: archive, description, and, if it has a binary for this machine, how it runs, in a process of
+    its own. ``time_limit``: seconds that each of the checks that run it may take.
+
+    >>> bool(metafmu.validate("model.fmu"))
+    True
+    """
+    return Validation(json.loads(_metafmu.validate(Path(fmu), float(time_limit), program())))

@@ -1,0 +1,390 @@
+"""Modules of PyTorch, followed by torch.fx: without ONNX, in the precision of their weights."""
+
+from __future__ import annotations
+
+import copy
+import operator
+
+import numpy as np
+
+from . import _metafmu
+from ._graph import Graph
+from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+
+Error = _metafmu.Error
+
+
+def from_torch(module, inputs=None, outputs=None, data=None, *, example=None, name=None, description="", step=0.01, stop=1.0):
+    """The surrogate of a module of PyTorch, as it is after `eval()`.
+
+    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts; ``outputs``: names, or a dict of names to units;
+    ``data``: rows that it was trained on, for the ranges; ``example``: a tensor like the input, or a tuple of tensors if there are several
+    or if they have more dimensions than a batch and columns. ``step``, ``stop``: of a simulation, unless the host says otherwise.
+
+    >>> net = torch.nn.Sequential(torch.nn.Linear(2, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1))
+    >>> metafmu.from_torch(net, inputs={"x": (-1, 1), "v": (-2, 2)}, outputs=["force"]).export("force.fmu")
+
+    Raises :class:`metafmu.Error` with the operation that is not known, or cannot be followed.
+    """
+    import torch
+    import torch.fx
+
+    module = copy.deepcopy(module).eval() if isinstance(module, torch.nn.Module) else module
+    try:
+        traced = torch.fx.symbolic_trace(module)
+    except Exception as error:
+        raise Error(
+            f"{type(module).__name__} cannot be followed by torch.fx: {error}; expected a module without branches that depend on its "
+            "inputs, or export it to ONNX and use from_onnx"
+        ) from error
+    holders = [node for node in traced.graph.nodes if node.op == "placeholder"]
+    holders = [node for place, node in enumerate(holders) if place == 0 or not node.args]
+    shapes = _shapes(traced, holders, example, inputs, data)
+    graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
+    given, begin = {}, 0
+    for node, shape in zip(holders, shapes):
+        size = int(np.prod(shape))
+        given[node] = Row(graph, 0, (graph.width(0),)).take(np.arange(begin, begin + size).reshape(shape))
+        begin += size
+    _, value = outputs_of(_follow(traced, given))
+    tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
+    return graph.finish(
+        value, inputs=inputs, outputs=outputs, data=data, name=name or type(module).__name__, description=description, step=step, stop=stop,
+        producer="PyTorch", single=bool(tensors) and all(tensor.dtype != torch.float64 for tensor in tensors),
+    )
+
+
+def _shapes(traced, holders, example, inputs, data):
+    """The shape of one row of each input."""
+    import torch
+
+    if example is not None:
+        examples = example if isinstance(example, (tuple, list)) else (example,)
+        if len(examples) != len(holders):
+            raise Error(f"{len(examples)} examples, the module has {len(holders)} inputs: expected one for each")
+        return [(1, *np.shape(tensor)[1:]) for tensor in examples]
+    if len(holders) != 1:
+        raise Error(f"the module has {len(holders)} inputs ({', '.join(map(str, holders))}): expected example=(...), a tensor for each")
+    count = None
+    if data is not None:
+        count = np.shape(data)[1] if len(np.shape(data)) > 1 else None
+    if inputs is not None:
+        count = 1 if isinstance(inputs, str) else len(inputs)
+    if count is None:
+        first = [module for module in traced.modules() if isinstance(module, torch.nn.Linear)]
+        if not first:
+            raise Error("the number of columns is not known: expected inputs=[...], data=X or example=x")
+        count = first[0].in_features
+    return [(1, count)]
+
+
+def _numbers(x):
+    """A constant as numpy has it."""
+    import torch
+
+    if isinstance(x, torch.Tensor):
+        x = x.detach().cpu()
+        return x.to(torch.float32).numpy() if x.dtype in (torch.bfloat16, torch.float16) else x.numpy()
+    return x
+
+
+def _follow(traced, given):
+    import torch
+
+    known = dict(given)
+    value = lambda argument: torch.fx.node.map_arg(argument, lambda node: known[node])
+    for node in traced.graph.nodes:
+        if node.op == "placeholder":
+            if node not in known:
+                known[node] = node.args[0] if node.args else None
+            continue
+        if node.op == "get_attr":
+            place = traced
+            for part in node.target.split("."):
+                place = getattr(place, part)
+            known[node] = place
+            continue
+        args, kwargs = value(node.args), value(node.kwargs)
+        if node.op == "output":
+            return args[0]
+        try:
+            known[node] = _step(traced, node, args, kwargs)
+        except Error as error:
+            if str(error).startswith("node `"):
+                raise
+            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
+        except (TypeError, ValueError, RuntimeError, IndexError) as error:
+            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from error
+    raise Error("the module has no output")
+
+
+def _title(traced, node):
+    if node.op == "call_module":
+        return type(traced.get_submodule(node.target)).__name__
+    return getattr(node.target, "__name__", str(node.target))
+
+
+def _has_row(x):
+    if isinstance(x, (tuple, list)):
+        return any(_has_row(part) for part in x)
+    return is_row(x)
+
+
+def _step(traced, node, args, kwargs):
+    import torch
+
+    if node.op == "call_module":
+        module = traced.get_submodule(node.target)
+        return _module(module, *args, **kwargs) if _has_row(args) or _has_row(tuple(kwargs.values())) else module(*args, **kwargs)
+    rows = _has_row(args) or _has_row(tuple(kwargs.values()))
+    if node.op == "call_method":
+        if not rows:
+            return getattr(args[0], node.target)(*args[1:], **kwargs)
+        return _function(node.target, args, kwargs)
+    if not rows:
+        return node.target(*args, **kwargs)
+    if node.target is getattr:
+        if args[1] == "shape":
+            return torch.Size(args[0].shape)
+        if args[1] in ("T", "mT"):
+            return args[0].take(args[0].index().swapaxes(-1, -2))
+        if args[1] in ("dtype", "device"):
+            return {"dtype": None, "device": None}[args[1]]
+        raise Error(f"the attribute {args[1]}, expected shape or T")
+    return _function(node.target.__name__.lstrip("_").removesuffix("_"), args, kwargs)
+
+
+# what only moves elements: done by PyTorch with their places
+_MOVES = {
+    "reshape", "view", "flatten", "squeeze", "unsqueeze", "transpose", "permute", "getitem", "expand", "expand_as", "repeat", "tile", "roll",
+    "flip", "swapaxes", "movedim", "moveaxis", "t", "narrow", "select", "index_select", "contiguous", "clone", "unflatten", "view_as",
+    "reshape_as", "broadcast_to", "ravel", "diagonal", "chunk", "split", "unbind", "tensor_split", "hsplit", "vsplit",
+}
+_SAME = {"dropout", "alpha_dropout", "feature_alpha_dropout", "detach", "float", "double", "to", "type", "type_as", "cpu", "identity", "positive", "pos"}
+_BINARY = {
+    "add": "add", "iadd": "add", "sub": "subtract", "isub": "subtract", "subtract": "subtract", "mul": "multiply", "imul": "multiply",
+    "multiply": "multiply", "div": "divide", "truediv": "divide", "itruediv": "divide", "divide": "divide", "true_divide": "divide",
+    "pow": "power", "float_power": "power", "maximum": "maximum", "minimum": "minimum",
+}
+_ONE = {
+    "tanh": "tanh", "sigmoid": "sigmoid", "relu": "relu", "silu": "silu", "sin": "sin", "cos": "cos", "exp": "exp", "log": "log",
+    "abs": "abs", "absolute": "abs", "reciprocal": "reciprocal", "erf": "erf", "softsign": "softsign", "atan": "atan", "arctan": "atan",
+    "sqrt": "sqrt", "rsqrt": "rsqrt", "square": "square", "neg": "neg", "negative": "neg", "tan": "tan", "sinh": "sinh", "cosh": "cosh",
+    "log1p": "log1p", "expm1": "expm1", "log2": "log2", "log10": "log10", "exp2": "exp2", "erfc": "erfc", "logsigmoid": "log_sigmoid",
+    "selu": "selu", "relu6": "relu6", "hardsigmoid": "hard_sigmoid", "hardswish": "hard_swish", "mish": "mish", "tanhshrink": "tanhshrink",
+}
+
+
+def _function(name, args, kwargs):
+    """A function or method of PyTorch, of which at least one argument is a row."""
+    import torch
+
+    kwargs = {key: value for key, value in kwargs.items() if key not in ("inplace", "out")}
+    x = args[0] if args else kwargs.pop("input", None)
+    rest = list(args[1:])
+    if name == "getitem" and isinstance(x, tuple):
+        return x[rest[0]]
+    if name in _SAME:
+        return x
+    if name in _MOVES:
+        return _moved(name, x, rest, kwargs)
+    if name in ("size", "dim"):
+        shape = torch.Size(x.shape)
+        return len(shape) if name == "dim" else shape[rest[0]] if rest else shape
+    if name in ("radd", "rmul", "rsub", "rtruediv", "rpow", "rdiv"):
+        return _function(name[1:], (rest[0], x), kwargs)
+    if name in _BINARY:
+        other = rest[0] if rest else kwargs.pop("other", kwargs.pop("exponent", None))
+        alpha = kwargs.pop("alpha", rest[1] if len(rest) > 1 else 1)
+        if kwargs.get("rounding_mode") is not None:
+            raise Error("a division that rounds")
+        if alpha != 1:
+            other = binary("multiply", other, alpha) if is_row(other) else other * alpha
+        return binary(_BINARY[name], *(part if is_row(part) else _numbers(part) for part in (x, other)))
+    if name in _ONE and not rest and not kwargs:
+        return compose(x, _ONE[name])
+    known = _FUNCTIONS.get(name)
+    if known is None:
+        every = sorted({*_MOVES, *_SAME, *_BINARY, *_ONE, *_FUNCTIONS})
+        raise Error(f"the function {name} is not known, expected one of {', '.join(every)}")
+    return known(x, *rest, **kwargs)
+
+
+def _moved(name, x, rest, kwargs):
+    import torch
+
+    if not is_row(x):
+        raise Error("a choice of elements that depends on the inputs")
+    index = torch.from_numpy(np.ascontiguousarray(x.index()))
+    if name == "getitem":
+        moved = operator.getitem(index, rest[0])
+    elif name in ("view_as", "reshape_as", "expand_as"):
+        moved = (index.expand if name == "expand_as" else index.reshape)(rest[0].shape)
+    elif name == "view":
+        moved = index.reshape(*rest, **kwargs)
+    else:
+        if _has_row(tuple(rest)):
+            raise Error("a choice of elements that depends on the inputs")
+        moved = getattr(index if hasattr(index, name) else torch, name)(*([] if hasattr(index, name) else [index]), *rest, **kwargs)
+    if isinstance(moved, (tuple, list)):
+        return tuple(x.take(part.numpy()) for part in moved)
+    return x.take(moved.numpy())
+
+
+def _cat(parts, dim=0, axis=None):
+    return concatenate([part if is_row(part) else _numbers(part) for part in parts], dim if axis is None else axis)
+
+
+def _stack(parts, dim=0):
+    return concatenate([part if is_row(part) else _numbers(part) for part in parts], dim, stack=True)
+
+
+def _linear(x, weight, bias=None):
+    weight, bias = _numbers(weight), None if bias is None else _numbers(bias)
+    if weight.ndim == 1:
+        row = x.affine(weight[None, :], None if bias is None else np.reshape(bias, 1))
+        return row.take(row.index()[..., 0])
+    return x.affine(weight, bias)
+
+
+def _matmul(a, b):
+    if is_row(a) and is_row(b):
+        raise Error("a product of two matrices that both depend on the inputs, expected one that is constant")
+    if is_row(a):
+        weight = _numbers(b)
+        return _linear(a, weight.T if weight.ndim == 2 else weight)
+    weight = _numbers(a)
+    if b.ndim == 1:
+        return b.affine(weight if weight.ndim == 2 else weight[None, :])
+    moved = b.take(b.index().swapaxes(-1, -2))
+    made = moved.affine(weight)
+    return made.take(made.index().swapaxes(-1, -2))
+
+
+def _addmm(bias, a, b):
+    product = _matmul(a, b)
+    return binary("add", product, bias if is_row(bias) else _numbers(bias))
+
+
+def _gelu(x, approximate="none"):
+    return x.map("gelu" if approximate == "none" else "gelu_tanh")
+
+
+def _softplus(x, beta=1.0, threshold=20.0):
+    return x.linear(beta).map("softplus").linear(1.0 / beta) if beta != 1.0 else x.map("softplus")
+
+
+def _clamp(x, min=None, max=None, min_val=None, max_val=None):
+    low, high = (min if min is not None else min_val), (max if max is not None else max_val)
+    if _has_row((low, high)):
+        row = x if low is None else binary("maximum", x, low if is_row(low) else _numbers(low))
+        return row if high is None else binary("minimum", row, high if is_row(high) else _numbers(high))
+    largest = np.finfo(np.float64).max
+    return x.map("clip", -largest if low is None else _numbers(low), largest if high is None else _numbers(high))
+
+
+def _scaled_elu(x, alpha):
+    # x > 0: x, else alpha (exp(x / alpha) - 1)
+    return x.linear(1.0 / alpha).map("elu", 1.0).linear(alpha)
+
+
+def _layer_norm(x, normalized_shape, weight=None, bias=None, eps=1e-5):
+    row = x.standardise(len(tuple(normalized_shape)), eps)
+    if weight is None and bias is None:
+        return row
+    return row.linear(1.0 if weight is None else _double(weight), 0.0 if bias is None else _double(bias))
+
+
+def _double(tensor):
+    return np.asarray(_numbers(tensor), dtype=np.float64)
+
+
+def _batch_norm(x, running_mean, running_var, weight=None, bias=None, training=False, momentum=0.1, eps=1e-5):
+    if training or running_mean is None:
+        raise Error("a normalisation over the batch, expected one by running statistics")
+    factor = 1.0 / np.sqrt(_double(running_var) + eps)
+    factor = factor if weight is None else factor * _double(weight)
+    offset = (0.0 if bias is None else _double(bias)) - _double(running_mean) * factor
+    if x.ndim == 3:
+        factor, offset = factor[:, None], np.broadcast_to(offset, np.shape(factor))[:, None]
+    return x.linear(factor, offset)
+
+
+def _prelu(x, weight):
+    weight = _double(weight)
+    if weight.size > 1 and x.ndim > 2:
+        weight = weight.reshape((-1,) + (1,) * (x.ndim - 2))
+    return x.map("leaky_relu", weight if weight.size > 1 else float(weight.ravel()[0]))
+
+
+def _reduced(mean):
+    def reduce(x, dim=None, keepdim=False, dtype=None, axis=None):
+        return x.reduce(axis if dim is None else dim, keepdim, mean)
+
+    return reduce
+
+
+def _norm(x, p=2, dim=None, keepdim=False, dtype=None, ord=None):
+    if (p if ord is None else ord) not in (2, 2.0, "fro", None):
+        raise Error("a norm of another order, expected 2")
+    return x.map("power", 2.0).reduce(dim, keepdim).map("power", 0.5)
+
+
+def _softmax(x, dim=-1, dtype=None, **_):
+    return x.softmax(-1 if dim is None else dim)
+
+
+def _threshold(x, threshold, value):
+    if value != 0:
+        raise Error(f"a threshold with the value {value}, expected 0")
+    return x.map("thresholded_relu", threshold)
+
+
+_FUNCTIONS = {
+    "cat": _cat, "concat": _cat, "concatenate": _cat, "stack": _stack, "linear": _linear, "matmul": _matmul, "mm": _matmul, "addmm": _addmm,
+    "gelu": _gelu, "softplus": _softplus, "clamp": _clamp, "clip": _clamp, "layer_norm": _layer_norm, "batch_norm": _batch_norm,
+    "prelu": _prelu, "sum": _reduced(False), "mean": _reduced(True), "norm": _norm, "softmax": _softmax, "threshold": _threshold,
+    "leaky_relu": lambda x, negative_slope=0.01: x.map("leaky_relu", negative_slope),
+    "elu": lambda x, alpha=1.0: x.map("elu", alpha),
+    "celu": lambda x, alpha=1.0: _scaled_elu(x, alpha),
+    "hardtanh": lambda x, min_val=-1.0, max_val=1.0: x.map("clip", min_val, max_val),
+    "log_softmax": lambda x, dim=-1, **_: x.softmax(-1 if dim is None else dim).map("log"),
+}
+
+
+def _module(module, x, *args, **kwargs):
+    """A module of torch.nn."""
+    name = type(module).__name__
+    if type(module).__module__.split(".")[0] != "torch":
+        raise Error(f"{name} is not followed by torch.fx, expected a module of torch.nn or one that is")
+    if name in ("Identity", "Dropout", "Dropout1d", "AlphaDropout", "FeatureAlphaDropout"):
+        return x
+    if name in ("Linear", "NonDynamicallyQuantizableLinear"):
+        return _linear(x, module.weight, module.bias)
+    if name == "Flatten":
+        return _moved("flatten", x, [module.start_dim, module.end_dim], {})
+    if name == "Unflatten":
+        return _moved("unflatten", x, [module.dim, module.unflattened_size], {})
+    if name == "BatchNorm1d":
+        return _batch_norm(x, module.running_mean, module.running_var, module.weight, module.bias, eps=module.eps)
+    if name == "LayerNorm":
+        return _layer_norm(x, module.normalized_shape, module.weight, module.bias, module.eps)
+    if name in ("Softmax", "LogSoftmax"):
+        return _FUNCTIONS["softmax" if name == "Softmax" else "log_softmax"](x, module.dim)
+    with_options = {
+        "GELU": lambda: _gelu(x, module.approximate),
+        "LeakyReLU": lambda: x.map("leaky_relu", module.negative_slope),
+        "PReLU": lambda: _prelu(x, module.weight),
+        "ELU": lambda: x.map("elu", module.alpha),
+        "CELU": lambda: _scaled_elu(x, module.alpha),
+        "Softplus": lambda: _softplus(x, module.beta),
+        "Hardtanh": lambda: x.map("clip", module.min_val, module.max_val),
+        "Threshold": lambda: _threshold(x, module.threshold, module.value),
+    }
+    if name in with_options:
+        return with_options[name]()
+    if name.lower() in _ONE:
+        return compose(x, _ONE[name.lower()])
+    every = ["BatchNorm1d", "Dropout", "Flatten", "Identity", "LayerNorm", "Linear", "LogSoftmax", "Softmax", "Unflatten", *with_options]
+    activations = ["ReLU", "ReLU6", "Tanh", "Sigmoid", "SiLU", "SELU", "Softsign", "Mish", "Hardsigmoid", "Hardswish", "LogSigmoid", "Tanhshrink"]
+    raise Error(f"the module {name} is not known, expected one of {', '.join(sorted(every + activations))}")

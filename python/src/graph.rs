@@ -1,0 +1,234 @@
+//! The builder of graphs, for readers of fitted models.
+
+use crate::{Error, Surrogate, doubles, refused, rows};
+use metafmu::{
+    import::{self, About, builder::Builder},
+    interface::Interface,
+};
+use metafmu_runtime::{
+    Activation, Numbers,
+    graph::{Elementwise, Operation, Step},
+    regression::{Forest, LEAF, Node, Tree},
+};
+use pyo3::prelude::*;
+use std::path::Path;
+
+/// Functions of one number by name.
+const FUNCTIONS: [(&str, Elementwise); 25] = [
+    ("tanh", Elementwise::Activation(Activation::Tanh)),
+    ("sigmoid", Elementwise::Activation(Activation::Sigmoid)),
+    ("relu", Elementwise::Activation(Activation::Relu)),
+    ("gelu_tanh", Elementwise::Activation(Activation::Gelu)),
+    ("silu", Elementwise::Activation(Activation::Silu)),
+    ("sin", Elementwise::Activation(Activation::Sine)),
+    ("identity", Elementwise::Activation(Activation::Identity)),
+    ("linear", Elementwise::Linear),
+    ("cos", Elementwise::Cosine),
+    ("exp", Elementwise::Exponential),
+    ("log", Elementwise::Logarithm),
+    ("reciprocal", Elementwise::Reciprocal),
+    ("power", Elementwise::Power),
+    ("abs", Elementwise::Absolute),
+    ("erf", Elementwise::Erf),
+    ("gelu", Elementwise::GeluExact),
+    ("leaky_relu", Elementwise::LeakyRelu),
+    ("elu", Elementwise::Elu),
+    ("softplus", Elementwise::Softplus),
+    ("softsign", Elementwise::Softsign),
+    ("clip", Elementwise::Clip),
+    ("thresholded_relu", Elementwise::ThresholdedRelu),
+    ("atan", Elementwise::Arctangent),
+    ("single", Elementwise::Single),
+    ("positive", Elementwise::Positive),
+];
+
+/// Operations of two numbers by name.
+const OPERATIONS: [(&str, Operation); 6] = [
+    ("add", Operation::Add),
+    ("subtract", Operation::Subtract),
+    ("multiply", Operation::Multiply),
+    ("divide", Operation::Divide),
+    ("maximum", Operation::Maximum),
+    ("minimum", Operation::Minimum),
+];
+
+/// The names of functions of one number.
+pub fn names() -> Vec<&'static str> {
+    FUNCTIONS.iter().map(|(name, _)| *name).collect()
+}
+
+fn by_name<T: Copy>(table: &[(&str, T)], wanted: &str) -> PyResult<T> {
+    let found = table.iter().find(|(name, _)| *name == wanted).map(|(_, value)| *value);
+    found.ok_or_else(|| refused(format!("no function `{wanted}`")))
+}
+
+/// A graph that is being made: value 0 is the row of inputs, and each method makes a value of others and gives its number.
+#[pyclass(module = "metafmu._metafmu")]
+pub struct Graph {
+    builder: Option<Builder>,
+    values: usize,
+}
+
+impl Graph {
+    /// The builder, and makes sure that the values exist: Python may say anything.
+    fn of(&mut self, values: &[usize]) -> PyResult<&mut Builder> {
+        if let Some(value) = values.iter().find(|value| **value >= self.values) {
+            return Err(refused(format!("value {value} of {}", self.values)));
+        }
+        self.builder.as_mut().ok_or_else(|| Error::new_err("the graph is finished"))
+    }
+
+    fn made(&mut self, made: Result<usize, String>) -> PyResult<usize> {
+        let value = made.map_err(refused)?;
+        self.values = value + 1;
+        Ok(value)
+    }
+}
+
+fn lengths(what: &str, found: usize, expected: usize) -> PyResult<()> {
+    if found == expected { Ok(()) } else { Err(refused(format!("{found} {what}, expected {expected}"))) }
+}
+
+#[pymethods]
+impl Graph {
+    #[new]
+    fn new(inputs: usize) -> PyResult<Self> {
+        if inputs == 0 {
+            return Err(refused("no inputs, expected at least one"));
+        }
+        Ok(Self { builder: Some(Builder::new(inputs)), values: 1 })
+    }
+
+    fn width(&mut self, value: usize) -> PyResult<usize> {
+        Ok(self.of(&[value])?.width(value))
+    }
+
+    /// `W x + b`; of `single` precision the bytes of `weight` and `bias` are floats, else doubles.
+    fn affine(&mut self, of: usize, weight: &[u8], bias: &[u8], single: bool) -> PyResult<usize> {
+        let numbers = |bytes: &[u8]| -> Numbers {
+            let floats = |four: &[u8]| f32::from_ne_bytes(std::array::from_fn(|place| four[place]));
+            match single {
+                true => bytes.chunks_exact(4).map(floats).collect::<Vec<f32>>().into(),
+                false => doubles(bytes).into(),
+            }
+        };
+        let (weight, bias) = (numbers(weight), numbers(bias));
+        let builder = self.of(&[of])?;
+        lengths("weights", weight.len(), bias.len() * builder.width(of))?;
+        let made = builder.affine(of, weight, bias);
+        self.made(made)
+    }
+
+    fn elementwise(&mut self, of: usize, function: &str, parameters: Vec<f64>) -> PyResult<usize> {
+        let function = by_name(&FUNCTIONS, function)?;
+        let builder = self.of(&[of])?;
+        if parameters.len() != function.parameters() {
+            lengths("parameters", parameters.len(), function.parameters() * builder.width(of))?;
+        }
+        let made = builder.elementwise(of, function, parameters);
+        self.made(made)
+    }
+
+    fn combine(&mut self, first: usize, second: usize, operation: &str) -> PyResult<usize> {
+        let operation = by_name(&OPERATIONS, operation)?;
+        let builder = self.of(&[first, second])?;
+        let width = builder.width(first);
+        lengths("numbers", builder.width(second), width)?;
+        let made = builder.add(Step::Combine { of: [first, second], operation }, width);
+        self.made(made)
+    }
+
+    fn columns(&mut self, columns: Vec<[u32; 2]>) -> PyResult<usize> {
+        self.check_columns(&columns)?;
+        let made = self.of(&[])?.columns(columns);
+        self.made(made)
+    }
+
+    fn standardise(&mut self, of: usize, epsilon: f64) -> PyResult<usize> {
+        let builder = self.of(&[of])?;
+        let made = builder.add(Step::Standardise { of, epsilon }, builder.width(of));
+        self.made(made)
+    }
+
+    fn softmax(&mut self, of: usize) -> PyResult<usize> {
+        let builder = self.of(&[of])?;
+        let made = builder.add(Step::Softmax { of }, builder.width(of));
+        self.made(made)
+    }
+
+    fn distances(&mut self, of: usize, centres: &[u8], lengths: Vec<f64>) -> PyResult<usize> {
+        let centres = doubles(centres);
+        let builder = self.of(&[of])?;
+        let width = builder.width(of);
+        self::lengths("lengths", lengths.len(), width)?;
+        if centres.is_empty() || centres.len() % width != 0 {
+            return Err(refused(format!("{} numbers of centres, expected a multiple of {width}", centres.len())));
+        }
+        let rows = centres.len() / width;
+        let made = builder.add(Step::Distances { of, centres, lengths }, rows);
+        self.made(made)
+    }
+
+    /// Nodes of all trees: the column of a split, negative at a leaf; its threshold, or the leaf's number; the nodes below. Of each tree
+    /// the first node and the output.
+    fn forest(
+        &mut self,
+        of: usize,
+        columns: Vec<i64>,
+        numbers: &[u8],
+        below: Vec<[u32; 2]>,
+        trees: Vec<[u32; 2]>,
+        outputs: usize,
+    ) -> PyResult<usize> {
+        let numbers = doubles(numbers);
+        lengths("numbers of nodes", numbers.len(), columns.len())?;
+        lengths("pairs of nodes", below.len(), columns.len())?;
+        let nodes = columns.iter().zip(numbers).zip(below).map(|((column, number), below)| Node {
+            column: u32::try_from(*column).unwrap_or(LEAF),
+            number,
+            below,
+        });
+        let trees = trees.iter().map(|[root, output]| Tree { root: *root, output: *output });
+        let forest = Forest { nodes: nodes.collect(), trees: trees.collect() };
+        let made = self.of(&[of])?.add(Step::Forest { of, forest, outputs }, outputs);
+        self.made(made)
+    }
+
+    /// Ends with these numbers as the outputs.
+    fn finish(
+        &mut self,
+        columns: Vec<[u32; 2]>,
+        interface: &str,
+        data: Option<&[u8]>,
+        content: &[u8],
+        single: bool,
+        producer: &str,
+    ) -> PyResult<Surrogate> {
+        let interface = Interface::from_json(interface).map_err(refused)?;
+        let variables = interface.variables().count();
+        lengths("outputs", columns.len(), interface.outputs.len())?;
+        self.check_columns(&columns)?;
+        lengths("columns of inputs", self.of(&[0])?.width(0), variables)?;
+        let builder = self.builder.take().ok_or_else(|| refused("the graph is finished"))?;
+        let rows = rows(data, variables);
+        let map = builder.finish(columns).map_err(refused)?;
+        let about = About { path: Path::new(&interface.name), content, is_single: single, producer };
+        let made = import::of_map(map, about, &interface, rows);
+        made.map(Surrogate::new).map_err(refused)
+    }
+}
+
+impl Graph {
+    fn check_columns(&mut self, columns: &[[u32; 2]]) -> PyResult<()> {
+        if columns.is_empty() {
+            return Err(refused("no columns, expected at least one"));
+        }
+        for [of, column] in columns {
+            let width = self.of(&[*of as usize])?.width(*of as usize);
+            if *column as usize >= width {
+                return Err(refused(format!("column {column} of {width}")));
+            }
+        }
+        Ok(())
+    }
+}

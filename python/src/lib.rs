@@ -1,0 +1,322 @@
+//! `metafmu._metafmu`: what the Python package does not do itself.
+//!
+//! Thin: rows come and go as bytes of doubles, descriptions as JSON, and every error is a `metafmu.Error` with the message that the
+//! command prints. Work is done in a thread of its own, without Python's lock, while the caller's thread looks for Ctrl-C and shows
+//! progress.
+
+mod graph;
+mod interruptible;
+
+use interruptible::interruptible;
+use metafmu::{
+    export::validate_apart,
+    fmi::{Watch, Workers},
+    import::{self, onnx},
+    interface::Interface,
+    pipeline::{
+        self, Project,
+        export::{ExportOptions, Plan, Written},
+        fit::FitOptions,
+        predict,
+    },
+    study::FmiChoice,
+    surrogate,
+};
+use metafmu_runtime::Evaluator;
+use pyo3::{
+    create_exception,
+    exceptions::PyValueError,
+    prelude::*,
+    types::{PyByteArray, PyBytes},
+};
+use rayon::prelude::*;
+use serde_json::json;
+use std::{
+    ffi::OsString,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+create_exception!(metafmu, Error, PyValueError, "What the command `metafmu` would say about wrong input.");
+
+/// An error as Python has it.
+fn refused(error: impl std::fmt::Display) -> PyErr {
+    Error::new_err(error.to_string())
+}
+
+/// Rows that are evaluated between two looks at whether the work must end.
+const ROWS: usize = 4096;
+
+/// A surrogate, laid out for evaluation.
+#[pyclass(frozen, module = "metafmu._metafmu")]
+struct Surrogate {
+    surrogate: metafmu_runtime::Surrogate,
+    evaluator: Evaluator,
+}
+
+impl Surrogate {
+    fn new(surrogate: metafmu_runtime::Surrogate) -> Self {
+        Self { evaluator: Evaluator::new(&surrogate), surrogate }
+    }
+
+    /// What `row` writes for each row of doubles, `width` of them.
+    fn rows<'py>(
+        &self,
+        py: Python<'py>,
+        x: &[u8],
+        width: usize,
+        row: impl Fn(&[f64], &mut [f64], &mut metafmu_runtime::Scratch) + Sync,
+    ) -> PyResult<Bound<'py, PyByteArray>> {
+        let Self { surrogate, evaluator } = self;
+        if surrogate.goes_on() {
+            let name = &surrogate.metadata().name;
+            return Err(refused(format!(
+                "`{name}` has states: its outputs follow from what was before, expected a surrogate without; `metafmu predict` rolls out tables"
+            )));
+        }
+        let columns = evaluator.columns();
+        let numbers = doubles(x);
+        if numbers.len() % columns != 0 {
+            return Err(refused(format!("{} numbers, expected rows of {columns}", numbers.len())));
+        }
+        let mut values = vec![0.0; numbers.len() / columns * width];
+        interruptible(py, |stop, _| {
+            let pieces = values.par_chunks_mut(ROWS * width).zip(numbers.par_chunks(ROWS * columns));
+            pieces.for_each_init(
+                || evaluator.scratch(),
+                |scratch, (values, points)| {
+                    if stop.load(Ordering::Relaxed) {
+                        return;
+                    }
+                    for (values, point) in values.chunks_exact_mut(width).zip(points.chunks_exact(columns)) {
+                        row(point, values, scratch);
+                    }
+                },
+            );
+        })?;
+        Ok(PyByteArray::new(py, &bytes(&values)))
+    }
+}
+
+#[pymethods]
+impl Surrogate {
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        py.detach(|| predict::load_file(&path)).map(Self::new).map_err(refused)
+    }
+
+    #[staticmethod]
+    fn from_bytes(bytes: &[u8]) -> PyResult<Self> {
+        let surrogate = metafmu_runtime::Surrogate::from_bytes(bytes).map_err(refused)?;
+        surrogate.check_content().map_err(refused)?;
+        Ok(Self::new(surrogate))
+    }
+
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        Ok(PyBytes::new(py, &self.surrogate.to_bytes().map_err(refused)?))
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| surrogate::save(&self.surrogate, &path)).map_err(refused)
+    }
+
+    /// Name, variables and provenance, as JSON.
+    fn metadata(&self) -> PyResult<String> {
+        serde_json::to_string(self.surrogate.metadata()).map_err(refused)
+    }
+
+    fn goes_on(&self) -> bool {
+        self.surrogate.goes_on()
+    }
+
+    fn predict<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
+        let evaluator = &self.evaluator;
+        self.rows(py, x, evaluator.results(), |point, values, scratch| evaluator.evaluate(point, values, scratch))
+    }
+
+    /// Of each row, the derivatives of each output by each input, output by output.
+    fn jacobian<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
+        let evaluator = &self.evaluator;
+        let (inputs, outputs) = (evaluator.columns(), evaluator.results());
+        self.rows(py, x, inputs * outputs, |point, values, scratch| {
+            let (mut direction, mut column) = (vec![0.0; inputs], vec![0.0; outputs]);
+            for input in 0..inputs {
+                direction[input] = 1.0;
+                evaluator.directional(point, &direction, &mut column, scratch);
+                direction[input] = 0.0;
+                values.iter_mut().skip(input).step_by(inputs).zip(&column).for_each(|(to, from)| *to = *from);
+            }
+        })
+    }
+
+    fn to_onnx(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| pipeline::export::export_onnx(&self.surrogate, &path)).map(drop).map_err(refused)
+    }
+
+    fn export(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        fmi: &str,
+        sources: bool,
+        platforms: Vec<String>,
+    ) -> PyResult<Vec<PathBuf>> {
+        let options = ExportOptions { fmi: versions(Some(fmi))?, platforms, sources, ..ExportOptions::default() };
+        let written = py.detach(|| pipeline::export::export_surrogate(&self.surrogate, &path, &options));
+        Ok(written.map_err(refused)?.into_iter().map(|Written { fmu, .. }| fmu).collect())
+    }
+}
+
+fn versions(fmi: Option<&str>) -> PyResult<Option<FmiChoice>> {
+    Ok(match fmi {
+        None => None,
+        Some("2") => Some(FmiChoice::V2),
+        Some("3") => Some(FmiChoice::V3),
+        Some("both") => Some(FmiChoice::Both),
+        Some(other) => return Err(refused(format!("fmi=\"{other}\", expected \"2\", \"3\" or \"both\""))),
+    })
+}
+
+fn doubles(bytes: &[u8]) -> Vec<f64> {
+    bytes.chunks_exact(8).map(|eight| f64::from_ne_bytes(std::array::from_fn(|place| eight[place]))).collect()
+}
+
+fn bytes(numbers: &[f64]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_ne_bytes()).collect()
+}
+
+/// Rows of doubles; none of no bytes.
+fn rows(bytes: Option<&[u8]>, columns: usize) -> Option<Vec<Vec<f64>>> {
+    bytes.map(|bytes| doubles(bytes).chunks_exact(columns.max(1)).map(<[f64]>::to_vec).collect())
+}
+
+/// The columns that an ONNX model takes and gives.
+#[pyfunction]
+fn onnx_columns(py: Python<'_>, model: &[u8], folder: Option<PathBuf>) -> PyResult<(Vec<String>, Vec<String>)> {
+    let read = py.detach(|| onnx::read(model, folder.as_deref()));
+    let imported = read.map_err(|problems| refused(problems.join("\n")))?;
+    Ok((imported.inputs, imported.outputs))
+}
+
+#[pyfunction]
+fn from_onnx(
+    py: Python<'_>,
+    model: &[u8],
+    folder: Option<PathBuf>,
+    interface: &str,
+    data: Option<&[u8]>,
+) -> PyResult<Surrogate> {
+    py.detach(|| {
+        let interface = Interface::from_json(interface).map_err(refused)?;
+        let imported = onnx::read(model, folder.as_deref()).map_err(|problems| refused(problems.join("\n")))?;
+        let rows = rows(data, interface.variables().count());
+        let path = Path::new(&interface.name);
+        let made = import::surrogate((path, model), imported, &interface, rows);
+        made.map(Surrogate::new).map_err(refused)
+    })
+}
+
+/// Trains a network; the result is the surrogate, and how the training went, as JSON.
+#[pyfunction]
+fn fit(
+    py: Python<'_>,
+    x: &[u8],
+    y: &[u8],
+    interface: &str,
+    options: &str,
+    verbose: bool,
+) -> PyResult<(Surrogate, String)> {
+    let interface = Interface::from_json(interface).map_err(refused)?;
+    let options: FitOptions = serde_json::from_str(options).map_err(|error| {
+        // a place in JSON that nobody wrote says nothing
+        let (message, place) = (error.to_string(), format!(" at line {} column {}", error.line(), error.column()));
+        refused(format!("options: {}", message.trim_end_matches(&place)))
+    })?;
+    let inputs = rows(Some(x), interface.variables().count()).unwrap_or_default();
+    let outputs = rows(Some(y), interface.outputs.len()).unwrap_or_default();
+    let program = PathBuf::new();
+    let done = interruptible(py, |stop, lines| {
+        let lines = lines.only_if(verbose);
+        pipeline::fit::fit((inputs, &outputs), &interface, &options, lines.control(stop, &program))
+    })?;
+    let (surrogate, fit) = done.map_err(refused)?;
+    Ok((Surrogate::new(surrogate), serde_json::to_string(&fit).map_err(refused)?))
+}
+
+/// Name and folder of results of a study.
+#[pyfunction]
+fn study(path: PathBuf, out: Option<PathBuf>, program: PathBuf) -> PyResult<(String, PathBuf)> {
+    let stop = AtomicBool::new(false);
+    let control = pipeline::Control { observer: &pipeline::Silent, stop: &stop, program: &program, heard: |_| {} };
+    let project = Project::open(&path, out.as_deref(), control).map_err(refused)?;
+    Ok((project.study.name.clone(), project.folder().to_owned()))
+}
+
+/// Builds a study; what was made, as JSON.
+#[pyfunction]
+fn build(
+    py: Python<'_>,
+    path: PathBuf,
+    out: Option<PathBuf>,
+    fmi: Option<&str>,
+    resume: bool,
+    program: PathBuf,
+    verbose: bool,
+) -> PyResult<String> {
+    let options = ExportOptions { fmi: versions(fmi)?, ..ExportOptions::default() };
+    let built = interruptible(py, |stop, lines| {
+        let lines = lines.only_if(verbose);
+        let project = Project::open(&path, out.as_deref(), lines.control(stop, &program))?;
+        let built = pipeline::build(&project, &Plan::new(&project, &options)?, resume)?;
+        let fmus: Vec<_> = (built.fmus.iter())
+            .map(|(written, report)| json!({ "fmu": written.fmu, "problems": report.problems }))
+            .collect();
+        Ok::<_, metafmu::Error>(json!({
+            "name": project.study.name,
+            "folder": project.folder(),
+            "model": project.model(),
+            "report": project.report(),
+            "metrics": built.metrics,
+            "table": pipeline::evaluate::table(&project, &built.metrics),
+            "accepted": built.verdict.accepted,
+            "verdict": built.verdict.text(),
+            "fmus": fmus,
+        }))
+    })?;
+    Ok(built.map_err(refused)?.to_string())
+}
+
+/// What is wrong with an FMU, as JSON.
+#[pyfunction]
+fn validate(py: Python<'_>, fmu: PathBuf, time_limit: f64, program: PathBuf) -> PyResult<String> {
+    let limit = std::time::Duration::try_from_secs_f64(time_limit).map_err(refused)?;
+    let report = interruptible(py, |stop, _| {
+        let watch = Watch { workers: Workers { program: &program, stop }, limit: Some(limit), heard: |_| {} };
+        validate_apart(&fmu, watch)
+    })?;
+    let report = report.map_err(refused)?;
+    Ok(json!({ "problems": report.problems, "not_checked": report.not_checked, "text": report.to_string() })
+        .to_string())
+}
+
+/// The command `metafmu`; the result is its exit code.
+#[pyfunction]
+fn command(py: Python<'_>, arguments: Vec<OsString>, program: PathBuf) -> u8 {
+    py.detach(|| metafmu::command(arguments, Some(&program)))
+}
+
+#[pymodule]
+fn _metafmu(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("Error", module.py().get_type::<Error>())?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("FUNCTIONS", graph::names())?;
+    module.add_class::<Surrogate>()?;
+    module.add_class::<graph::Graph>()?;
+    module.add_function(wrap_pyfunction!(onnx_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(from_onnx, module)?)?;
+    module.add_function(wrap_pyfunction!(fit, module)?)?;
+    module.add_function(wrap_pyfunction!(study, module)?)?;
+    module.add_function(wrap_pyfunction!(build, module)?)?;
+    module.add_function(wrap_pyfunction!(validate, module)?)?;
+    module.add_function(wrap_pyfunction!(command, module)?)
+}

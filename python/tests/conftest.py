@@ -1,0 +1,71 @@
+"""What the tests of all frameworks share: an FMU, run by fmpy, gives what the framework predicts."""
+
+import numpy as np
+import pytest
+
+import metafmu
+
+fmpy = pytest.importorskip("fmpy")
+
+
+def by_fmpy(fmu, names, outputs, rows):
+    """The outputs of an FMU at rows of its inputs, by fmpy."""
+    description = fmpy.read_model_description(fmu)
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    folder = fmpy.extract(fmu)
+    instance = fmpy.instantiate_fmu(folder, description, "CoSimulation")
+    given, wanted = [references[name] for name in names], [references[name] for name in outputs]
+    is_2 = description.fmiVersion == "2.0"
+    instance.instantiate() if not is_2 else None
+    if is_2:
+        instance.setupExperiment(startTime=0.0)
+    instance.enterInitializationMode()
+    instance.exitInitializationMode()
+    set_values, get_values = (instance.setReal, instance.getReal) if is_2 else (instance.setFloat64, instance.getFloat64)
+    found = []
+    for row in rows:
+        set_values(given, row)
+        found.append(get_values(wanted))
+    instance.terminate()
+    instance.freeInstance()
+    return np.array(found)
+
+
+@pytest.fixture
+def agrees(tmp_path):
+    """Compares predictions, and both FMUs, with what is expected, relative to its range."""
+
+    def check(surrogate, rows, expected, tolerance):
+        rows, expected = np.asarray(rows, dtype=np.float64), np.asarray(expected, dtype=np.float64)
+        expected = expected.reshape(len(rows), -1)
+        scale = np.ptp(expected, axis=0)
+        scale = np.where(scale > 0, scale, np.maximum(np.abs(expected).max(axis=0), 1e-300))
+        names, outputs = ([item.name for item in items] for items in (surrogate.inputs, surrogate.outputs))
+        largest = np.max(np.abs(surrogate.predict(rows) - expected) / scale)
+        some = slice(0, 20)
+        for fmu in surrogate.export(tmp_path / "model.fmu", fmi="both"):
+            found = by_fmpy(fmu, names, outputs, rows[some])
+            largest = max(largest, np.max(np.abs(found - expected[some]) / scale))
+        print(f"LARGEST {surrogate.name} {largest:.2e}")
+        assert largest <= tolerance, f"{largest:.3e} of the range"
+
+    return check
+
+
+def differences(function, rows, step=1e-5):
+    """Derivatives by central differences, of shape (rows, outputs, inputs)."""
+    columns = []
+    for column in range(rows.shape[1]):
+        size = step * max(1.0, np.abs(rows[:, column]).max())
+        shift = np.zeros(rows.shape[1])
+        shift[column] = size
+        columns.append((function(rows + shift) - function(rows - shift)).reshape(len(rows), -1) / (2 * size))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.fixture
+def rows():
+    random = np.random.default_rng(1)
+    x = random.uniform([-1.0, 0.5, -3.0], [1.0, 2.0, 3.0], (200, 3))
+    y = np.stack([np.sin(2 * x[:, 0]) * x[:, 1] + 0.1 * x[:, 2], x[:, 1] ** 2 - np.cos(x[:, 2])], axis=1)
+    return x, y

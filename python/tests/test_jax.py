@@ -1,0 +1,80 @@
+"""Functions of JAX by their jaxpr."""
+
+import numpy as np
+import pytest
+
+import metafmu
+
+jax = pytest.importorskip("jax")
+jax.config.update("jax_enable_x64", True)
+from jax import nn
+from jax import numpy as jnp
+
+
+def parameters(sizes, kind):
+    random = np.random.default_rng(5)
+    return [(jnp.asarray(random.normal(size=(a, b)), kind), jnp.asarray(0.1 * random.normal(size=b), kind)) for a, b in zip(sizes, sizes[1:])]
+
+
+def network(activation):
+    def apply(params, x):
+        for w, b in params[:-1]:
+            x = activation(x @ w + b)
+        w, b = params[-1]
+        return x @ w + b
+
+    return apply
+
+
+def residual(params, x):
+    (w, b), (v, c), (u, d) = params
+    h = jnp.tanh(jnp.dot(x, w) + b)
+    h = h + nn.relu(h @ v + c)
+    mean = h.mean(axis=-1, keepdims=True)
+    h = (h - mean) / jnp.sqrt(((h - mean) ** 2).mean(axis=-1, keepdims=True) + 1e-5)
+    return h @ u + d
+
+
+def features(params, x):
+    z = jnp.concatenate([jnp.sin(x[:, :1]), jnp.cos(x[:, :1]), jnp.log(2.0 + x[:, 1:2] ** 2), jnp.exp(-jnp.abs(x[:, 2:]))], axis=1)
+    y = nn.sigmoid(jnp.einsum("bi,ij->bj", z, jnp.linspace(-2.0, 2.0, 24, dtype=x.dtype).reshape(6, 4).T))
+    return jnp.stack([y[:, 0] * y[:, 1], y[:, 2] / (1.0 + y[:, 3] ** 3), jnp.maximum(y[:, 4], y[:, 5])], axis=1)
+
+
+MODELS = {
+    **{name: (network(getattr(nn, name)), [3, 12, 12, 2]) for name in ("relu", "sigmoid", "silu", "gelu", "leaky_relu", "elu", "softplus", "selu", "soft_sign", "swish")},
+    "tanh": (network(jnp.tanh), [3, 32, 32, 1]),
+    "gelu-exact": (network(lambda x: nn.gelu(x, approximate=False)), [3, 8, 2]),
+    "softmax": (network(nn.softmax), [3, 8, 2]),
+    "residual": (residual, [3, 8, 8, 2]),
+    "features": (features, [3, 8, 2]),
+}
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", MODELS)
+def test_the_fmu_predicts_what_jax_does(name, precision, rows, agrees):
+    function, sizes = MODELS[name]
+    kind = jnp.float64 if precision == "double" else jnp.float32
+    params, x = parameters(sizes, kind), jnp.asarray(rows[0], kind)
+    with jax.default_matmul_precision("highest"):
+        expected = np.asarray(function(params, x))
+    surrogate = metafmu.from_jax(function, x[:1], params, data=rows[0], name=name)
+    agrees(surrogate, np.asarray(x), expected, 1e-12 if precision == "double" else 1e-6)
+    single = jax.jit(jax.vmap(jax.jacfwd(lambda row: function(params, row[None])[0])))(x[:20])
+    found = surrogate.jacobian(np.asarray(x[:20]))
+    assert np.abs(found - np.asarray(single)).max() <= (1e-11 if precision == "double" else 1e-4) * max(np.abs(np.asarray(single)).max(), 1.0)
+
+
+def test_a_row_without_a_batch(rows, agrees):
+    params = parameters([3, 8, 2], jnp.float64)
+    one = lambda x: jnp.tanh(params[0][0].T @ x + params[0][1]) @ params[1][0] + params[1][1]
+    expected = np.stack([np.asarray(one(row)) for row in rows[0]])
+    agrees(metafmu.from_jax(one, jnp.asarray(rows[0][0]), data=rows[0]), rows[0], expected, 1e-12)
+
+
+def test_what_is_not_known_is_refused(rows):
+    with pytest.raises(metafmu.Error, match="primitive `sort`.*expected one of"):
+        metafmu.from_jax(lambda x: jnp.sort(x), jnp.asarray(rows[0][:1]), data=rows[0])
+    with pytest.raises(metafmu.Error, match="an example of the shape"):
+        metafmu.from_jax(lambda x: x, jnp.ones((1, 2, 3)), data=rows[0])

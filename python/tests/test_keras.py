@@ -1,0 +1,79 @@
+"""Models of Keras 3."""
+
+import os
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("KERAS_BACKEND", "torch")
+
+import metafmu
+
+keras = pytest.importorskip("keras")
+from keras import layers
+
+
+def functional():
+    x = keras.Input((3,))
+    a = layers.Dense(8, "tanh")(x)
+    b = layers.Dense(8, "relu")(x)
+    h = layers.Add()([a, b])
+    h = layers.Concatenate()([h, x, layers.Multiply()([a, b])])
+    h = layers.LayerNormalization()(h)
+    h = h + layers.Dense(19, use_bias=False)(h) * 0.5
+    return keras.Model(x, [layers.Dense(1)(h), layers.Dense(2, "sigmoid")(h)])
+
+
+def shared():
+    x = keras.Input((3,))
+    layer = layers.Dense(3, "tanh")
+    inner = keras.Sequential([keras.Input((3,)), layers.Dense(6, "elu"), layers.Dense(3)])
+    return keras.Model(x, layers.Average()([layer(layer(x)), inner(x), layers.Subtract()([inner(layer(x)), x])]))
+
+
+def normalized():
+    layer = layers.Normalization(mean=[0.1, 1.2, 0.0], variance=[0.4, 0.3, 3.0])
+    return keras.Sequential([keras.Input((3,)), layer, layers.Dense(16, "silu"), layers.BatchNormalization(), layers.Dense(2), layers.Rescaling(2.0, -0.5)])
+
+
+def dense(*activations):
+    return lambda: keras.Sequential([keras.Input((3,)), *(layers.Dense(6, activation) for activation in activations), layers.Dense(2)])
+
+
+MODELS = {
+    "dense-tanh": dense("tanh", "tanh"),
+    **{
+        name: dense(name) for name in ("relu", "sigmoid", "elu", "selu", "gelu", "softplus", "softsign", "silu", "leaky_relu", "hard_sigmoid", "hard_silu", "mish", "relu6", "softmax", "exponential")
+    },
+    "layers-of-activations": lambda: keras.Sequential(
+        [keras.Input((3,)), layers.Dense(6), layers.LeakyReLU(0.2), layers.Dense(6), layers.PReLU(), layers.Dense(6), layers.ReLU(max_value=1.5), layers.Dropout(0.3),
+         layers.Reshape((2, 3)), layers.Dense(4), layers.Flatten(), layers.Activation("tanh"), layers.Dense(2)]
+    ),
+    "functional": functional,
+    "shared": shared,
+    "normalized": normalized,
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_fmu_predicts_what_keras_does(name, rows, agrees):
+    """In single precision: Keras multiplies matrices in no other one, also where weights are doubles."""
+    keras.utils.set_random_seed(4)
+    model = MODELS[name]()
+    # statistics and slopes that are not those of the beginning
+    random = np.random.default_rng(6)
+    change = lambda shape: 0.5 * random.normal(size=shape) if len(shape) > 1 else 0.1 * np.abs(random.normal(size=shape))
+    model.set_weights([weight + change(weight.shape).astype(weight.dtype) for weight in model.get_weights()])
+    x = rows[0].astype(np.float32)
+    expected = model.predict(x, verbose=0, batch_size=len(x))
+    expected = np.concatenate(expected, axis=1) if isinstance(expected, (list, tuple)) else expected
+    surrogate = metafmu.from_keras(model, data=rows[0])
+    agrees(surrogate, x, expected, 1e-6)
+
+
+def test_what_is_not_known_is_refused(rows):
+    model = keras.Sequential([keras.Input((3, 1)), layers.LSTM(4), layers.Dense(1)])
+    with pytest.raises(metafmu.Error, match=r"the layer LSTM .* is not known, expected one of .*Dense"):
+        metafmu.from_keras(model, data=rows[0])
+    with pytest.raises(metafmu.Error, match="not built"):
+        metafmu.from_keras(keras.Sequential([layers.Dense(2)]), data=rows[0])

@@ -1,0 +1,208 @@
+"""Surrogates, studies, the estimator, and the command, from Python."""
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import differences
+
+import metafmu
+from metafmu._program import program
+
+STUDY = """
+name = "pendulum"
+source = { system = "single-pendulum", constants = { m = 0.3, g = 9.81, theta0 = 1.5, c = 0.1, thetad0 = 0.0 } }
+time = { stop = 0.5, step = 0.05 }
+parameters.L = { min = 0.1, max = 0.2, unit = "m" }
+outputs.theta = { unit = "rad" }
+sampling = { method = "mesh", levels = 9, test_runs = 4 }
+network = { hidden = [16, 16] }
+training = { epochs = 200, batch = 16, learning_rate = 0.01 }
+"""
+
+
+@pytest.fixture
+def surrogate(rows):
+    graph = metafmu.Graph(3)
+    hidden = graph.elementwise(graph.affine(0, np.ones((4, 3)) / 3, np.arange(4.0)), "tanh")
+    return graph.finish(graph.affine(hidden, [[1.0, -1.0, 0.5, 2.0]]), inputs={"a": "m", "b": (0, 2), "c": {"min": -3, "max": 3, "unit": "s"}}, data=rows[0])
+
+
+def test_a_surrogate_is_saved_loaded_and_pickled(surrogate, rows, tmp_path):
+    surrogate.save(tmp_path / "model.safetensors")
+    [fmu] = surrogate.export(tmp_path, fmi="2")
+    assert fmu == tmp_path / "surrogate.fmu"
+    for again in (metafmu.Surrogate.load(tmp_path / "model.safetensors"), metafmu.Surrogate.load(fmu), pickle.loads(pickle.dumps(surrogate))):
+        assert again == surrogate and again.content_digest == surrogate.content_digest
+        assert np.array_equal(again.predict(rows[0]), surrogate.predict(rows[0]))
+    assert [(item.name, item.unit) for item in surrogate.inputs] == [("a", "m"), ("b", ""), ("c", "s")]
+    assert (surrogate.inputs[1].min, surrogate.inputs[1].max, surrogate.inputs[2].start) == (0.0, 2.0, 0.0)
+    y = np.tanh(rows[0].mean(axis=1)[:, None] + np.arange(4.0)) @ [1.0, -1.0, 0.5, 2.0]
+    assert np.abs(surrogate.predict(rows[0])[:, 0] - y).max() < 1e-13
+    assert np.abs(surrogate.jacobian(rows[0]) - differences(surrogate.predict, rows[0])).max() < 1e-8
+
+
+def test_an_onnx_model_of_a_surrogate_gives_the_same(surrogate, rows, tmp_path):
+    runtime = pytest.importorskip("onnxruntime")
+    surrogate.to_onnx(tmp_path / "x.onnx")
+    session = runtime.InferenceSession(tmp_path / "x.onnx")
+    [given] = session.get_inputs()
+    kind = np.float64 if "double" in given.type else np.float32
+    [found] = session.run(None, {given.name: rows[0].astype(kind)})
+    assert np.abs(found - surrogate.predict(rows[0])).max() < (1e-12 if kind is np.float64 else 1e-5)
+
+
+def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):
+    names = lambda **options: [path.name for path in surrogate.export(tmp_path / "x.fmu", **options)]
+    assert names(fmi="both") == ["x.fmu", "x-fmi3.fmu"]
+    assert names(fmi=3) == ["x.fmu"]
+    found = metafmu.validate(tmp_path / "x.fmu")
+    assert found, found
+    assert names(sources=True) == ["x.fmu"]
+    with pytest.raises(metafmu.Error, match='fmi="4", expected "2", "3" or "both"'):
+        names(fmi="4")
+    with pytest.raises(metafmu.Error, match="not-a-platform"):
+        names(platforms=["not-a-platform"])
+    with pytest.raises(metafmu.Error, match="ends in .fmu"):
+        surrogate.export(tmp_path / "x.zip")
+
+
+def test_wrong_input_is_a_value_error_with_a_reason(surrogate, tmp_path):
+    assert issubclass(metafmu.Error, ValueError) and metafmu.Error.__module__ == "metafmu"
+    with pytest.raises(metafmu.Error, match=r"shape \(2, 2\), expected \(rows, 3\): a, b, c"):
+        surrogate.predict(np.ones((2, 2)))
+    with pytest.raises(metafmu.Error, match="none.safetensors"):
+        metafmu.Surrogate.load(tmp_path / "none.safetensors")
+    (tmp_path / "bad.fmu").write_bytes(b"no zip")
+    with pytest.raises(metafmu.Error, match="bad.fmu: not an FMU"):
+        metafmu.validate(tmp_path / "bad.fmu")
+    graph = metafmu.Graph(2)
+    for wrong in (lambda: graph.affine(5, [[1.0, 2.0]]), lambda: graph.affine(0, [[1.0]]), lambda: graph.columns([(0, 2)]), lambda: graph.elementwise(0, "nothing"),
+                  lambda: graph.elementwise(0, "linear", 1.0), lambda: graph.combine(0, 1, "add"), lambda: graph.finish(0, inputs=["x", "x"], data=np.ones((2, 2)))):
+        with pytest.raises(metafmu.Error):
+            wrong()
+    with pytest.raises(metafmu.Error, match="forest"):
+        looped = {"left": [0], "right": [0], "column": [0], "number": [0.0]}
+        graph.finish(graph.forest(0, [looped]), data=np.ones((2, 2)))
+
+
+def test_a_study_is_built(tmp_path, capfd):
+    (tmp_path / "study.toml").write_text(STUDY)
+    study = metafmu.Study.load(tmp_path / "study.toml")
+    result = study.build(tmp_path / "out", fmi="both")
+    assert "trained on" in capfd.readouterr().err
+    assert result.accepted, result.verdict
+    assert not result.problems and [fmu.name for fmu in result.fmus] == ["pendulum.fmu", "pendulum-fmi3.fmu"]
+    assert result.metrics == json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert result.report._repr_html_().startswith("<iframe srcdoc=") and Path(result.report).is_file()
+    assert abs(result.surrogate.predict([[0.15, 0.0]])[0, 0] - 1.5) < 0.1
+    (tmp_path / "study.toml").write_text(STUDY.replace("levels", "levls"))
+    with pytest.raises(metafmu.Error, match=r"study.toml:7: .*levls"):
+        metafmu.Study.load(tmp_path / "study.toml")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_ctrl_c_ends_a_training():
+    rows = np.random.default_rng(0).normal(size=(20000, 3))
+    threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        metafmu.fit(rows, rows.sum(axis=1), epochs=100000, hidden=(64, 64), training={"enough": 0.0, "schedule": "constant"})
+    assert time.monotonic() - began < 60
+
+
+def test_other_threads_go_on_meanwhile():
+    rows = np.random.default_rng(0).normal(size=(5000, 3))
+    ticks, done = [], threading.Event()
+
+    def tick():
+        while not done.wait(0.01):
+            ticks.append(None)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    metafmu.fit(rows, rows[:, 0] ** 2, epochs=30, hidden=(64, 64))
+    done.set()
+    thread.join()
+    assert len(ticks) > 5
+
+
+def test_a_network_is_fitted_to_a_data_frame(agrees):
+    pandas = pytest.importorskip("pandas")
+    random = np.random.default_rng(7)
+    frame = pandas.DataFrame({"x": random.uniform(-1, 1, 2000), "v": random.uniform(-2, 2, 2000)})
+    frame["force"] = -3 * frame.x**3 + 0.5 * np.tanh(frame.v)
+    surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], inputs={"x": "m", "v": "m/s"}, outputs={"force": "N"}, hidden=(32, 32))
+    found = surrogate.predict(frame)
+    assert np.sqrt(np.mean((found[:, 0] - frame.force) ** 2)) < 0.01 * frame.force.std()
+    assert (surrogate.inputs[0].unit, surrogate.outputs[0].name) == ("m", "force")
+    agrees(surrogate, frame[["x", "v"]].to_numpy(), found, 1e-12)
+
+
+def test_the_estimator_is_one_of_scikit_learn(rows):
+    pytest.importorskip("sklearn")
+    from sklearn.base import clone
+    from sklearn.model_selection import cross_val_score
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    x, y = rows
+    model = metafmu.Regressor(hidden=(32,), epochs=300, batch=32)
+    assert clone(model).get_params() == model.get_params()
+    assert cross_val_score(make_pipeline(StandardScaler(), model), x, y, cv=3).min() > 0.95
+    assert np.array_equal(clone(model).fit(x, y).predict(x), model.fit(x, y).predict(x))
+    assert model.to_surrogate().name == "surrogate" and len(model.history_["validation_loss"]) == model.history_["epochs"]
+    with pytest.raises(metafmu.Error, match="unknown variant `nothing`, expected one of `tanh`"):
+        metafmu.Regressor(activation="nothing").fit(x, y)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_scikit_learns_own_checks_pass():
+    checks = pytest.importorskip("sklearn.utils.estimator_checks")
+    checks.check_estimator(metafmu.Regressor(hidden=(16,), epochs=100, batch=16))
+
+
+def test_the_command_is_installed(tmp_path):
+    run = lambda *arguments, **options: subprocess.run([program(), *arguments], capture_output=True, text=True, cwd=tmp_path, **options)
+    assert run("--version").stdout.strip() == f"metafmu {metafmu.__version__}"
+    wrong = run("build", "none.toml")
+    assert wrong.returncode == 2 and wrong.stderr.startswith("error: none.toml")
+    assert run("nothing").returncode == 2
+    (tmp_path / "study.toml").write_text(STUDY + 'baselines.build = ["ridge"]\n')
+    built = run("build", "study.toml", "--json")
+    assert built.returncode == 0, built.stderr
+    again = subprocess.run([sys.executable, "-m", "metafmu", "validate", "out/pendulum/pendulum.fmu"], cwd=tmp_path, capture_output=True, text=True)
+    assert again.returncode == 0, again.stdout + again.stderr
+
+
+def test_frameworks_are_imported_only_when_they_are_used():
+    code = "import metafmu, sys; assert not {'numpy', 'torch', 'sklearn', 'jax', 'keras'} & set(sys.modules); metafmu.Surrogate; assert 'sklearn' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert set(metafmu.__all__) <= set(dir(metafmu))
+    assert all(getattr(metafmu, name) is not None for name in metafmu.__all__)
+
+
+def test_onnx_files_are_read(rows, agrees, tmp_path):
+    onnx = pytest.importorskip("onnx")
+    weight = np.random.default_rng(8).normal(size=(3, 4)).astype(np.float64)
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("MatMul", ["x", "w"], ["h"]), onnx.helper.make_node("Tanh", ["h"], ["y"])], "g",
+        [onnx.helper.make_tensor_value_info("x", onnx.TensorProto.DOUBLE, ["n", 3])],
+        [onnx.helper.make_tensor_value_info("y", onnx.TensorProto.DOUBLE, ["n", 4])], [onnx.numpy_helper.from_array(weight, "w")],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)])
+    onnx.save(model, tmp_path / "net.onnx")
+    for source in (tmp_path / "net.onnx", (tmp_path / "net.onnx").read_bytes(), model):
+        surrogate = metafmu.from_onnx(source, data=rows[0])
+    agrees(surrogate, rows[0], np.tanh(rows[0] @ weight), 1e-12)
+    assert [item.name for item in surrogate.outputs] == ["y[0]", "y[1]", "y[2]", "y[3]"]
+    with pytest.raises(metafmu.Error, match="not an ONNX model"):
+        metafmu.from_onnx(b"nothing", data=rows[0])

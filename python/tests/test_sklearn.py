@@ -1,0 +1,165 @@
+"""Every estimator that is read: the FMU predicts what scikit-learn does, in double precision."""
+
+import numpy as np
+import pytest
+from conftest import differences
+
+import metafmu
+
+pytest.importorskip("sklearn")
+pandas = pytest.importorskip("pandas")
+
+from sklearn import ensemble, linear_model, tree
+from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
+from sklearn.cross_decomposition import PLSRegression
+from sklearn.decomposition import PCA
+from sklearn.feature_selection import SelectKBest, f_regression
+from sklearn.gaussian_process import GaussianProcessRegressor, kernels
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.model_selection import GridSearchCV
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import FeatureUnion, make_pipeline
+from sklearn.preprocessing import FunctionTransformer, MaxAbsScaler, MinMaxScaler, PolynomialFeatures, RobustScaler, StandardScaler
+from sklearn.svm import SVR, LinearSVR, NuSVR
+
+MLP = {"max_iter": 60, "random_state": 0}
+GP = {"alpha": 1e-4, "optimizer": None}
+
+
+def gaussian_process(kernel, **options):
+    return GaussianProcessRegressor(kernel, **{**GP, **options})
+
+
+# name: estimator, whether it has several outputs, whether its derivatives are those of a smooth function
+MODELS = {
+    "mlp-relu": (MLPRegressor(hidden_layer_sizes=(16, 16), **MLP), True, False),
+    "mlp-tanh": (MLPRegressor(hidden_layer_sizes=(16,), activation="tanh", **MLP), True, True),
+    "mlp-logistic": (MLPRegressor(hidden_layer_sizes=(8, 8), activation="logistic", **MLP), False, True),
+    "mlp-identity": (MLPRegressor(hidden_layer_sizes=(8,), activation="identity", **MLP), False, True),
+    "standard-mlp": (make_pipeline(StandardScaler(), MLPRegressor(hidden_layer_sizes=(16,), activation="tanh", **MLP)), True, True),
+    "min-max-mlp-targets": (
+        TransformedTargetRegressor(make_pipeline(MinMaxScaler(clip=True), MLPRegressor(hidden_layer_sizes=(8,), activation="tanh", **MLP)), transformer=StandardScaler()),
+        True, False,
+    ),
+    "targets-exp": (TransformedTargetRegressor(linear_model.Ridge(), func=np.log, inverse_func=np.exp), "positive", True),
+    "targets-min-max": (TransformedTargetRegressor(linear_model.Ridge(), transformer=MinMaxScaler()), False, True),
+    "linear": (linear_model.LinearRegression(), True, True),
+    "ridge": (linear_model.Ridge(), True, True),
+    "lasso": (linear_model.Lasso(0.01), False, True),
+    "elastic-net": (linear_model.ElasticNet(0.01), True, True),
+    "bayesian-ridge": (linear_model.BayesianRidge(), False, True),
+    "huber": (linear_model.HuberRegressor(), False, True),
+    "sgd": (make_pipeline(StandardScaler(), linear_model.SGDRegressor(random_state=0)), False, True),
+    "poisson": (linear_model.PoissonRegressor(), "positive", True),
+    "pls": (PLSRegression(2), True, True),
+    "linear-svr": (make_pipeline(MaxAbsScaler(), LinearSVR(random_state=0)), False, True),
+    "polynomial": (make_pipeline(PolynomialFeatures(3), linear_model.Ridge()), True, True),
+    "polynomial-interactions": (make_pipeline(RobustScaler(), PolynomialFeatures(3, interaction_only=True, include_bias=False), linear_model.Ridge()), True, True),
+    "pca": (make_pipeline(StandardScaler(), PCA(2, whiten=True), linear_model.LinearRegression()), True, True),
+    "union": (make_pipeline(FeatureUnion([("a", StandardScaler()), ("b", PolynomialFeatures(2))]), linear_model.Ridge()), True, True),
+    "columns": (
+        make_pipeline(ColumnTransformer([("a", StandardScaler(), [0, 2])], remainder="passthrough"), MLPRegressor(hidden_layer_sizes=(8,), activation="tanh", **MLP)), True, True,
+    ),
+    "selected": (make_pipeline(SelectKBest(f_regression, k=2), linear_model.Ridge()), False, True),
+    "svr-rbf": (make_pipeline(StandardScaler(), SVR()), False, True),
+    "svr-linear": (SVR(kernel="linear"), False, True),
+    "svr-poly": (make_pipeline(StandardScaler(), SVR(kernel="poly", coef0=0.5)), False, True),
+    "svr-sigmoid": (make_pipeline(StandardScaler(), SVR(kernel="sigmoid", gamma=0.1)), False, True),
+    "nu-svr": (NuSVR(C=3.0), False, True),
+    "kernel-ridge": (KernelRidge(kernel="rbf", gamma=0.5), True, True),
+    "tree": (tree.DecisionTreeRegressor(max_depth=6, random_state=0), True, None),
+    "tree-best-first": (tree.DecisionTreeRegressor(max_leaf_nodes=20, random_state=0), False, None),
+    "random-forest": (ensemble.RandomForestRegressor(30, random_state=0), True, None),
+    "extra-trees": (ensemble.ExtraTreesRegressor(20, random_state=0), True, None),
+    "gradient-boosting": (ensemble.GradientBoostingRegressor(n_estimators=40, random_state=0), False, None),
+    "gradient-boosting-of-ridge": (ensemble.GradientBoostingRegressor(n_estimators=20, init=linear_model.Ridge(), random_state=0), False, None),
+    "histogram-boosting": (ensemble.HistGradientBoostingRegressor(max_iter=30), False, None),
+    "histogram-boosting-poisson": (ensemble.HistGradientBoostingRegressor(max_iter=20, loss="poisson"), "positive", None),
+    "bagging": (ensemble.BaggingRegressor(MLPRegressor(hidden_layer_sizes=(8,), activation="tanh", **MLP), 3, max_features=2, random_state=0), False, True),
+    "voting": (ensemble.VotingRegressor([("a", linear_model.Ridge()), ("b", SVR())], weights=[2, 1]), False, True),
+    "stacking": (ensemble.StackingRegressor([("a", linear_model.Ridge()), ("b", SVR())], linear_model.Ridge(), passthrough=True), False, True),
+    "multi-output": (MultiOutputRegressor(SVR()), True, True),
+    "grid-search": (GridSearchCV(linear_model.Ridge(), {"alpha": [0.1, 1.0]}), False, True),
+    "gp-rbf": (gaussian_process(kernels.RBF(1.5), normalize_y=True), True, True),
+    "gp-anisotropic": (gaussian_process(2.0 * kernels.RBF([1.0, 2.0, 3.0]) + kernels.WhiteKernel(1e-3)), False, True),
+    "gp-matern-0.5": (gaussian_process(kernels.Matern(2.0, nu=0.5)), False, False),
+    "gp-matern-1.5": (gaussian_process(kernels.ConstantKernel(3.0) * kernels.Matern(2.0, nu=1.5), normalize_y=True), False, True),
+    "gp-matern-2.5": (gaussian_process(kernels.Matern(2.0, nu=2.5)), True, True),
+    "gp-rational": (gaussian_process(kernels.RationalQuadratic(1.0, 0.7) + kernels.ConstantKernel(0.5)), False, True),
+    "gp-dot-product": (gaussian_process(kernels.DotProduct(1.0) ** 2 + kernels.RBF(2.0) * kernels.DotProduct(0.5), alpha=0.1), False, True),
+}
+
+
+def fitted(name, rows):
+    model, outputs, _ = MODELS[name]
+    x, y = rows
+    y = np.exp(y[:, 0]) if outputs == "positive" else y if outputs else y[:, 0]
+    return model.fit(x, y)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", MODELS)
+def test_the_fmu_predicts_what_scikit_learn_does(name, rows, agrees):
+    model = fitted(name, rows)
+    x = np.random.default_rng(2).uniform(rows[0].min(axis=0), rows[0].max(axis=0), (300, 3))
+    surrogate = metafmu.from_sklearn(model, data=rows[0])
+    # scikit-learn computes the ridge regression of rounded inputs in single precision
+    agrees(surrogate, x, model.predict(x), 1e-6 if "of-ridge" in name else 1e-12)
+    smooth = MODELS[name][2]
+    found = surrogate.jacobian(x[:30])
+    if smooth:
+        expected = differences(model.predict, x[:30])
+        assert np.abs(found - expected).max() <= 1e-5 * max(np.abs(expected).max(), 1.0)
+    elif smooth is None and "of-ridge" not in name:
+        assert not found.any()
+
+
+def test_thresholds_are_compared_as_scikit_learn_does(rows):
+    """Inputs between two single-precision numbers around a threshold."""
+    model = tree.DecisionTreeRegressor(random_state=0).fit(*rows)
+    thresholds = model.tree_.threshold[model.tree_.feature == 0][:50]
+    x = np.repeat(rows[0][:1], 5 * len(thresholds), axis=0)
+    near = [thresholds, np.nextafter(thresholds, 9), np.nextafter(thresholds, -9), thresholds + 1e-9, thresholds - 1e-9]
+    x[:, 0] = np.concatenate(near)
+    assert np.array_equal(metafmu.from_sklearn(model, data=rows[0]).predict(x), model.predict(x))
+
+
+def test_names_and_ranges_are_those_of_a_data_frame(rows):
+    frame = pandas.DataFrame(rows[0], columns=["x", "v", "mass"])
+    model = linear_model.Ridge().fit(frame, rows[1][:, 0])
+    surrogate = metafmu.from_sklearn(model, data=frame, outputs={"force": "N"}, name="spring force")
+    assert [item.name for item in surrogate.inputs] == ["x", "v", "mass"]
+    assert surrogate.inputs[1].min == frame["v"].min() and surrogate.inputs[1].max == frame["v"].max()
+    assert (surrogate.outputs[0].name, surrogate.outputs[0].unit, surrogate.name) == ("force", "N", "spring_force")
+    # columns by name, in any order
+    assert np.array_equal(surrogate.predict(frame[["mass", "x", "v"]]), surrogate.predict(rows[0]))
+    with pytest.raises(metafmu.Error, match="no column `v`"):
+        surrogate.predict(frame[["x", "mass"]])
+
+
+def test_what_is_not_known_is_refused_with_what_is(rows):
+    x, y = rows
+    with pytest.raises(metafmu.Error, match="KNeighborsRegressor .* is not known, expected one of .*MLPRegressor"):
+        metafmu.from_sklearn(KNeighborsRegressor().fit(x, y), data=x)
+    with pytest.raises(metafmu.Error, match="KNeighborsRegressor"):
+        metafmu.from_sklearn(make_pipeline(StandardScaler(), KNeighborsRegressor()).fit(x, y), data=x)
+    with pytest.raises(metafmu.Error, match="not fitted"):
+        metafmu.from_sklearn(MLPRegressor(), data=x)
+    with pytest.raises(metafmu.Error, match="ExpSineSquared"):
+        metafmu.from_sklearn(gaussian_process(kernels.ExpSineSquared(), alpha=10.0).fit(x[:20], y[:20]), data=x)
+    with pytest.raises(metafmu.Error, match="no range of the inputs `x0`"):
+        metafmu.from_sklearn(linear_model.Ridge().fit(x, y))
+    with pytest.raises(metafmu.Error, match="2 inputs .*the model has 3"):
+        metafmu.from_sklearn(linear_model.Ridge().fit(x, y), inputs=["a", "b"], data=x)
+
+    class Doubled(linear_model.Ridge):
+        def predict(self, X):
+            return 2 * super().predict(X)
+
+    with pytest.raises(metafmu.Error, match="Doubled"):
+        metafmu.from_sklearn(Doubled().fit(x, y), data=x)
+    logarithm = TransformedTargetRegressor(linear_model.Ridge(), transformer=FunctionTransformer(np.cbrt, lambda y: y**3, check_inverse=False))
+    with pytest.raises(metafmu.Error, match="lambda"):
+        metafmu.from_sklearn(logarithm.fit(x, y), data=x)
