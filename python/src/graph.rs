@@ -161,7 +161,7 @@ impl Graph {
         let builder = self.of(&[of])?;
         let width = builder.width(of);
         self::lengths("lengths", lengths.len(), width)?;
-        if centres.is_empty() || centres.len() % width != 0 {
+        if centres.is_empty() || !centres.len().is_multiple_of(width) {
             return Err(refused(format!("{} numbers of centres, expected a multiple of {width}", centres.len())));
         }
         let rows = centres.len() / width;

@@ -76,7 +76,7 @@ impl Surrogate {
         }
         let columns = evaluator.columns();
         let numbers = doubles(x);
-        if numbers.len() % columns != 0 {
+        if !numbers.len().is_multiple_of(columns) {
             return Err(refused(format!("{} numbers, expected rows of {columns}", numbers.len())));
         }
         let mut values = vec![0.0; numbers.len() / columns * width];

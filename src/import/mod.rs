@@ -111,7 +111,7 @@ pub fn surrogate(
 /// The same of a map, whose columns are the inputs of the interface that are variables, and its outputs.
 ///
 /// # Errors
-/// As [`surrogate`].
+/// As [`surrogate()`].
 pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
     let About { path, content, is_single, producer } = about;
     let inputs = inputs(interface, rows.as_deref())?;

@@ -148,7 +148,7 @@ pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
 /// name.
 ///
 /// # Errors
-/// [`Error::NoSources`], [`Error::Io`], the error of an unknown platform.
+/// [`Error::Io`], the error of an unknown platform.
 pub fn export_surrogate(surrogate: &Surrogate, fmu: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
     let plan = Plan::of(options, FmiChoice::default())?;
     let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
