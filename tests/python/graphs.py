@@ -58,7 +58,7 @@ def fitting(of=np.float32):
         yield operator, make(node(operator, "x", **attributes))
     if of == np.float32:
         yield "Gelu", make(node("Gelu", "x"))
-    yield "Gelu-tanh", make(node("Gelu", "x", approximate="tanh"))
+        yield "Gelu-tanh", make(node("Gelu", "x", approximate="tanh"))
     yield "Log", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Log", "s"), c=r(3, low=0.5))
     yield "Sqrt", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Sqrt", "s"), c=r(3, low=0.5))
     yield "Reciprocal", make(node("Abs", "x", "a"), node("Add", "a c", "s"), node("Reciprocal", "s"), c=r(3, low=0.5))

@@ -9,7 +9,7 @@ import onnx
 import onnxruntime
 import pandas as pd
 import pytest
-from conftest import METAFMU, ROOT, fmu_of, metafmu
+from conftest import METAFMU, OUTPUTS, ROOT, fmu_of, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from graphs import fitting, malformed
@@ -302,7 +302,7 @@ def test_our_surrogates_are_exported_to_onnx(pendulum, tmp_path):
     path = pendulum.folder / "single-pendulum.safetensors"
     metafmu("export", path, "--onnx", tmp_path / "network.onnx")
     metafmu("predict", path, tmp_path / "points.csv", "--out", tmp_path / "out.csv")
-    expected = pd.read_csv(tmp_path / "out.csv")[["theta [rad]", "thetad [rad/s]", "thetadd [rad/s2]"]].to_numpy()
+    expected = pd.read_csv(tmp_path / "out.csv")[OUTPUTS].to_numpy()
     model = onnx.load(tmp_path / "network.onnx")
     assert {entry.key: entry.value for entry in model.metadata_props}["output_names"] == '["theta","thetad","thetadd"]'
     found = of_runtime(model, points)
