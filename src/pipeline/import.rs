@@ -97,7 +97,7 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
 /// An interface file to begin with: names of all columns, and ranges if there is a table.
 ///
 /// # Errors
-/// Those of [`import`].
+/// Those of [`import()`].
 pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let (_, imported) = read(model, None)?;
     let stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
