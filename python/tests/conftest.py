@@ -32,7 +32,7 @@ def by_fmpy(fmu, names, outputs, rows):
 
 
 @pytest.fixture
-def agrees(tmp_path):
+def agrees(tmp_path, request):
     """Compares predictions, and both FMUs, with what is expected, relative to its range."""
 
     def check(surrogate, rows, expected, tolerance):
@@ -46,7 +46,7 @@ def agrees(tmp_path):
         for fmu in surrogate.export(tmp_path / "model.fmu", fmi="both"):
             found = by_fmpy(fmu, names, outputs, rows[some])
             largest = max(largest, np.max(np.abs(found - expected[some]) / scale))
-        print(f"LARGEST {surrogate.name} {largest:.2e}")
+        print(f"\nLARGEST {request.node.path.stem} tolerance {tolerance:.0e} {request.node.name} {largest:.2e}")
         assert largest <= tolerance, f"{largest:.3e} of the range"
 
     return check

@@ -115,7 +115,7 @@ def test_ctrl_c_ends_a_training():
     threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        metafmu.fit(rows, rows.sum(axis=1), epochs=100000, hidden=(64, 64), training={"enough": 0.0, "schedule": "constant"})
+        metafmu.fit(rows, rows.sum(axis=1), epochs=100000, hidden=(64, 64), training={"schedule": "constant"})
     assert time.monotonic() - began < 60
 
 
@@ -145,6 +145,15 @@ def test_a_network_is_fitted_to_a_data_frame(agrees):
     assert np.sqrt(np.mean((found[:, 0] - frame.force) ** 2)) < 0.01 * frame.force.std()
     assert (surrogate.inputs[0].unit, surrogate.outputs[0].name) == ("m", "force")
     agrees(surrogate, frame[["x", "v"]].to_numpy(), found, 1e-12)
+
+
+@pytest.mark.parametrize("rows", [60, 500, 5000])
+def test_defaults_are_good_enough_for_few_rows_and_many(rows):
+    x = np.random.default_rng(9).uniform(-1, 1, (rows, 2))
+    y = x[:, 0] ** 3 + x[:, 1]
+    model = metafmu.Regressor().fit(x, y)
+    unseen = np.random.default_rng(10).uniform(-0.9, 0.9, (500, 2))
+    assert model.score(unseen, unseen[:, 0] ** 3 + unseen[:, 1]) > 0.999
 
 
 def test_the_estimator_is_one_of_scikit_learn(rows):

@@ -67,8 +67,8 @@ _PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "vali
 class Regressor(RegressorMixin, BaseEstimator):
     """A feed-forward network, trained by SOAP in single precision: an estimator of scikit-learn, if that is installed.
 
-    ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``: passes over the rows at most;
-    ``batch``: rows of a step; ``validation``: share of the rows that is held out to choose the best epoch; ``random_state``: an
+    ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``: passes over the rows at most,
+    unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step; ``validation``: share of the rows that is held out to choose the best epoch; ``random_state``: an
     integer, 0 unless given; ``training``: further keys of `[training]` in a study file, as a dict; ``verbose``: lines of progress on stderr.
 
     >>> model = metafmu.Regressor(hidden=(32, 32)).fit(X, y)
@@ -79,7 +79,7 @@ class Regressor(RegressorMixin, BaseEstimator):
     `feature_names_in_`.
     """
 
-    def __init__(self, hidden=(64, 64), activation="tanh", epochs=150, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
+    def __init__(self, hidden=(64, 64), activation="tanh", epochs=None, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
                  training=None, verbose=False):
         self.hidden = hidden
         self.activation = activation
@@ -115,13 +115,21 @@ class Regressor(RegressorMixin, BaseEstimator):
         options = {
             "network": {"hidden": [int(nodes) for nodes in np.atleast_1d(self.hidden)], "activation": self.activation},
             "training": {
-                "epochs": int(self.epochs), "batch": int(self.batch), "learning_rate": float(self.learning_rate),
-                "validation": float(self.validation), **(self.training or {}),
+                "epochs": self._epochs(len(x)), "batch": int(self.batch), "learning_rate": float(self.learning_rate),
+                "validation": float(self.validation),
+                # of few rows the losses of restarts go up and down too much to judge by
+                "schedule": "cosine", **(self.training or {}),
             },
             "seed": self._seed(),
         }
         core, fit = _metafmu.fit(rows, np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
         return Surrogate(core), json.loads(fit)
+
+    def _epochs(self, rows):
+        if self.epochs is not None:
+            return int(self.epochs)
+        steps = max(1, -(-int(rows * (1.0 - float(self.validation))) // max(1, int(self.batch))))
+        return max(150, -(-2000 // steps))
 
     def _seed(self):
         if self.random_state is None:
