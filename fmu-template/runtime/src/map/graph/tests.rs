@@ -33,7 +33,7 @@ fn graph() -> Graph {
         Step::Forest { of: 0, forest: Forest { nodes, trees: vec![Tree { root: 0, output: 1 }] }, outputs: 2 },
         affine(8, &[0.4, -0.6, 0.3, 1.2, -0.9, 0.2, 0.5, 0.7], &[0.0, 0.5]),
         Step::Combine { of: [10, 9], operation: Operation::Add },
-        of(10, Elementwise::Positive, &[]),
+        of(10, Elementwise::Exponential, &[]),
         of(10, Elementwise::Logarithm, &[]),
         Step::Select { of: [12, 11, 13] },
     ];
@@ -72,7 +72,7 @@ fn steps_are_their_textbook_formulas() {
         0.4 * c[0] - 0.6 * c[1] + 0.3 * c[2] + 1.2 * c[3],
         -0.9 * c[0] + 0.2 * c[1] + 0.5 * c[2] + 0.7 * c[3] + 0.5 - 1.0,
     ];
-    // chosen where what was before is positive, which it is: else there would be logarithms of negative numbers
+    // the last step chooses what was before, as an exponential is positive; a logarithm of a negative number is not chosen
     for (found, expected) in outputs(&graph(), x).iter().zip(expected) {
         assert!((found - expected).abs() < 1e-14, "{found} {expected}");
     }
