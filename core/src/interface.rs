@@ -14,6 +14,7 @@ use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
+    collections::HashMap,
     path::{Path, PathBuf},
     sync::LazyLock,
 };
@@ -368,14 +369,16 @@ fn columns(
         }
         return (0..given.len()).collect();
     }
+    let places: HashMap<&str, usize> = names.iter().enumerate().map(|(place, name)| (*name, place)).collect();
     let mut found: Vec<usize> = Vec::new();
+    let mut first: HashMap<usize, &str> = HashMap::new();
     for (name, column) in &given {
         let key = format!("{section}.{name}");
         let Some(column) = column else {
             problems.add(key, "no `column`, which others have: expected one in each of them or in none");
             continue;
         };
-        match names.iter().position(|known| known == column) {
+        match places.get(column.as_str()).copied() {
             None => {
                 let expected = expected_one_of(column, &names);
                 problems.add(
@@ -384,11 +387,10 @@ fn columns(
                 );
             }
             Some(place) => {
-                if let Some(other) = found.iter().position(|other| *other == place).filter(|_| all) {
-                    problems.add(
-                        format!("{key}.column"),
-                        format!("\"{column}\" is the column of `{}` already", given[other].0),
-                    );
+                let other = *first.entry(place).or_insert(name);
+                if all && other != name {
+                    let message = format!("\"{column}\" is the column of `{other}` already");
+                    problems.add(format!("{key}.column"), message);
                 }
                 found.push(place);
             }
@@ -396,7 +398,7 @@ fn columns(
     }
     if all {
         let missing: Vec<&str> =
-            (0..known.len()).filter(|place| !found.contains(place)).map(|place| names[place]).collect();
+            (0..known.len()).filter(|place| !first.contains_key(place)).map(|place| names[place]).collect();
         if !missing.is_empty() && problems.is_empty() {
             let missing = crate::diagnostics::names::listed(&missing);
             problems.add(

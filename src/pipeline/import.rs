@@ -13,6 +13,7 @@ use crate::{
 use metafmu_runtime::{Evaluator, Surrogate};
 use serde::Serialize;
 use std::{
+    collections::HashSet,
     fmt::Write,
     path::{Path, PathBuf},
 };
@@ -109,8 +110,9 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         Some(names) => names.split_at(imported.inputs.len()),
         None => (&[] as &[String], &[] as &[String]),
     };
-    let (inputs, outputs) = (unique(&imported.inputs, given, &[]), Vec::new());
-    let outputs = unique(&imported.outputs, given_outputs, &[inputs.as_slice(), &outputs].concat());
+    let mut taken = HashSet::new();
+    let inputs = unique(&imported.inputs, given, &mut taken);
+    let outputs = unique(&imported.outputs, given_outputs, &mut taken);
     let known = if data.is_some() { "# ranges are those of the table of training data, by --data\n" } else { "" };
     write!(
         text,
@@ -214,16 +216,14 @@ fn column_names(path: &Path, inputs: usize, outputs: usize) -> Result<Option<Vec
     Ok((names.len() == inputs || names.len() == inputs + outputs).then_some(names))
 }
 
-/// Names for columns: those given, else made of the model's, all different.
-fn unique(columns: &[String], given: &[String], taken: &[String]) -> Vec<String> {
+/// Names for columns: those given, else made of the model's, all different from each other and from those that are taken.
+fn unique(columns: &[String], given: &[String], taken: &mut HashSet<String>) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for (place, column) in columns.iter().enumerate() {
         let name = given.get(place).cloned().unwrap_or_else(|| identifier(column));
-        let is_free = |name: &str| !names.iter().chain(taken).any(|other| other == name);
-        let free = match is_free(&name) {
-            true => name,
-            false => (2..).map(|number| format!("{name}_{number}")).find(|name| is_free(name)).unwrap_or(name),
-        };
+        let numbered = (2..).map(|number| format!("{name}_{number}"));
+        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !taken.contains(name)).unwrap_or(name);
+        taken.insert(free.clone());
         names.push(free);
     }
     names
