@@ -1,0 +1,86 @@
+//! Casts, and constants that nodes make.
+
+use super::*;
+
+impl Reader {
+    pub(super) fn cast(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let to = Attributes::of(node).integer("to").unwrap_or_default() as i32;
+        let refused = || Err(format!("a cast to {}, expected float or double", type_name(to)));
+        match value {
+            Value::Constant(Tensor { shape, data }) => {
+                let values = data.doubles();
+                let data = match to {
+                    FLOAT => Data::Single(values.iter().map(|value| *value as f32).collect()),
+                    DOUBLE => Data::Double(values),
+                    INT32 | INT64 => Data::Integer(values.iter().map(|value| *value as i64).collect()),
+                    _ => return refused(),
+                };
+                Ok(Value::Constant(Tensor { shape, data }))
+            }
+            // where rounding counts the inputs are rounded already
+            Value::Row(row) if matches!(to, FLOAT | DOUBLE) => Ok(Value::Row(Row { is_single: to == FLOAT, ..row })),
+            Value::Row(_) => refused(),
+        }
+    }
+
+    pub(super) fn constant_of_shape(&mut self, node: &NodeProto) -> Made {
+        let shape = self.constant(node, 0)?.ok_or("input 0 is missing")?;
+        let shape = lengths(shape.integers()?)?;
+        let count = within_limits(&shape)?;
+        let value = Attributes::of(node).tensor("value").transpose()?;
+        let value = value.unwrap_or(Tensor { shape: vec![1], data: Data::Single(vec![0.0]) });
+        if value.data.len() != 1 {
+            return Err(format!("attribute `value` has {} elements, expected 1", value.data.len()));
+        }
+        Ok(Value::Constant(Tensor { shape, data: value.data.picked(&vec![0; count]) }))
+    }
+
+    pub(super) fn shape(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let value = self.input(node, 0)?;
+        let rank = value.shape().len() as i64;
+        let place = |name: &str, default: i64| {
+            let place = attributes.integer(name).unwrap_or(default);
+            (if place < 0 { place + rank } else { place }).clamp(0, rank) as usize
+        };
+        let (start, end) = (place("start", 0), place("end", rank));
+        let dims = value.shape().get(start..end).unwrap_or_default();
+        Ok(Value::Constant(Tensor::of_integers(dims.iter().map(|dim| *dim as i64).collect())))
+    }
+
+    pub(super) fn range(&mut self, node: &NodeProto) -> Made {
+        let number = |place: usize| -> Result<i64, String> {
+            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
+            tensor.integers()?.first().copied().ok_or_else(|| format!("input {place} is empty"))
+        };
+        let (start, limit, step) = (number(0)?, number(1)?, number(2)?);
+        if step == 0 {
+            return Err("a step of 0".into());
+        }
+        let count = (i128::from(limit) - i128::from(start)).div_euclid(i128::from(step)).max(0);
+        let exact = count * i128::from(step) == i128::from(limit) - i128::from(start);
+        let count = usize::try_from(if exact { count } else { count + 1 }).unwrap_or(usize::MAX);
+        within_limits(&[count])?;
+        let values = (0..count).map(|index| start.wrapping_add(step.wrapping_mul(index as i64))).collect();
+        Ok(Value::Constant(Tensor::of_integers(values)))
+    }
+}
+
+pub(super) fn constant(attributes: Attributes) -> Made {
+    if let Some(tensor) = attributes.tensor("value") {
+        return tensor.map(Value::Constant);
+    }
+    if let Some(value) = attributes.integer("value_int") {
+        return Ok(Value::Constant(Tensor { shape: Vec::new(), data: Data::Integer(vec![value]) }));
+    }
+    if let Some(values) = attributes.integers("value_ints") {
+        return Ok(Value::Constant(Tensor::of_integers(values.to_vec())));
+    }
+    let floats = attributes.numbers("value_floats")?.values;
+    let (shape, values) = match floats.is_empty() {
+        true => (Vec::new(), vec![attributes.float("value_float", f64::NAN).map_err(|_| "no value of a known kind")?]),
+        false => (vec![floats.len()], floats),
+    };
+    Ok(Value::Constant(Tensor { shape, data: Data::Single(values.iter().map(|value| *value as f32).collect()) }))
+}

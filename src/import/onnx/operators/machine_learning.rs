@@ -1,0 +1,123 @@
+//! Regressors and scalers of `ai.onnx.ml`; trees have a file of their own.
+
+use super::*;
+
+impl Reader {
+    pub(super) fn scaler(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let value = self.input(node, 0)?;
+        let width = value.shape().iter().product::<usize>();
+        let numbers = |name: &str| -> Result<Vec<f64>, String> {
+            match attributes.numbers(name)?.values {
+                one if one.len() == 1 => Ok(vec![one[0]; width]),
+                all if all.len() == width => Ok(all),
+                other => Err(format!("attribute `{name}` has {} elements, expected {width}", other.len())),
+            }
+        };
+        let (offset, scale) = (numbers("offset")?, numbers("scale")?);
+        let offsets = offset.iter().zip(&scale).map(|(offset, scale)| -offset * scale).collect();
+        self.mapped(&value, Elementwise::Linear, [scale, offsets].concat())
+    }
+
+    pub(super) fn linear_regressor(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        refuse_transform(attributes)?;
+        let row = self.row(node, 0)?;
+        let width = self.builder.width(row.value);
+        let targets = usize::try_from(attributes.integer("targets").unwrap_or(1)).unwrap_or(0);
+        let (weight, mut bias) = (attributes.numbers("coefficients")?.values, attributes.numbers("intercepts")?.values);
+        if bias.is_empty() {
+            bias = vec![0.0; targets];
+        }
+        if targets == 0 || weight.len() != targets * width || bias.len() != targets {
+            return Err(format!(
+                "{} coefficients and {} intercepts, expected {targets} times {width} and {targets}",
+                weight.len(),
+                bias.len()
+            ));
+        }
+        self.affine(&row, single(weight), single(bias), vec![1, targets])
+    }
+
+    pub(super) fn svm_regressor(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        refuse_transform(attributes)?;
+        if attributes.integer("one_class").unwrap_or(0) != 0 {
+            return Err("a classifier of one class, expected a regression".into());
+        }
+        let row = self.row(node, 0)?;
+        let width = self.builder.width(row.value);
+        let supports = usize::try_from(attributes.integer("n_supports").unwrap_or(0)).unwrap_or(0);
+        let (coefficients, rho) = (attributes.numbers("coefficients")?.values, attributes.numbers("rho")?.values);
+        let bias = rho.first().copied().unwrap_or(0.0);
+        let kernel = attributes.text("kernel_type").unwrap_or("LINEAR".into());
+        if supports == 0 {
+            if coefficients.len() != width {
+                return Err(format!("{} coefficients, expected {width}", coefficients.len()));
+            }
+            return self.affine(&row, single(coefficients), single(vec![bias]), vec![1, 1]);
+        }
+        let vectors = attributes.numbers("support_vectors")?.values;
+        if coefficients.len() != supports
+            || vectors.len().checked_div(supports) != Some(width)
+            || vectors.len() != supports * width
+        {
+            return Err(format!(
+                "{} coefficients and {} numbers of support vectors, expected {supports} and {supports} times {width}",
+                coefficients.len(),
+                vectors.len()
+            ));
+        }
+        let parameters = attributes.numbers("kernel_params")?.values;
+        let parameter = |place: usize, default: f64| parameters.get(place).copied().unwrap_or(default);
+        let (gamma, offset, degree) = (parameter(0, 0.0), parameter(1, 0.0), parameter(2, 0.0));
+        let like_vectors = |factor: f64| vectors.iter().map(|number| factor * number).collect::<Vec<f64>>();
+        let products = |reader: &mut Self, factor: f64, offset: f64| {
+            reader.builder.affine(row.value, like_vectors(factor).into(), vec![offset; supports].into())
+        };
+        let kernels = match kernel.as_str() {
+            "LINEAR" => products(self, 1.0, 0.0)?,
+            "POLY" => {
+                let line = products(self, gamma, offset)?;
+                self.builder.elementwise(line, Elementwise::Power, vec![degree])?
+            }
+            "SIGMOID" => {
+                let line = products(self, gamma, offset)?;
+                self.builder.elementwise(line, Elementwise::Activation(Activation::Tanh), Vec::new())?
+            }
+            "RBF" => {
+                let step = Step::Distances { of: row.value, centres: vectors.clone(), lengths: vec![1.0; width] };
+                let distances = self.builder.add(step, supports)?;
+                let exponent = self.builder.elementwise(distances, Elementwise::Linear, vec![-gamma, 0.0])?;
+                self.builder.elementwise(exponent, Elementwise::Exponential, Vec::new())?
+            }
+            other => return Err(format!("kernel {other}, expected LINEAR, POLY, RBF or SIGMOID")),
+        };
+        let kernels = Row { shape: vec![1, supports], value: kernels, is_single: row.is_single };
+        self.affine(&kernels, single(coefficients), single(vec![bias]), vec![1, 1])
+    }
+
+    pub(super) fn normalizer(&mut self, node: &NodeProto) -> Made {
+        let norm = Attributes::of(node).text("norm").unwrap_or("MAX".into());
+        let value = self.input(node, 0)?;
+        let rank = value.shape().len();
+        if norm != "L2" || rank == 0 {
+            return Err(format!("norm {norm}, expected L2"));
+        }
+        self.in_groups(&value, rank - 1, |reader, of, width| {
+            let square =
+                reader.builder.add(Step::Distances { of, centres: vec![0.0; width], lengths: vec![1.0; width] }, 1)?;
+            let inverse = reader.builder.elementwise(square, Elementwise::Power, vec![-0.5])?;
+            let repeated = reader.builder.columns(vec![[inverse as u32, 0]; width])?;
+            reader.builder.add(Step::Combine { of: [of, repeated], operation: Operation::Multiply }, width)
+        })
+    }
+}
+
+/// As singles if all of them are.
+fn single(values: Vec<f64>) -> Numbers {
+    match values.iter().all(|value| f64::from(*value as f32) == *value) {
+        true => values.into_iter().map(|value| value as f32).collect::<Vec<f32>>().into(),
+        false => values.into(),
+    }
+}

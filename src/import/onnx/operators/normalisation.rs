@@ -1,0 +1,177 @@
+//! Normalisations and sums along axes.
+
+use super::*;
+
+impl Reader {
+    pub(super) fn batch_normalization(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        if attributes.integer("training_mode").unwrap_or(0) != 0 {
+            return Err("a network in training, expected one for inference: export it after `eval()`".into());
+        }
+        let epsilon = attributes.float("epsilon", 1e-5)?;
+        let value = self.input(node, 0)?;
+        let shape = value.shape().to_vec();
+        let channels = *shape.get(1).ok_or("a tensor without channels")?;
+        let numbers = |place: usize| -> Result<Vec<f64>, String> {
+            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
+            if tensor.data.len() == channels {
+                Ok(tensor.data.doubles())
+            } else {
+                Err(format!("input {place} has {} elements, expected {channels}", tensor.data.len()))
+            }
+        };
+        let (scale, bias, mean, variance) = (numbers(1)?, numbers(2)?, numbers(3)?, numbers(4)?);
+        let factor = |channel: usize| scale[channel] / (variance[channel] + epsilon).sqrt();
+        let factors: Vec<f64> = (0..channels).map(factor).collect();
+        if factors.iter().any(|factor| !factor.is_finite()) {
+            return Err("a variance that is not positive".into());
+        }
+        let offsets: Vec<f64> = (0..channels).map(|channel| bias[channel] - mean[channel] * factors[channel]).collect();
+        let channel = places(&shape, |index| index[1]);
+        let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
+        self.mapped(&value, Elementwise::Linear, [of(&factors), of(&offsets)].concat())
+    }
+
+    pub(super) fn layer_normalization(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let epsilon = attributes.float("epsilon", 1e-5)?;
+        let value = self.input(node, 0)?;
+        let at = axis(attributes.integer("axis").unwrap_or(-1), value.shape().len())?;
+        let normal = self
+            .in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Standardise { of, epsilon }, width))?;
+        self.scaled(node, normal)
+    }
+
+    pub(super) fn rms_normalization(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let epsilon = attributes.float("epsilon", 1e-5)?;
+        let value = self.input(node, 0)?;
+        let at = axis(attributes.integer("axis").unwrap_or(-1), value.shape().len())?;
+        let normal = self.in_groups(&value, at, |reader, of, width| {
+            let square =
+                reader.builder.add(Step::Distances { of, centres: vec![0.0; width], lengths: vec![1.0; width] }, 1)?;
+            let mean = reader.builder.elementwise(square, Elementwise::Linear, vec![1.0 / width as f64, epsilon])?;
+            let inverse = reader.builder.elementwise(mean, Elementwise::Power, vec![-0.5])?;
+            let repeated = reader.builder.columns(vec![[inverse as u32, 0]; width])?;
+            reader.builder.add(Step::Combine { of: [of, repeated], operation: Operation::Multiply }, width)
+        })?;
+        self.scaled(node, normal)
+    }
+
+    /// Times input 1, plus input 2.
+    pub(super) fn scaled(&mut self, node: &NodeProto, mut value: Value) -> Made {
+        if let Some(scale) = self.given(node, 1)?.cloned() {
+            value = self.combined(Operation::Multiply, &value, &scale)?;
+        }
+        if let Some(bias) = self.given(node, 2)?.cloned() {
+            value = self.combined(Operation::Add, &value, &bias)?;
+        }
+        Ok(value)
+    }
+
+    /// Does something to each group of elements that differ in the axes from `at` on only.
+    pub(super) fn in_groups(
+        &mut self,
+        value: &Value,
+        at: usize,
+        mut make: impl FnMut(&mut Self, usize, usize) -> Result<usize, String>,
+    ) -> Made {
+        let Value::Row(row) = value else { return Err("a normalisation of a constant".into()) };
+        let width: usize = row.shape[at..].iter().product();
+        let groups: usize = row.shape[..at].iter().product();
+        if width == 0 || groups == 0 {
+            return Err("a normalisation of nothing".into());
+        }
+        if groups == 1 {
+            let made = make(self, row.value, width)?;
+            return Ok(Value::Row(Row { value: made, ..row.clone() }));
+        }
+        let mut columns = Vec::new();
+        for group in 0..groups {
+            let part = (group * width..(group + 1) * width).map(|column| [row.value as u32, column as u32]).collect();
+            let part = self.builder.columns(part)?;
+            let made = make(self, part, width)?;
+            columns.extend((0..width).map(|column| [made as u32, column as u32]));
+        }
+        Ok(Value::Row(Row { value: self.builder.columns(columns)?, ..row.clone() }))
+    }
+
+    pub(super) fn softmax(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let rank = value.shape().len();
+        // before version 13 all axes from this one on are one
+        let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
+        let at = axis(Attributes::of(node).integer("axis").unwrap_or(default), rank)?;
+        if !whole && at + 1 != rank {
+            return Err(format!("axis {at} of {rank}, expected the last one"));
+        }
+        self.in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
+    }
+
+    pub(super) fn reduce(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let mut value = self.input(node, 0)?;
+        let shape = value.shape().to_vec();
+        let axes = self.integers(node, 1, "axes")?;
+        if axes.as_ref().is_none_or(Vec::is_empty) && attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 {
+            return Ok(value);
+        }
+        let axes: Vec<usize> = match axes.filter(|axes| !axes.is_empty()) {
+            Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
+            None => (0..shape.len()).collect(),
+        };
+        if matches!(node.op_type.as_str(), "ReduceSumSquare" | "ReduceL2") {
+            value = self.mapped(&value, Elementwise::Power, vec![2.0])?;
+        }
+        let kept: Vec<usize> =
+            shape.iter().enumerate().map(|(at, dim)| if axes.contains(&at) { 1 } else { *dim }).collect();
+        let (count, width) = (kept.iter().product::<usize>(), shape.iter().product::<usize>());
+        if count == 0 || width == 0 {
+            return Err("a sum of nothing".into());
+        }
+        let rest: Vec<usize> = match attributes.integer("keepdims").unwrap_or(1) {
+            0 => shape.iter().enumerate().filter(|(at, _)| !axes.contains(at)).map(|(_, dim)| *dim).collect(),
+            _ => kept.clone(),
+        };
+        if node.op_type == "ReduceProd" {
+            let product = self.factors(&value, &broadcast_places(&kept, &shape), kept)?;
+            return self.reshaped(&product, rest);
+        }
+        weights_within_limits(count, width)?;
+        let share = if node.op_type == "ReduceMean" { count as f64 / width as f64 } else { 1.0 };
+        let into = broadcast_places(&kept, &shape);
+        let mut weight = vec![0.0; count * width];
+        into.iter().enumerate().for_each(|(column, row)| weight[row * width + column] = share);
+        let mut sum = match &value {
+            Value::Row(row) => self.affine(row, weight.into(), vec![0.0; count].into(), kept.clone())?,
+            Value::Constant(tensor) => {
+                let numbers = tensor.data.doubles();
+                let rows = weight.chunks_exact(width);
+                let sums = rows.map(|row| row.iter().zip(&numbers).map(|(weight, number)| weight * number).sum());
+                Value::Constant(Tensor::like(&tensor.data, kept.clone(), sums.collect()))
+            }
+        };
+        if node.op_type == "ReduceL2" {
+            sum = self.mapped(&sum, Elementwise::Power, vec![0.5])?;
+        }
+        self.reshaped(&sum, rest)
+    }
+
+    /// Products of elements; `into`: of each element the place of its product.
+    pub(super) fn factors(&mut self, value: &Value, into: &[usize], shape: Vec<usize>) -> Made {
+        let count: usize = shape.iter().product();
+        let mut of: Vec<Vec<usize>> = vec![Vec::new(); count];
+        into.iter().enumerate().for_each(|(element, place)| of[*place].push(element));
+        let each = of.first().map_or(0, Vec::len);
+        let mut product = None;
+        for number in 0..each {
+            let places: Vec<usize> = of.iter().map(|elements| elements[number]).collect();
+            let factor = self.pick(value, &places, shape.clone())?;
+            product = Some(match product {
+                None => factor,
+                Some(product) => self.combined(Operation::Multiply, &product, &factor)?,
+            });
+        }
+        product.ok_or_else(|| "a product of nothing".into())
+    }
+}

@@ -1,0 +1,269 @@
+//! What only moves elements: other shapes, parts, several tensors as one.
+
+use super::*;
+
+impl Reader {
+    pub(super) fn flatten(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let shape = value.shape();
+        let at = Attributes::of(node).integer("axis").unwrap_or(1);
+        let at = match at {
+            _ if at == shape.len() as i64 => shape.len(),
+            _ => axis(at, shape.len())?,
+        };
+        let flat = vec![shape[..at].iter().product(), shape[at..].iter().product()];
+        self.reshaped(&value, flat)
+    }
+
+    pub(super) fn reshape(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let wanted = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let keeps_zero = Attributes::of(node).integer("allowzero").unwrap_or(0) != 0;
+        let mut shape = Vec::new();
+        let mut rest = None;
+        for (place, dim) in wanted.integers()?.iter().enumerate() {
+            shape.push(match *dim {
+                -1 if rest.is_none() => {
+                    rest = Some(place);
+                    1
+                }
+                0 if !keeps_zero => *value.shape().get(place).ok_or("a dimension of 0 that the input does not have")?,
+                dim => usize::try_from(dim).map_err(|_| format!("a dimension of {dim}"))?,
+            });
+        }
+        let known = within_limits(&shape)?;
+        if let Some(place) = rest {
+            let count: usize = value.shape().iter().product();
+            if known == 0 || !count.is_multiple_of(known) {
+                return Err(format!("a shape of {:?} is to become {:?}", value.shape(), wanted.integers()?));
+            }
+            shape[place] = count / known;
+        }
+        // of a file for a batch of another size: all that follows from the inputs has one row
+        self.reshaped(&value, shape)
+    }
+
+    pub(super) fn squeeze(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let shape = value.shape();
+        let squeezed: Vec<usize> = match self.integers(node, 1, "axes")? {
+            Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
+            None => (0..shape.len()).filter(|at| shape[*at] == 1).collect(),
+        };
+        let rest = (0..shape.len()).filter(|at| !squeezed.contains(at)).map(|at| shape[at]).collect();
+        self.reshaped(&value, rest)
+    }
+
+    pub(super) fn unsqueeze(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let axes = self.integers(node, 1, "axes")?.ok_or("no axes")?;
+        let rank = value.shape().len() + axes.len();
+        let added: Vec<usize> = axes.iter().map(|at| axis(*at, rank)).collect::<Result<_, _>>()?;
+        let mut old = value.shape().iter();
+        let shape: Option<Vec<usize>> =
+            (0..rank).map(|at| if added.contains(&at) { Some(1) } else { old.next().copied() }).collect();
+        self.reshaped(&value, shape.ok_or("an axis is given twice")?)
+    }
+
+    pub(super) fn transpose(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let rank = value.shape().len();
+        let order: Vec<usize> = match Attributes::of(node).integers("perm") {
+            Some(order) => order.iter().map(|at| axis(*at, rank)).collect::<Result<_, _>>()?,
+            None => (0..rank).rev().collect(),
+        };
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        if sorted != (0..rank).collect::<Vec<_>>() {
+            return Err(format!("perm {order:?} of {rank} dimensions"));
+        }
+        self.transposed(&value, &order)
+    }
+
+    pub(super) fn expand(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let wanted = lengths(self.constant(node, 1)?.ok_or("input 1 is missing")?.integers()?)?;
+        let shape = broadcast(value.shape(), &wanted)?;
+        self.expanded(&value, &shape)
+    }
+
+    pub(super) fn tile(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let times = lengths(self.constant(node, 1)?.ok_or("input 1 is missing")?.integers()?)?;
+        let from = value.shape().to_vec();
+        if times.len() != from.len() {
+            return Err(format!("{} repeats of {} dimensions", times.len(), from.len()));
+        }
+        let shape: Option<Vec<usize>> = from.iter().zip(&times).map(|(dim, times)| dim.checked_mul(*times)).collect();
+        let shape = shape.ok_or("a tensor that is too large")?;
+        within_limits(&shape)?;
+        let strides = strides(&from);
+        let found = places(&shape, |index| {
+            index.iter().zip(&from).zip(&strides).map(|((index, dim), stride)| index % dim * stride).sum()
+        });
+        self.pick(&value, &found, shape)
+    }
+
+    pub(super) fn concat(&mut self, node: &NodeProto) -> Made {
+        let values = (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
+        let at = Attributes::of(node).integer("axis").ok_or("attribute `axis` is missing")?;
+        self.concatenated(&values, at)
+    }
+
+    pub(super) fn concatenated(&mut self, values: &[Value], at: i64) -> Made {
+        let first = values.first().ok_or("nothing to put together")?.shape().to_vec();
+        let at = axis(at, first.len())?;
+        let mut shape = first.clone();
+        shape[at] = 0;
+        for value in values {
+            let fits = value.shape().len() == first.len()
+                && (0..first.len()).all(|place| place == at || value.shape()[place] == first[place]);
+            if !fits {
+                return Err(format!("shapes {first:?} and {:?} put together along axis {at}", value.shape()));
+            }
+            shape[at] += value.shape()[at];
+        }
+        within_limits(&shape)?;
+        // where each element is from
+        let mut of: Vec<(usize, usize)> = Vec::new();
+        for (number, value) in values.iter().enumerate() {
+            of.extend((0..value.shape()[at]).map(|within| (number, within)));
+        }
+        let strides: Vec<Vec<usize>> = values.iter().map(|value| strides(value.shape())).collect();
+        let place = |index: &[usize]| -> (usize, usize) {
+            let (number, within) = of[index[at]];
+            let dims = index.iter().zip(&strides[number]).enumerate();
+            (number, dims.map(|(place, (index, stride))| stride * if place == at { within } else { *index }).sum())
+        };
+        let mut found = Vec::new();
+        places(&shape, |index| {
+            found.push(place(index));
+            0
+        });
+        let constants: Option<Vec<&Tensor>> = values.iter().map(Value::constant).collect();
+        if let Some(tensors) = constants {
+            let all: Vec<Vec<f64>> = tensors.iter().map(|tensor| tensor.data.doubles()).collect();
+            let values = found.iter().map(|(number, place)| all[*number][*place]).collect();
+            return Ok(Value::Constant(Tensor::like(&tensors[0].data, shape, values)));
+        }
+        let mut rows = Vec::new();
+        for value in values {
+            rows.push(match value {
+                Value::Row(row) => row.clone(),
+                Value::Constant(tensor) => constant_row(&mut self.builder, tensor)?,
+            });
+        }
+        let columns = found.iter().map(|(number, place)| [rows[*number].value as u32, *place as u32]).collect();
+        let is_single = rows.iter().all(|row| row.is_single);
+        Ok(Value::Row(Row { shape, value: self.builder.columns(columns)?, is_single }))
+    }
+
+    pub(super) fn slice(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let shape = value.shape().to_vec();
+        let given = |place: usize, attribute: &str| self.integers(node, place, attribute);
+        let (starts, ends) = (given(1, "starts")?.ok_or("no starts")?, given(2, "ends")?.ok_or("no ends")?);
+        let axes = given(3, "axes")?.unwrap_or_else(|| (0..starts.len() as i64).collect());
+        let steps = given(4, "steps")?.unwrap_or_else(|| vec![1; starts.len()]);
+        if [ends.len(), axes.len(), steps.len()] != [starts.len(); 3] {
+            return Err("starts, ends, axes and steps of different lengths".into());
+        }
+        let mut chosen: Vec<Vec<usize>> = shape.iter().map(|dim| (0..*dim).collect()).collect();
+        for (((start, end), at), step) in starts.iter().zip(&ends).zip(&axes).zip(&steps) {
+            let at = axis(*at, shape.len())?;
+            chosen[at] = sliced(shape[at] as i64, (*start, *end, *step))?;
+        }
+        self.chosen(&value, &chosen)
+    }
+
+    /// Some elements along each axis.
+    pub(super) fn chosen(&mut self, value: &Value, chosen: &[Vec<usize>]) -> Made {
+        let strides = strides(value.shape());
+        let shape: Vec<usize> = chosen.iter().map(Vec::len).collect();
+        if shape.contains(&0) && matches!(value, Value::Row(_)) {
+            return Err("nothing is left".into());
+        }
+        let found = places(&shape, |index| {
+            index.iter().zip(chosen).zip(&strides).map(|((index, chosen), stride)| chosen[*index] * stride).sum()
+        });
+        self.pick(value, &found, shape)
+    }
+
+    pub(super) fn gather(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let indices = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let at = axis(Attributes::of(node).integer("axis").unwrap_or(0), value.shape().len())?;
+        let dim = value.shape()[at];
+        let index = |index: &i64| axis(*index, dim).map_err(|_| format!("index {index} of {dim}"));
+        let found = indices.integers()?.iter().map(index).collect::<Result<Vec<_>, _>>()?;
+        let mut chosen: Vec<Vec<usize>> = value.shape().iter().map(|dim| (0..*dim).collect()).collect();
+        chosen[at] = found;
+        let picked = self.chosen(&value, &chosen)?;
+        let shape = [&value.shape()[..at], &indices.shape, &value.shape()[at + 1..]].concat();
+        self.reshaped(&picked, shape)
+    }
+
+    pub(super) fn split(&mut self, node: &NodeProto) -> Result<Vec<Value>, String> {
+        let value = self.input(node, 0)?;
+        let attributes = Attributes::of(node);
+        let at = axis(attributes.integer("axis").unwrap_or(0), value.shape().len())?;
+        let dim = value.shape()[at];
+        let sizes = match self.integers(node, 1, "split")? {
+            Some(sizes) => lengths(&sizes)?,
+            None => {
+                let count = node.output.len();
+                let each = dim.div_ceil(count.max(1));
+                (0..count).map(|part| each.min(dim.saturating_sub(part * each))).collect()
+            }
+        };
+        if sizes.iter().try_fold(0usize, |sum, size| sum.checked_add(*size)) != Some(dim) {
+            return Err(format!("{dim} elements in parts of {sizes:?}"));
+        }
+        let mut first = 0;
+        let mut parts = Vec::new();
+        for size in sizes {
+            let mut chosen: Vec<Vec<usize>> = value.shape().iter().map(|dim| (0..*dim).collect()).collect();
+            chosen[at] = (first..first + size).collect();
+            parts.push(self.chosen(&value, &chosen)?);
+            first += size;
+        }
+        Ok(parts)
+    }
+
+    pub(super) fn extract(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let indices = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let (rank, dim) = (value.shape().len(), value.shape().last().copied().unwrap_or(1));
+        if rank == 0 {
+            return Err("a tensor without dimensions".into());
+        }
+        let index = |index: &i64| axis(*index, dim).map_err(|_| format!("index {index} of {dim}"));
+        let mut chosen: Vec<Vec<usize>> = value.shape().iter().map(|dim| (0..*dim).collect()).collect();
+        chosen[rank - 1] = indices.integers()?.iter().map(index).collect::<Result<_, _>>()?;
+        self.chosen(&value, &chosen)
+    }
+}
+
+/// The positions that a slice takes of `length`.
+fn sliced(length: i64, (start, end, step): (i64, i64, i64)) -> Result<Vec<usize>, String> {
+    if step == 0 {
+        return Err("a step of 0".into());
+    }
+    let within = |place: i64, lowest: i64, highest: i64| {
+        (if place < 0 { place.saturating_add(length) } else { place }).clamp(lowest, highest)
+    };
+    let (first, limit) = match step > 0 {
+        true => (within(start, 0, length), within(end, 0, length)),
+        false => (within(start, -1, length - 1), if end == i64::MIN { -1 } else { within(end, -1, length - 1) }),
+    };
+    let mut found = Vec::new();
+    let mut place = first;
+    while (step > 0 && place < limit) || (step < 0 && place > limit) {
+        found.push(place as usize);
+        place = match place.checked_add(step) {
+            Some(next) => next,
+            None => break,
+        };
+    }
+    Ok(found)
+}
