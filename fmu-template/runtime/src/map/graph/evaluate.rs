@@ -248,7 +248,8 @@ fn affine<const SIMD: u8, N: Cell>(layer: &Dense<f64, WIDTH>, from: &Series, to:
     }
 }
 
-#[inline(always)]
+// not once for each instruction set: FMUs stay small
+#[inline(never)]
 fn elementwise<N: Cell>((function, parameters): (Elementwise, &[f64]), from: &Series, to: &mut Series, width: usize) {
     let count = function.parameters();
     // one for all, or one for each
@@ -274,7 +275,7 @@ fn combine<N: Cell>(operation: Operation, a: N, b: N) -> N {
     }
 }
 
-#[inline(always)]
+#[inline(never)]
 fn standardise<N: Cell>(epsilon: f64, from: &Series, to: &mut Series, width: usize) {
     let share = 1.0 / width as f64;
     let mean = (0..width).fold(N::from(0.0), |sum, i| sum + N::load(from, i)).scaled(share);
@@ -284,7 +285,7 @@ fn standardise<N: Cell>(epsilon: f64, from: &Series, to: &mut Series, width: usi
     (0..width).for_each(|i| ((N::load(from, i) - mean) * inverse).store(to, i));
 }
 
-#[inline(always)]
+#[inline(never)]
 fn softmax<N: Cell>(from: &Series, to: &mut Series, width: usize) {
     // the same for all, so that nothing overflows
     let largest = flat(&from.value)[..width].iter().fold(f64::NEG_INFINITY, |largest, x| largest.max(*x));
@@ -298,7 +299,7 @@ fn softmax<N: Cell>(from: &Series, to: &mut Series, width: usize) {
     (0..width).for_each(|i| (N::load(to, i) * inverse).store(to, i));
 }
 
-#[inline(always)]
+#[inline(never)]
 fn distances<N: Cell>((centres, inverse_lengths): (&[f64], &[f64]), from: &Series, to: &mut Series) {
     for (index, centre) in centres.chunks_exact(inverse_lengths.len()).enumerate() {
         let columns = centre.iter().zip(inverse_lengths).enumerate();
