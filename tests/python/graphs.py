@@ -223,4 +223,7 @@ def malformed():
     yield "svm-kernel", model([node("SVMRegressor", "x", domain="ai.onnx.ml", kernel_type="OWN", n_supports=1, support_vectors=[0.0] * 3, coefficients=[1.0], rho=[0.0])]), "kernel OWN"
     yield "svm-lengths", model([node("SVMRegressor", "x", domain="ai.onnx.ml", n_supports=2, support_vectors=[0.0] * 3, coefficients=[1.0], rho=[0.0])]), "expected 2 and 2 times 3"
     yield "scaler", model([node("Scaler", "x", domain="ai.onnx.ml", offset=[0.0] * 2, scale=[1.0])]), "attribute `offset` has 2 elements, expected 3"
+    imputer = lambda **replaced: model([node("Imputer", "x", domain="ai.onnx.ml", imputed_value_floats=[5.0], **replaced)])
+    yield "imputer", imputer(replaced_value_float=-1.0), "values of -1 are replaced, expected NaN"
+    yield "imputer-of-zeros", imputer(), "values of 0 are replaced, expected NaN"
     yield "linear", model([node("LinearRegressor", "x", domain="ai.onnx.ml", coefficients=[1.0], targets=1)]), "expected 1 times 3 and 1"

@@ -4,6 +4,7 @@ import resource
 import subprocess
 
 import fmpy
+import graphs
 import numpy as np
 import onnx
 import onnxruntime
@@ -99,12 +100,27 @@ REGRESSIONS = {
 
 @pytest.mark.parametrize("name", REGRESSIONS)
 def test_regressions_of_scikit_learn(tmp_path, name):
+    """Beside scikit-learn itself: ONNX Runtime sums in single precision."""
     train = RANDOM.uniform(-1.0, 1.0, (200, 3))
     model = REGRESSIONS[name].fit(train, np.sin(train[:, 0]) + train[:, 1] * train[:, 2])
-    """Beside scikit-learn itself: ONNX Runtime sums in single precision."""
     rows = ROWS.astype(np.float32)
     graph = to_onnx(model, rows[:1])
     imported(tmp_path, graph, rows, model.predict(rows.astype(float))[:, None])
+
+
+def test_what_is_cast_before_trees_is_rounded(tmp_path):
+    """A double that is above a threshold of single precision, and is it once rounded."""
+    threshold = float(np.nextafter(np.float32(0.1), np.float32(0)))
+    tree = graphs.node("TreeEnsembleRegressor", "s", domain="ai.onnx.ml", nodes_treeids=[0] * 3, nodes_nodeids=[0, 1, 2], nodes_featureids=[0] * 3,
+                nodes_values=[threshold, 0.0, 0.0], nodes_truenodeids=[1, 0, 0], nodes_falsenodeids=[2, 0, 0], n_targets=1, target_ids=[0, 0],
+                nodes_modes=["BRANCH_LEQ", "LEAF", "LEAF"], target_treeids=[0, 0], target_nodeids=[1, 2], target_weights=[1.0, 2.0])
+    graph = graphs.model([graphs.node("Cast", "x", "s", to=onnx.TensorProto.FLOAT), tree], kind=onnx.TensorProto.DOUBLE)
+    graph.graph.output[0].type.tensor_type.elem_type = onnx.TensorProto.FLOAT
+    rows = np.zeros((3, 3))
+    rows[:, 0] = threshold + np.array([-1e-10, 1e-10, 1e-8])
+    expected = of_runtime(graph, rows)
+    assert expected.ravel().tolist() == [1.0, 1.0, 2.0]
+    imported(tmp_path, graph, rows, expected)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -19,12 +19,17 @@ impl<'a> Attributes<'a> {
     }
 
     pub fn float(self, name: &str, default: f64) -> Result<f64, String> {
-        let value = self.find(name).and_then(|attribute| attribute.f).map_or(default, shortest);
+        let value = self.number(name).map_or(default, shortest);
         if value.is_finite() {
             Ok(value)
         } else {
             Err(format!("attribute `{name}` is {value}, expected a finite number"))
         }
+    }
+
+    /// As it stands, be it finite or not.
+    pub fn number(self, name: &str) -> Option<f32> {
+        self.find(name).and_then(|attribute| attribute.f)
     }
 
     pub fn integer(self, name: &str) -> Option<i64> {

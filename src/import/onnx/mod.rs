@@ -90,6 +90,8 @@ struct Reader {
     values: HashMap<String, Value>,
     inputs: Vec<String>,
     is_single: bool,
+    /// What is compared with thresholds is rounded as it was there.
+    has_trees: bool,
 }
 
 impl Reader {
@@ -116,7 +118,6 @@ impl Reader {
         let mut builder = Builder::new(inputs.len());
         let is_single = rows.iter().all(|(_, (_, is_single))| *is_single);
         let has_trees = graph.node.iter().any(|node| node.op_type.starts_with("TreeEnsemble"));
-        // what is compared with thresholds is rounded as it was there
         let source = match is_single && has_trees {
             true => builder.elementwise(0, metafmu_runtime::graph::Elementwise::Single, Vec::new())?,
             false => 0,
@@ -129,7 +130,7 @@ impl Reader {
             values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
             first += count;
         }
-        Ok(Self { opset, builder, values, inputs, is_single })
+        Ok(Self { opset, builder, values, inputs, is_single, has_trees })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {

@@ -320,8 +320,7 @@ impl Reader {
                     (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
                 self.concatenated(&values, 1)
             }
-            // a value that is missing never reaches an FMU
-            "Imputer" => self.input(node, 0),
+            "Imputer" => self.imputer(node),
             "Normalizer" => self.normalizer(node),
             _ => Err(format!("operator {} is not supported", operator(node))),
         }

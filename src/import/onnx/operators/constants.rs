@@ -18,9 +18,17 @@ impl Reader {
                 };
                 Ok(Value::Constant(Tensor { shape, data }))
             }
-            // where rounding counts the inputs are rounded already
-            Value::Row(row) if matches!(to, FLOAT | DOUBLE) => Ok(Value::Row(Row { is_single: to == FLOAT, ..row })),
-            Value::Row(_) => refused(),
+            Value::Row(mut row) => {
+                let is_single = match to {
+                    FLOAT => true,
+                    DOUBLE => false,
+                    _ => return refused(),
+                };
+                if is_single && !row.is_single && self.has_trees {
+                    row.value = self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?;
+                }
+                Ok(Value::Row(Row { is_single, ..row }))
+            }
         }
     }
 

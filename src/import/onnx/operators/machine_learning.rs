@@ -3,6 +3,18 @@
 use super::*;
 
 impl Reader {
+    /// What is replaced must be NaN, which never reaches an FMU: then nothing is.
+    pub(super) fn imputer(&mut self, node: &NodeProto) -> Made {
+        match Attributes::of(node).number("replaced_value_float") {
+            Some(replaced) if replaced.is_nan() => self.input(node, 0),
+            // 0 unless given
+            replaced => Err(format!(
+                "values of {} are replaced, expected NaN (`replaced_value_float`)",
+                replaced.unwrap_or(0.0)
+            )),
+        }
+    }
+
     pub(super) fn scaler(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let value = self.input(node, 0)?;

@@ -152,36 +152,45 @@ impl PreparedGraph {
     pub(crate) fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut GraphScratch) {
         let values = &mut scratch.values;
         flat_mut(&mut values[0].value)[..self.widths[0]].copy_from_slice(point);
-        match task {
+        let mut task = match task {
             Task::Outputs(outputs) => {
                 self.forward::<SIMD, f64>(values);
                 outputs.copy_from_slice(&flat(&self.last(values).value)[..outputs.len()]);
+                return;
             }
-            Task::Series { rates, first, second } => {
-                let columns = &mut values[0];
-                for (to, rates) in [&mut columns.first, &mut columns.second].into_iter().zip(rates) {
-                    for (index, to) in flat_mut(to).iter_mut().enumerate() {
-                        *to = rates.get(index).copied().unwrap_or(0.0);
+            derivatives => derivatives,
+        };
+        let columns = &mut values[0];
+        let (rates, passes) = match &task {
+            Task::Series { rates, .. } => (*rates, 1),
+            Task::Adjoint { gradient, .. } => ([&[] as &[f64]; 2], gradient.len()),
+            Task::Outputs(_) => ([&[] as &[f64]; 2], 0),
+        };
+        for (to, rates) in [&mut columns.first, &mut columns.second].into_iter().zip(rates) {
+            flat_mut(to).fill(0.0);
+            flat_mut(to)[..rates.len()].copy_from_slice(rates);
+        }
+        // in one place for both, as it is compiled for each instruction set
+        for pass in 0..passes {
+            if let Task::Adjoint { .. } = task {
+                // along one column after the other
+                let along = flat_mut(&mut values[0].first);
+                along.fill(0.0);
+                along[pass] = 1.0;
+            }
+            self.forward::<SIMD, Jet>(values);
+            let Series { first: found, second: bent, .. } = self.last(values);
+            match &mut task {
+                Task::Series { first, second, .. } => {
+                    first.copy_from_slice(&flat(found)[..first.len()]);
+                    if let Some(second) = second {
+                        second.copy_from_slice(&flat(bent)[..second.len()]);
                     }
                 }
-                self.forward::<SIMD, Jet>(values);
-                let last = self.last(values);
-                first.copy_from_slice(&flat(&last.first)[..first.len()]);
-                if let Some(second) = second {
-                    second.copy_from_slice(&flat(&last.second)[..second.len()]);
+                Task::Adjoint { weights, gradient } => {
+                    gradient[pass] = weights.iter().zip(flat(found)).map(|(weight, first)| weight * first).sum();
                 }
-            }
-            Task::Adjoint { weights, gradient } => {
-                let columns = &mut values[0];
-                flat_mut(&mut columns.first).fill(0.0);
-                flat_mut(&mut columns.second).fill(0.0);
-                for (wanted, slope) in gradient.iter_mut().enumerate() {
-                    flat_mut(&mut values[0].first)[wanted] = 1.0;
-                    self.forward::<SIMD, Jet>(values);
-                    flat_mut(&mut values[0].first)[wanted] = 0.0;
-                    let last = flat(&self.last(values).first);
-                    *slope = weights.iter().zip(last).map(|(weight, first)| weight * first).sum();
-                }
+                Task::Outputs(_) => {}
             }
         }
     }
