@@ -250,16 +250,14 @@ pub fn seal(surrogate: Surrogate) -> Result<Surrogate> {
     surrogate.sealed().map_err(|source| Error::Surrogate { source })
 }
 
-/// Reads a model file and makes sure that its content is what was once written.
+/// Reads a model file.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, [`Error::Model`] if it is no valid model file or its content was changed.
 pub fn load(path: &Path) -> Result<Surrogate> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let model = |source| Error::Model { path: path.to_owned(), source: Box::new(source) };
-    let surrogate = Surrogate::from_bytes(&bytes).map_err(model)?;
-    surrogate.check_content().map_err(model)?;
-    Ok(surrogate)
+    Surrogate::from_bytes(&bytes).map_err(model)
 }
 
 /// Writes a model file, whole or not at all.

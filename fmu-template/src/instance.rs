@@ -105,8 +105,7 @@ impl Instance {
             Ok(bytes) => bytes,
             Err(source) => return Err(LoadError::Unreadable { path, source }),
         };
-        let intact = |surrogate: Surrogate| surrogate.check_content().map(|()| surrogate);
-        let surrogate = match Surrogate::from_bytes(&bytes).and_then(intact) {
+        let surrogate = match Surrogate::from_bytes(&bytes) {
             Ok(surrogate) => surrogate,
             Err(source) => return Err(LoadError::Format { path, source }),
         };

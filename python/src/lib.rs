@@ -107,9 +107,7 @@ impl Surrogate {
 
     #[staticmethod]
     fn from_bytes(bytes: &[u8]) -> PyResult<Self> {
-        let surrogate = metafmu_runtime::Surrogate::from_bytes(bytes).map_err(refused)?;
-        surrogate.check_content().map_err(refused)?;
-        Ok(Self::new(surrogate))
+        metafmu_runtime::Surrogate::from_bytes(bytes).map(Self::new).map_err(refused)
     }
 
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {

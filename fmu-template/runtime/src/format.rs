@@ -246,7 +246,7 @@ impl Surrogate {
         safetensors::serialize(views, Some(metadata)).map_err(FormatError::Container)
     }
 
-    /// Reads and validates a model file.
+    /// Reads and validates a model file, and makes sure that its content is what was once written.
     ///
     /// # Errors
     /// A [`FormatError`] that says what is wrong where.
@@ -260,7 +260,9 @@ impl Surrogate {
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });
         }
-        Self::new(metadata, model)
+        let surrogate = Self::new(metadata, model)?;
+        surrogate.check_content(bytes)?;
+        Ok(surrogate)
     }
 }
 

@@ -524,8 +524,7 @@ fn a_motion_survives_the_round_trip_with_and_without_networks() {
         for position in (8..bytes.len()).step_by(31) {
             let mut damaged = bytes.clone();
             damaged[position] ^= 4;
-            let found = Surrogate::from_bytes(&damaged).and_then(|surrogate| surrogate.check_content());
-            assert!(found.is_err(), "byte {position}");
+            assert!(Surrogate::from_bytes(&damaged).is_err(), "byte {position}");
         }
     }
 }

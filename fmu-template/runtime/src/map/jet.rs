@@ -8,6 +8,8 @@ use std::ops::{Add, Mul, Sub};
 pub(crate) trait Number:
     Copy + PartialEq + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {
+    /// How many series it is in one another.
+    const DEPTH: usize;
     /// Without derivatives.
     fn value(self) -> f64;
     /// Times a constant.
@@ -29,6 +31,8 @@ pub(crate) struct Jet<T = f64> {
 }
 
 impl Number for f64 {
+    const DEPTH: usize = 0;
+
     fn value(self) -> f64 {
         self
     }
@@ -61,6 +65,8 @@ impl Number for f64 {
 }
 
 impl<T: Number> Number for Jet<T> {
+    const DEPTH: usize = T::DEPTH + 1;
+
     fn value(self) -> f64 {
         self.value.value()
     }

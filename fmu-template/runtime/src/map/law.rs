@@ -290,7 +290,9 @@ impl NetworkTerm {
         first: usize,
         work: &mut TermWork<T>,
     ) {
-        match Simd::detect() {
+        // jets of jets are for derivatives that a host asks for: they are compiled once, and FMUs stay small
+        let simd = if T::DEPTH < 2 { Simd::detect() } else { Simd::Portable };
+        match simd {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Simd::detect` found these features
             Simd::Avx512 => unsafe { self.run_avx512(x, y, gradient, first, work) },

@@ -203,7 +203,7 @@ impl PreparedGraph {
     fn forward<const SIMD: u8, N: Cell>(&self, values: &mut [Series]) {
         for (number, step) in self.steps.iter().enumerate() {
             let (before, after) = values.split_at_mut(number + 1);
-            let (to, width) = (&mut after[0], self.widths[number + 1]);
+            let to = &mut after[0];
             match step {
                 Prepared::Affine { of, layer } => affine::<SIMD, N>(layer, &before[*of], to),
                 Prepared::Elementwise { of, function: Elementwise::Activation(activation), .. }
@@ -213,34 +213,43 @@ impl PreparedGraph {
                     to.value.copy_from_slice(&before[*of].value[..lanes]);
                     activate::<f64, SIMD, WIDTH>(*activation, &mut to.value);
                 }
-                Prepared::Elementwise { of, function, parameters } => {
-                    elementwise::<N>((*function, parameters), &before[*of], to, width);
-                }
-                Prepared::Combine { of: [a, b], operation } => {
-                    let (a, b) = (&before[*a], &before[*b]);
-                    (0..width).for_each(|i| combine(*operation, N::load(a, i), N::load(b, i)).store(to, i));
-                }
-                Prepared::Select { of } => {
-                    let [condition, a, b] = of.map(|of| &before[of]);
-                    let conditions = flat(&condition.value)[..width].iter().enumerate();
-                    conditions.for_each(|(i, condition)| N::load(if *condition > 0.0 { a } else { b }, i).store(to, i));
-                }
-                Prepared::Columns { columns } => {
-                    let column = |[of, column]: &[u32; 2]| N::load(&before[*of as usize], *column as usize);
-                    columns.iter().enumerate().for_each(|(i, from)| column(from).store(to, i));
-                }
-                Prepared::Standardise { of, epsilon } => standardise::<N>(*epsilon, &before[*of], to, width),
-                Prepared::Softmax { of } => softmax::<N>(&before[*of], to, width),
-                Prepared::Distances { of, centres, inverse_lengths } => {
-                    distances::<N>((centres, inverse_lengths), &before[*of], to);
-                }
-                Prepared::Forest { of, forest } => {
-                    let inputs = &flat(&before[*of].value)[..self.widths[*of]];
-                    forest.evaluate(inputs, &mut flat_mut(&mut to.value)[..width]);
-                    if N::HAS_DERIVATIVES {
-                        flat_mut(&mut to.first).fill(0.0);
-                        flat_mut(&mut to.second).fill(0.0);
-                    }
+                other => self.other::<N>(other, before, to, self.widths[number + 1]),
+            }
+        }
+    }
+
+    /// Steps that are not compiled once for each instruction set: FMUs stay small.
+    #[inline(never)]
+    fn other<N: Cell>(&self, step: &Prepared, before: &[Series], to: &mut Series, width: usize) {
+        match step {
+            Prepared::Affine { .. } => unreachable!("a product of its own for each instruction set"),
+            Prepared::Elementwise { of, function, parameters } => {
+                elementwise::<N>((*function, parameters), &before[*of], to, width);
+            }
+            Prepared::Combine { of: [a, b], operation } => {
+                let (a, b) = (&before[*a], &before[*b]);
+                (0..width).for_each(|i| combine(*operation, N::load(a, i), N::load(b, i)).store(to, i));
+            }
+            Prepared::Select { of } => {
+                let [condition, a, b] = of.map(|of| &before[of]);
+                let conditions = flat(&condition.value)[..width].iter().enumerate();
+                conditions.for_each(|(i, condition)| N::load(if *condition > 0.0 { a } else { b }, i).store(to, i));
+            }
+            Prepared::Columns { columns } => {
+                let column = |[of, column]: &[u32; 2]| N::load(&before[*of as usize], *column as usize);
+                columns.iter().enumerate().for_each(|(i, from)| column(from).store(to, i));
+            }
+            Prepared::Standardise { of, epsilon } => standardise::<N>(*epsilon, &before[*of], to, width),
+            Prepared::Softmax { of } => softmax::<N>(&before[*of], to, width),
+            Prepared::Distances { of, centres, inverse_lengths } => {
+                distances::<N>((centres, inverse_lengths), &before[*of], to);
+            }
+            Prepared::Forest { of, forest } => {
+                let inputs = &flat(&before[*of].value)[..self.widths[*of]];
+                forest.evaluate(inputs, &mut flat_mut(&mut to.value)[..width]);
+                if N::HAS_DERIVATIVES {
+                    flat_mut(&mut to.first).fill(0.0);
+                    flat_mut(&mut to.second).fill(0.0);
                 }
             }
         }
@@ -257,8 +266,6 @@ fn affine<const SIMD: u8, N: Cell>(layer: &Dense<f64, WIDTH>, from: &Series, to:
     }
 }
 
-// not once for each instruction set: FMUs stay small
-#[inline(never)]
 fn elementwise<N: Cell>((function, parameters): (Elementwise, &[f64]), from: &Series, to: &mut Series, width: usize) {
     let count = function.parameters();
     // one for all, or one for each
@@ -271,7 +278,7 @@ fn elementwise<N: Cell>((function, parameters): (Elementwise, &[f64]), from: &Se
     }
 }
 
-#[inline(always)]
+#[inline]
 fn combine<N: Cell>(operation: Operation, a: N, b: N) -> N {
     match operation {
         Operation::Add => a + b,
@@ -284,7 +291,6 @@ fn combine<N: Cell>(operation: Operation, a: N, b: N) -> N {
     }
 }
 
-#[inline(never)]
 fn standardise<N: Cell>(epsilon: f64, from: &Series, to: &mut Series, width: usize) {
     let share = 1.0 / width as f64;
     let mean = (0..width).fold(N::from(0.0), |sum, i| sum + N::load(from, i)).scaled(share);
@@ -294,7 +300,6 @@ fn standardise<N: Cell>(epsilon: f64, from: &Series, to: &mut Series, width: usi
     (0..width).for_each(|i| ((N::load(from, i) - mean) * inverse).store(to, i));
 }
 
-#[inline(never)]
 fn softmax<N: Cell>(from: &Series, to: &mut Series, width: usize) {
     // the same for all, so that nothing overflows
     let largest = flat(&from.value)[..width].iter().fold(f64::NEG_INFINITY, |largest, x| largest.max(*x));
@@ -308,7 +313,6 @@ fn softmax<N: Cell>(from: &Series, to: &mut Series, width: usize) {
     (0..width).for_each(|i| (N::load(to, i) * inverse).store(to, i));
 }
 
-#[inline(never)]
 fn distances<N: Cell>((centres, inverse_lengths): (&[f64], &[f64]), from: &Series, to: &mut Series) {
     for (index, centre) in centres.chunks_exact(inverse_lengths.len()).enumerate() {
         let columns = centre.iter().zip(inverse_lengths).enumerate();

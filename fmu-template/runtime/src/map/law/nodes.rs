@@ -2,7 +2,7 @@
 //! has few of the columns and adds to few of the functions.
 
 use super::{ColumnKind, LANES, NetworkColumn};
-use crate::{Activation, Layer, Scaling, map::jet::Number};
+use crate::{Activation, Layer, Scaling, map::jet::Number, simd::PORTABLE};
 use std::{collections::BTreeMap, ops::Range};
 
 /// The nodes in groups that have the same columns and add to the same functions: what is zero is not computed.
@@ -121,7 +121,7 @@ impl Nodes {
         let held = x[work.held.clone()].iter();
         if !(work.is_known && held.clone().eq(&work.at)) {
             work.at.iter_mut().zip(held).for_each(|(to, from)| *to = *from);
-            self.hold::<T, SIMD>(of, work);
+            self.hold(of, work);
             work.is_known = true;
         }
         for (index, &output) in to.iter().enumerate() {
@@ -173,8 +173,8 @@ impl Nodes {
         }
     }
 
-    /// The columns and their derivatives at a point.
-    #[inline(always)]
+    /// The columns and their derivatives at a point. Compiled once for all instruction sets, as `hold` is: FMUs stay small.
+    #[inline(never)]
     fn standardise<T: Number>(&self, of: &[NetworkColumn], scaling: &Scaling, x: &[T], work: &mut NodesWork<T>) {
         let NodesWork { columns, slopes, .. } = work;
         let mut last = None;
@@ -192,8 +192,8 @@ impl Nodes {
     }
 
     /// What follows from held columns alone.
-    #[inline(always)]
-    fn hold<T: Number, const SIMD: u8>(&self, of: &[NetworkColumn], work: &mut NodesWork<T>) {
+    #[inline(never)]
+    fn hold<T: Number>(&self, of: &[NetworkColumn], work: &mut NodesWork<T>) {
         let NodesWork { held, bias, constants, columns, values, .. } = work;
         for (bias, own) in bias.iter_mut().zip(&self.bias) {
             *bias = own.map(T::from);
@@ -204,7 +204,7 @@ impl Nodes {
             let mut is_held = true;
             for (column, weights) in group.weights() {
                 if held.contains(&of[column].of) {
-                    add_scaled::<T, SIMD>(bias, weights, columns[column]);
+                    add_scaled::<T, PORTABLE>(bias, weights, columns[column]);
                 } else {
                     is_held = false;
                 }
@@ -212,9 +212,9 @@ impl Nodes {
             if is_held {
                 let values = &mut values[..bias.len()];
                 values.copy_from_slice(bias);
-                activate::<T, SIMD>(values);
+                activate::<T, PORTABLE>(values);
                 for (output, coefficients) in group.coefficients() {
-                    constants[output] = constants[output] + dot::<T, SIMD>(coefficients, values);
+                    constants[output] = constants[output] + dot::<T, PORTABLE>(coefficients, values);
                 }
             }
         }
