@@ -67,7 +67,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     for Drawn { caption, svg, .. } in figures {
         line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
     }
-    domain(&mut page);
+    domain(surrogate, &mut page);
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
     page
@@ -214,10 +214,10 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     line(page, "</table>");
 }
 
-fn domain(page: &mut String) {
+fn domain(surrogate: &Surrogate, page: &mut String) {
     line(page, "<h2>Outside the ranges</h2>\n<table>");
     for variable in BuiltIn::ALWAYS {
-        let (name, description) = (variable.name(), escape(variable.description()));
+        let (name, description) = (variable.name(), escape(variable.description(surrogate.time_column().is_some())));
         line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
     }
     line(page, "</table>");

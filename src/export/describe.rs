@@ -111,7 +111,7 @@ fn variable(
         Quantity::Output(index) => output(&surrogate.outputs()[index]),
         Quantity::State(index) => state(&surrogate.states()[index]),
         Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
-        Quantity::BuiltIn(variable) => built_in(variable),
+        Quantity::BuiltIn(variable) => built_in(variable, surrogate),
         Quantity::Array(index) => array(surrogate, index),
         Quantity::Bound(index) => bound(surrogate, index),
     };
@@ -235,7 +235,7 @@ fn bound(surrogate: &Surrogate, index: usize) -> Described {
     Described::scalar(&description, what, VariableType::Real(real))
 }
 
-fn built_in(variable: BuiltIn) -> Described {
+fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match variable {
         BuiltIn::DomainPolicy => {
@@ -256,7 +256,7 @@ fn built_in(variable: BuiltIn) -> Described {
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
     };
-    Described::scalar(variable.description(), what, kind)
+    Described::scalar(variable.description(surrogate.time_column().is_some()), what, kind)
 }
 
 /// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes

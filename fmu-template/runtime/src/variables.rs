@@ -68,20 +68,24 @@ impl BuiltIn {
         }
     }
 
-    /// One sentence for people.
-    pub fn description(self) -> &'static str {
-        match self {
-            Self::DomainPolicy => {
+    /// One sentence for people. With the time among the inputs a run is that of what it begins with.
+    pub fn description(self, has_time: bool) -> &'static str {
+        match (self, has_time) {
+            (Self::DomainPolicy, _) => {
                 "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
             }
-            Self::InDomain => {
+            (Self::InDomain, true) => {
                 "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
                  since the start"
             }
-            Self::DomainDistance => {
+            (Self::InDomain, false) => "Whether inputs, parameters and states are all in the training ranges",
+            (Self::DomainDistance, true) => {
                 "Largest distance of an input, parameter or time from its training range, relative to the range; 0 inside"
             }
-            Self::Time => "Simulation time",
+            (Self::DomainDistance, false) => {
+                "Largest distance of an input, parameter or state from its training range, relative to the range; 0 inside"
+            }
+            (Self::Time, _) => "Simulation time",
         }
     }
 }

@@ -277,6 +277,12 @@ fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'
     Roles { time, label, varied, inputs: Vec::new(), outputs, others }
 }
 
+/// The number with the fewest digits that is this one, but for rounding: 0.05 instead of 19.95 / 399.
+fn shortest(number: f64) -> f64 {
+    let rounded = |digits: usize| format!("{number:.digits$e}").parse().unwrap_or(number);
+    (0..16).map(rounded).find(|other: &f64| (other - number).abs() <= 1e-12 * number.abs()).unwrap_or(number)
+}
+
 fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
     let Roles { time, label, varied, inputs, outputs, others } = roles;
     let file = file.display().to_string();
@@ -291,7 +297,7 @@ fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
     } else {
         format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
     };
-    let step = runs.stop / (runs.stop / runs.step).round().max(1.0);
+    let step = shortest(runs.stop / (runs.stop / runs.step).round().max(1.0));
     let is_discrete = !inputs.is_empty();
     let (structure, option) = match is_discrete {
         true => (
@@ -355,4 +361,16 @@ step = {step:?}                 # s; {steps}
         return text + DISCRETE;
     }
     text + &rest(runs.count - test_runs.min(runs.count), runs.stop / step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shortest;
+
+    #[test]
+    fn a_step_has_no_more_digits_than_it_needs() {
+        assert_eq!([19.95 / 399.0, 0.3 / 3.0, 1e-3, 4.0].map(shortest), [0.05, 0.1, 1e-3, 4.0]);
+        let third = 1.0 / 3.0;
+        assert!((shortest(third) - third).abs() <= 1e-12 * third);
+    }
 }
