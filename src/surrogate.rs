@@ -140,7 +140,9 @@ pub fn assemble_discrete(
         let mean = first.sum::<f64>() / dataset.runs.len().max(1) as f64;
         metadata.inputs.push(variable(of, Role::Start, (output.min, output.max), mean));
     }
-    for (of, input) in of_inputs.iter().zip(&driven) {
+    // of a single past sample the inputs before the start do not count
+    let past_starts = if let Model::Discrete(discrete) = &model { discrete.past_starts() } else { 0 };
+    for (of, input) in of_inputs.iter().zip(&driven).take(past_starts) {
         metadata.inputs.push(variable(of, Role::Start, (input.min, input.max), input.start));
     }
     metadata.inputs.extend(driven);
@@ -148,14 +150,19 @@ pub fn assemble_discrete(
     finish(metadata, model)
 }
 
-/// A state with the range in which equations were learned that depend on it.
-fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
-    let rate_unit = match (unit.as_str(), unit.strip_suffix("/s"), unit.strip_suffix("/s2")) {
+/// Unit of the derivative of what has a unit.
+pub(crate) fn rate_unit(unit: &str) -> String {
+    match (unit, unit.strip_suffix("/s"), unit.strip_suffix("/s2")) {
         ("", ..) => "1/s".into(),
         (_, Some(unit), _) => format!("{unit}/s2"),
         (_, _, Some(unit)) => format!("{unit}/s3"),
         _ => format!("{unit}/s"),
-    };
+    }
+}
+
+/// A state with the range in which equations were learned that depend on it.
+fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
+    let rate_unit = rate_unit(&unit);
     let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));
     State { name, unit, rate_unit, description, range, nominal }
 }

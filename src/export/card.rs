@@ -45,7 +45,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
             "<p>This FMU is {} that stands in for a simulation model. {}{}.</p>",
             what(surrogate.model()),
             match surrogate.model() {
-                Model::Motion(_) =>
+                Model::Motion(_) | Model::StateSpace(_) if !surrogate.states().is_empty() =>
                     "It integrates its states, driven by its inputs; any communication step size will do",
                 Model::Discrete(_) =>
                     "It goes on from sample to sample, driven by its inputs; between samples outputs are linear in time, and any \
@@ -96,7 +96,8 @@ fn what(model: &Model) -> &'static str {
         Model::Response(Map::Graph(_)) => "a model of another tool",
         Model::Motion(_) => "equations of motion with learned functions of the configuration",
         Model::StateSpace(_) => "learned derivatives of states",
-        Model::Discrete(_) => "a model of recorded inputs and outputs",
+        Model::Discrete(discrete) if discrete.hidden.is_empty() => "a model of recorded inputs and outputs",
+        Model::Discrete(_) => "a model with a memory",
     }
 }
 
@@ -269,26 +270,43 @@ fn size_of_graph(graph: &Graph) -> String {
 
 /// What derivatives and outputs are computed with, and how the states are integrated.
 fn size_of_state_space(space: &StateSpace) -> String {
-    let StateSpace { counts: [.., states], functions, network, step, .. } = space;
-    let network =
-        network.as_ref().map_or(String::new(), |network| format!(", and a network, {}", nodes(&network.layers)));
+    let StateSpace { counts: [.., states], functions, map, step, .. } = space;
+    let products = match functions.products() {
+        0 => None,
+        count => Some(format!("{count} products of sines, cosines and powers")),
+    };
+    let given: Vec<String> = products.into_iter().chain(map.iter().map(of_map)).collect();
     format!(
-        "{} functions of {states} states, of inputs and parameters: {} products of sines, cosines and powers{network}; integrated in \
-         steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
+        "{} functions of {states} states, of inputs and parameters: {}; integrated in steps of at most {step} s (Runge-Kutta, order 4), or \
+         with the host's tolerance (Dormand and Prince, order 5)",
         functions.outputs(),
-        functions.products(),
+        given.join(", and "),
     )
 }
 
 /// What the next outputs are computed from, and with what.
 fn size_of_discrete(discrete: &Discrete) -> String {
-    let Discrete { history: [outputs, inputs], step, network, .. } = discrete;
-    let network =
-        network.as_ref().map_or(String::new(), |network| format!(" and a network, {}", nodes(&network.layers)));
+    let Discrete { hidden, history: [outputs, inputs], step, weights, map, .. } = discrete;
+    let linear = (!weights.is_empty() || map.is_none()).then(|| "a linear function".into());
+    let given: Vec<String> = linear.into_iter().chain(map.iter().map(of_map)).collect();
+    let hidden = match hidden.len() {
+        0 => String::new(),
+        count => format!(" and of {count} hidden states"),
+    };
     format!(
-        "samples {step} s apart: the next outputs are a linear function{network} of the parameters, the last {outputs} samples of the \
-         outputs and the last {inputs} of the inputs; before the start nothing has moved"
+        "samples {step} s apart: the next outputs are {} of the parameters, the last {outputs} samples of the outputs{hidden} and the last \
+         {inputs} of the inputs; before the start nothing has moved",
+        given.join(" and "),
     )
+}
+
+/// A map beside other functions.
+fn of_map(map: &Map) -> String {
+    match map {
+        Map::Network(network) => format!("a network, {}", nodes(&network.layers)),
+        Map::Regression(regression) => size(regression),
+        Map::Graph(graph) => format!("a {}", size_of_graph(graph)),
+    }
 }
 
 /// How large the functions in equations of motion are, and how they are integrated.

@@ -16,7 +16,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Recurrence, Rows, StopReason},
 };
-use metafmu_runtime::{Discrete, Layer, Model, ScaledNetwork, Scaling, Surrogate};
+use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Surrogate};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::{sync::atomic::Ordering, time::Instant};
@@ -288,12 +288,10 @@ impl<'a> Samples<'a> {
         let network = network.map(|(gains, layers)| {
             let output_scale = outputs.1.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
             let output_mean = vec![0.0; self.counts[2]];
-            ScaledNetwork {
-                scaling: Scaling { input_mean: means, input_scale: scales, output_mean, output_scale },
-                layers,
-            }
+            let scaling = Scaling { input_mean: means, input_scale: scales, output_mean, output_scale };
+            Map::Network(ScaledNetwork { scaling, layers })
         });
-        Discrete { counts: self.counts, history, step: self.step, weights, constants, network }
+        Discrete { counts: self.counts, hidden: Vec::new(), history, step: self.step, weights, constants, map: network }
     }
 }
 

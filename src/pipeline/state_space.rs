@@ -17,7 +17,7 @@ use crate::{
     training::{EpochRecord, Outcome, StopReason},
 };
 use metafmu_runtime::{
-    Encoder, Encoding, Given, Model, ScaledNetwork, StateSpace,
+    Encoder, Encoding, Given, Map, Model, ScaledNetwork, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -108,7 +108,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         let space = StateSpace {
             counts: space.counts,
             functions: dictionary.clone(),
-            network: network.clone(),
+            map: network.clone().map(Map::Network),
             results: given.clone(),
             step,
         };

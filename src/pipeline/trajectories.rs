@@ -263,7 +263,7 @@ impl Columns {
                 Model::StateSpace(Box::new(StateSpace {
                     counts: [self.parameters.len(), self.inputs.len(), 2 * n],
                     functions: functions.as_ref().clone(),
-                    network: None,
+                    map: None,
                     results: shown.map(Given::State).chain(derivatives).collect(),
                     step,
                 }))

@@ -5,6 +5,7 @@ use crate::{
     Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State, StateSpace,
     Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
+    graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
 
@@ -379,7 +380,7 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
     let space = StateSpace {
         counts: [1, 1, 2],
         functions: Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid"),
-        network,
+        map: network.map(Map::Network),
         results: vec![Given::State(0), Given::State(1), Given::Function(0)],
         step: 0.005,
     };
@@ -430,11 +431,77 @@ pub fn recorded() -> Surrogate {
     };
     let discrete = Discrete {
         counts: [1, 1, 1],
+        hidden: Vec::new(),
         history: [2, 3],
         step: 0.1,
         weights: vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03],
         constants: vec![0.01],
-        network: Some(ScaledNetwork { scaling, layers }),
+        map: Some(Map::Network(ScaledNetwork { scaling, layers })),
     };
     Surrogate::new(metadata, Model::Discrete(Box::new(discrete))).expect("the example is valid")
+}
+
+/// A recurrent cell with made-up numbers, 0.1 s from sample to sample: a mass is a parameter, a force the input, a position the output, and two
+/// states are hidden. All of it is a graph.
+pub fn cell() -> Surrogate {
+    let recorded = recorded();
+    let mut metadata = recorded.metadata().clone();
+    metadata.name = "cell".into();
+    // of a single past sample the force before the start does not count
+    metadata.inputs.remove(2);
+    let mut uniform = uniform_sequence();
+    let mut affine = |of: usize, inputs: usize, outputs: usize| {
+        let mut numbers = |count: usize| -> Vec<f64> { (0..count).map(|_| uniform().into()).collect() };
+        Step::Affine { of, weight: numbers(inputs * outputs).into(), bias: numbers(outputs).into() }
+    };
+    let activation = |of: usize, activation| {
+        let function = Elementwise::Activation(activation);
+        Step::Elementwise { of, function, parameters: Vec::new() }
+    };
+    // of position, hidden, force, mass: gates, candidates, what was there before, and what becomes of them
+    let steps = vec![
+        affine(0, 5, 3),
+        activation(1, Activation::Sigmoid),
+        affine(0, 5, 3),
+        activation(3, Activation::Tanh),
+        Step::Columns { columns: vec![[0, 0], [0, 1], [0, 2]] },
+        Step::Combine { of: [5, 4], operation: Operation::Subtract },
+        Step::Combine { of: [2, 6], operation: Operation::Multiply },
+        Step::Combine { of: [4, 7], operation: Operation::Add },
+    ];
+    let cell = Discrete {
+        counts: [1, 1, 1],
+        hidden: vec![0.1, -0.2],
+        history: [1, 1],
+        step: 0.1,
+        weights: Vec::new(),
+        constants: vec![0.0; 3],
+        map: Some(Map::Graph(Graph { inputs: 5, steps })),
+    };
+    Surrogate::new(metadata, Model::Discrete(Box::new(cell))).expect("the example is valid")
+}
+
+/// [`oscillator`] by a graph.
+pub fn oscillator_by_graph() -> Surrogate {
+    let oscillator = oscillator(None);
+    let Model::StateSpace(space) = oscillator.model() else { unreachable!("it has states") };
+    let columns = |columns: &[u32]| Step::Columns { columns: columns.iter().map(|column| [0, *column]).collect() };
+    let steps = vec![
+        columns(&[2]),
+        Step::Combine { of: [1, 1], operation: Operation::Multiply },
+        Step::Elementwise { of: 2, function: Elementwise::Linear, parameters: vec![-1.0, 1.0] },
+        columns(&[0]),
+        columns(&[3]),
+        Step::Combine { of: [4, 5], operation: Operation::Multiply },
+        Step::Combine { of: [3, 6], operation: Operation::Multiply },
+        Step::Affine { of: 0, weight: vec![0.0, 1.0, -1.0, 0.0].into(), bias: vec![0.0].into() },
+        Step::Combine { of: [7, 8], operation: Operation::Add },
+    ];
+    let plain = Factor::Power { middle: 0.0, half: 1.0 };
+    let space = StateSpace {
+        functions: Dictionary::new(&[plain; 4], 1, &[]).expect("the example is valid"),
+        map: Some(Map::Graph(Graph { inputs: 4, steps })),
+        ..space.as_ref().clone()
+    };
+    Surrogate::new(oscillator.metadata().clone(), Model::StateSpace(Box::new(space))).expect("the example is valid")
 }

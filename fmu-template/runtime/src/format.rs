@@ -70,8 +70,8 @@
 //! | `X.network.activations` | U32 | `[layers]` | 0: tanh, 1: sigmoid, 2: relu, 3: gelu, 4: silu, 5: sine, 6: identity |
 //! | `X.network.input_mean`, ..., `X.network.layers.K.weight`, ... | | | as those of `outputs.` above |
 //!
-//! A [`Model::StateSpace`] has a dictionary over parameters, inputs and states, and the tensors `outputs.` of a network if there is one
-//! (MAP then is that of the network).
+//! A [`Model::StateSpace`] has a dictionary over parameters, inputs and states, and the tensors `outputs.` of a network or graph if there is
+//! one (MAP then is that of it).
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
@@ -80,14 +80,16 @@
 //! | `results.given` | U32 | `[outputs + states, 2]` | outputs, then derivatives: 0: state K, 1: function K |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
 //!
-//! A [`Model::Discrete`] has a linear part, and the tensors `outputs.` of a network if there is one (MAP then is that of the network).
+//! A [`Model::Discrete`] has a linear part, and the tensors `outputs.` of a network or graph if there is one (MAP then is that of it). A
+//! sample has numbers: the outputs, and those that are hidden.
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `counts` | U32 | `[3]` | number of parameters, of inputs and of outputs |
 //! | `history` | U32 | `[2]` | number of past samples of the outputs and of the inputs |
 //! | `sample.time` | F64 | `[1]` | time between two samples, in seconds |
-//! | `linear.weights`, `linear.constants` | F64 | `[outputs, columns]`, `[outputs]` | of past outputs, past inputs, the newest first, and parameters |
+//! | `linear.weights`, `linear.constants` | F64 | `[numbers, columns]`, `[numbers]` | of past numbers, past inputs, the newest first, and parameters; the first one is missing if it is zero |
+//! | `hidden.start` | F64 | `[hidden numbers]` | what they are at the start; missing if there are none |
 //!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
@@ -95,7 +97,7 @@
 //! | field | |
 //! |---|---|
 //! | `format` | 2, the version of this layout |
-//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without a network `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
+//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without another map `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
@@ -179,12 +181,12 @@ impl ModelHeader {
             }
             Model::Discrete(discrete) => {
                 let linear = || MapHeader { map: MapKind::Linear, activations: Vec::new() };
-                let outputs = discrete.network.as_ref().map_or_else(linear, MapHeader::of_network);
+                let outputs = discrete.map.as_ref().map_or_else(linear, MapHeader::of);
                 Self { structure: Structure::Discrete, outputs }
             }
             Model::StateSpace(space) => {
                 let dictionary = || MapHeader { map: MapKind::Dictionary, activations: Vec::new() };
-                let outputs = space.network.as_ref().map_or_else(dictionary, MapHeader::of_network);
+                let outputs = space.map.as_ref().map_or_else(dictionary, MapHeader::of);
                 Self { structure: Structure::StateSpace, outputs }
             }
         }
@@ -223,17 +225,12 @@ impl Surrogate {
         let header = HeaderOut { format: FORMAT, model: ModelHeader::of(self.model()), metadata: self.metadata() };
         let text = serde_json::to_string(&header).map_err(FormatError::Metadata)?;
         let mut tensors = match self.model() {
-            Model::Response(Map::Network(network)) => stacked(std::slice::from_ref(network), None),
-            Model::Response(Map::Regression(regression)) => regression.tensors(),
-            Model::Response(Map::Graph(graph)) => graph.tensors(),
-            Model::PerInstant { networks, .. } => stacked(networks, Some(networks.len())),
+            Model::Response(map) => of_map(map),
+            Model::PerInstant { networks, .. } => with_prefix(stacked(networks, Some(networks.len())), OUTPUTS),
             Model::Motion(motion) => motion.tensors(),
             Model::StateSpace(space) => space.tensors(),
             Model::Discrete(discrete) => discrete.tensors(),
         };
-        if !matches!(self.model(), Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_)) {
-            tensors.iter_mut().for_each(|(name, ..)| name.insert_str(0, OUTPUTS));
-        }
         if let Model::PerInstant { instants, .. } = self.model() {
             tensors.push(("instants".into(), Dtype::F64, vec![instants.len()], bytes(instants, f64::to_le_bytes)));
         }
@@ -269,11 +266,10 @@ impl Surrogate {
 fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, FormatError> {
     let MapHeader { map, activations } = &header.outputs;
     match (&header.structure, map) {
-        (Structure::Response, MapKind::Network) => {
-            Ok(Model::Response(Map::Network(unstacked(tensors, OUTPUTS, activations, None)?.remove(0))))
-        }
-        (Structure::Response, MapKind::Graph) => Ok(Model::Response(Map::Graph(Graph::read(tensors)?))),
         (Structure::Response, kind) => {
+            if let Some(map) = added(tensors, kind, activations)? {
+                return Ok(Model::Response(map));
+            }
             let function = match kind {
                 MapKind::Polynomial => Function::Polynomial(Polynomial::read(tensors)?),
                 MapKind::Forest => Function::Forest(Forest::read(tensors, OUTPUTS)?),
@@ -292,27 +288,24 @@ fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, Format
         (Structure::PerInstant, _) => Err(FormatError::PerInstantMap),
         (Structure::Motion, MapKind::Dictionary) => Ok(Model::Motion(Box::new(Motion::read(tensors)?))),
         (Structure::Motion, _) => Err(FormatError::MotionMap),
-        (Structure::StateSpace, MapKind::Dictionary | MapKind::Network) => {
-            let network = added_network(tensors, map, activations)?;
-            Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, network)?)))
+        (Structure::StateSpace, MapKind::Dictionary | MapKind::Network | MapKind::Graph) => {
+            let map = added(tensors, map, activations)?;
+            Ok(Model::StateSpace(Box::new(StateSpace::read(tensors, map)?)))
         }
         (Structure::StateSpace, _) => Err(FormatError::StateSpaceMap),
-        (Structure::Discrete, MapKind::Linear | MapKind::Network) => {
-            let network = added_network(tensors, map, activations)?;
-            Ok(Model::Discrete(Box::new(Discrete::read(tensors, network)?)))
+        (Structure::Discrete, MapKind::Linear | MapKind::Network | MapKind::Graph) => {
+            let map = added(tensors, map, activations)?;
+            Ok(Model::Discrete(Box::new(Discrete::read(tensors, map)?)))
         }
         (Structure::Discrete, _) => Err(FormatError::DiscreteMap),
     }
 }
 
-/// The network beside other functions, of a model that has one.
-fn added_network(
-    tensors: &mut Views,
-    map: &MapKind,
-    activations: &[Activation],
-) -> Result<Option<ScaledNetwork>, FormatError> {
+/// The network or graph of a model, of which there may be other functions.
+fn added(tensors: &mut Views, map: &MapKind, activations: &[Activation]) -> Result<Option<Map>, FormatError> {
     match map {
-        MapKind::Network => Ok(Some(unstacked(tensors, OUTPUTS, activations, None)?.remove(0))),
+        MapKind::Network => Ok(Some(Map::Network(unstacked(tensors, OUTPUTS, activations, None)?.remove(0)))),
+        MapKind::Graph => Ok(Some(Map::Graph(Graph::read(tensors)?))),
         _ => Ok(None),
     }
 }
@@ -356,9 +349,23 @@ fn stacked(networks: &[ScaledNetwork], leading: Option<usize>) -> Vec<Tensor> {
 }
 
 /// The tensors of one network, whose names have a prefix.
-fn of_one(network: &ScaledNetwork, prefix: &str) -> impl Iterator<Item = Tensor> {
-    let tensors = stacked(std::slice::from_ref(network), None).into_iter();
-    tensors.map(move |(name, kind, shape, bytes)| (prefix.to_owned() + &name, kind, shape, bytes))
+fn of_one(network: &ScaledNetwork, prefix: &str) -> Vec<Tensor> {
+    with_prefix(stacked(std::slice::from_ref(network), None), prefix)
+}
+
+/// The tensors of the map that gives the outputs.
+fn of_map(map: &Map) -> Vec<Tensor> {
+    let tensors = match map {
+        Map::Network(network) => stacked(std::slice::from_ref(network), None),
+        Map::Regression(regression) => regression.tensors(),
+        Map::Graph(graph) => graph.tensors(),
+    };
+    with_prefix(tensors, OUTPUTS)
+}
+
+fn with_prefix(mut tensors: Vec<Tensor>, prefix: &str) -> Vec<Tensor> {
+    tensors.iter_mut().for_each(|(name, ..)| name.insert_str(0, prefix));
+    tensors
 }
 
 /// The networks of such tensors, whose names have a prefix: `leading` of them, or one if there is no such dimension.

@@ -2,6 +2,7 @@
 
 use metafmu_runtime::{
     BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, State, Surrogate, Variability, Variable,
+    graph::Graph,
 };
 use std::fmt::Write;
 
@@ -109,6 +110,20 @@ impl Part {
     }
 }
 
+/// The function of another tool in a model, if there is one.
+pub(super) fn graph_of(model: &Model) -> Option<&Graph> {
+    let map = match model {
+        Model::Response(map) => Some(map),
+        Model::StateSpace(space) => space.map.as_ref(),
+        Model::Discrete(discrete) => discrete.map.as_ref(),
+        Model::PerInstant { .. } | Model::Motion(_) => None,
+    };
+    match map {
+        Some(Map::Graph(graph)) => Some(graph),
+        _ => None,
+    }
+}
+
 /// `model_data.h`
 pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
     let Part { header, defines, names, sizes, remark, .. } = Part::of(surrogate);
@@ -141,6 +156,11 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
             "MODEL_HAS_EQUATIONS",
             u8::from(matches!(surrogate.model(), Model::Motion(_) | Model::StateSpace(_))).to_string(),
         ),
+        (
+            "MODEL_HAS_MAPS",
+            u8::from(matches!(surrogate.model(), Model::Response(_) | Model::PerInstant { .. })).to_string(),
+        ),
+        ("MODEL_HAS_GRAPH", u8::from(graph_of(surrogate.model()).is_some()).to_string()),
     ];
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {

@@ -1,10 +1,10 @@
 /*
  * How long a step takes at worst, in multiplications, additions and divisions:
  *
- *     K (N + o (2 c + 2) + 5 m + 5) + 8
+ *     K (N + G + o (2 c + 2) + 5 m + 5) + 8
  *
- * with o outputs, m inputs, c columns of z and K = ceil(size of the step / model_sample_time) samples. The network
- * takes, in N,
+ * with o numbers of a sample, m inputs, c columns of z, or 0 if W is zero, and K = ceil(size of the step /
+ * model_sample_time) samples. A graph takes what graph.c says, in G; the network takes, in N,
  *
  *     2 for a column,
  *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
@@ -18,27 +18,38 @@
 #include "jets.h"
 #include <string.h>
 
+#if !MODEL_HAS_GRAPH
 #define NUMBER double
 #define OF(name) real_##name
 #include "network_term.h"
 #undef NUMBER
 #undef OF
+#endif
 
 /* Part of a sample time by which a communication point may miss a sample. */
 static const double SAME = 1e-6;
+
+static void start_sample(double sample[SAMPLE_SIZE], const double outputs[OUTPUT_COUNT])
+{
+    memcpy(sample, outputs, OUTPUT_COUNT * sizeof *sample);
+    memcpy(sample + OUTPUT_COUNT, model_hidden, (SAMPLE_SIZE - OUTPUT_COUNT) * sizeof *sample);
+}
 
 void model_start(double point[COLUMN_COUNT])
 {
     const double *outputs = point + PARAMETER_COUNT;
     const double *inputs = outputs + OUTPUT_COUNT;
+    const size_t starts = PAST_STARTS;
+    const size_t past_inputs = PAST_INPUTS;
     /* a past in which nothing moved */
-    for (size_t i = MEMORY; i < MEMORY_INPUTS; i++) {
-        point[i] = outputs[(i - MEMORY) % OUTPUT_COUNT];
+    for (size_t i = MEMORY; i < MEMORY_INPUTS; i += SAMPLE_SIZE) {
+        start_sample(point + i, outputs);
     }
-    for (size_t i = MEMORY_INPUTS; i < MEMORY_NEXT; i++) {
-        point[i] = inputs[(i - MEMORY_INPUTS) % DRIVEN_COUNT];
+    for (size_t i = 0; i < past_inputs; i++) {
+        /* of a single sample it does not count: the first step takes what the inputs are then */
+        point[MEMORY_INPUTS + i] = starts == 0 ? 0.0 : inputs[i % starts];
     }
-    memcpy(point + MEMORY_NEXT, outputs, OUTPUT_COUNT * sizeof *point);
+    start_sample(point + MEMORY_NEXT, outputs);
     point[MEMORY_PHASE] = 0.0;
 }
 
@@ -105,28 +116,36 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
 static void take_inputs(double point[COLUMN_COUNT], const Step *step, double since)
 {
     double *past = point + MEMORY_INPUTS;
+    const size_t driven_count = DRIVEN_COUNT;
     memmove(past + DRIVEN_COUNT, past, (PAST_INPUTS - DRIVEN_COUNT) * sizeof *past);
-    for (size_t i = 0; i < DRIVEN_COUNT; i++) {
+    for (size_t i = 0; i < driven_count; i++) {
         past[i] = driven(step, point, FIRST_DRIVEN + i, since);
     }
 }
 
-/* The next outputs from what is remembered; whether they are finite. */
+/* The next sample from what is remembered; whether it is finite. */
 static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 {
     double *z = scratch->regressors;
+    const size_t linear_columns = LINEAR_COLUMNS;
     bool finite = true;
     memcpy(z, point + MEMORY, FED_BACK * sizeof *z);
     memcpy(z + FED_BACK, point + MEMORY_INPUTS, PAST_INPUTS * sizeof *z);
     memcpy(z + FED_BACK + PAST_INPUTS, point, PARAMETER_COUNT * sizeof *z);
-    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+#if MODEL_HAS_GRAPH
+    memcpy(scratch->graph, z, REGRESSOR_COUNT * sizeof *z);
+    real_graph(scratch->graph);
+    memcpy(scratch->added, scratch->graph + NUMBER_COUNT - SAMPLE_SIZE, sizeof scratch->added);
+#else
+    for (size_t i = 0; i < SAMPLE_SIZE; i++) {
         scratch->added[i] = 0.0;
     }
     real_add_network(&model_samples_network, z, scratch->added, NULL, 0, scratch->network);
-    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        const double *weights = model_weights + i * REGRESSOR_COUNT;
+#endif
+    for (size_t i = 0; i < SAMPLE_SIZE; i++) {
+        const double *weights = model_weights + i * linear_columns;
         double linear = 0.0;
-        for (size_t k = 0; k < REGRESSOR_COUNT; k++) {
+        for (size_t k = 0; k < linear_columns; k++) {
             linear += weights[k] * z[k];
         }
         const double next = model_constants[i] + linear + scratch->added[i];
@@ -140,8 +159,8 @@ static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 static void pass_sample(double point[COLUMN_COUNT])
 {
     double *past = point + MEMORY;
-    memmove(past + OUTPUT_COUNT, past, (PAST_OUTPUTS - OUTPUT_COUNT) * sizeof *past);
-    memcpy(past, point + MEMORY_NEXT, OUTPUT_COUNT * sizeof *past);
+    memmove(past + SAMPLE_SIZE, past, (PAST_OUTPUTS - SAMPLE_SIZE) * sizeof *past);
+    memcpy(past, point + MEMORY_NEXT, SAMPLE_SIZE * sizeof *past);
     point[MEMORY_PHASE] = 0.0;
 }
 

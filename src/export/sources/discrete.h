@@ -3,10 +3,11 @@
  *
  *     y[k + 1] = c + W z[k] + N(z[k]),    z[k] = (y[k], ..., y[k - n + 1], u[k], ..., u[k - m + 1], p)
  *
- * with parameters p and a network N. The inputs of a point are p, the starts of y, the starts of u, u; after them is
- * what is remembered: the past outputs, of one sample at least, and inputs, from the last to the first, the next
- * outputs, and the time since sample k in sample times. The model goes on at multiples of the sample time since the
- * start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
+ * with parameters p and a network or a graph of another tool (graph.c) N. The last numbers of y may be hidden: they are
+ * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
+ * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to
+ * the first, the next y, and the time since sample k in sample times. The model goes on at multiples of the sample time
+ * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
  * that is nearer to it than a millionth of the sample time.
  */
 #ifndef DISCRETE_H
@@ -15,12 +16,16 @@
 #include "functions.h"
 #include "model.h"
 
+#if MODEL_HAS_GRAPH
+#include "graph.h"
+#endif
+
 /* Where a point has what is remembered. */
 enum {
     MEMORY = INPUT_COUNT,
     MEMORY_INPUTS = MEMORY + PAST_OUTPUTS,
     MEMORY_NEXT = MEMORY_INPUTS + PAST_INPUTS,
-    MEMORY_PHASE = MEMORY_NEXT + OUTPUT_COUNT,
+    MEMORY_PHASE = MEMORY_NEXT + SAMPLE_SIZE,
     MEMORY_COUNT = MEMORY_PHASE + 1 - MEMORY
 };
 
@@ -28,15 +33,19 @@ enum {
 enum { REGRESSOR_COUNT = FED_BACK + PAST_INPUTS + PARAMETER_COUNT };
 
 extern const double model_sample_time; /* s */
-extern const double model_weights[OUTPUT_COUNT * REGRESSOR_COUNT]; /* W, row by row */
-extern const double model_constants[OUTPUT_COUNT];                 /* c */
+extern const double model_weights[]; /* W, row by row of LINEAR_COLUMNS, which are all or none */
+extern const double model_constants[SAMPLE_SIZE]; /* c */
+extern const double model_hidden[];  /* what is hidden, at the start */
 extern const NetworkTerm model_samples_network;                    /* N */
 
 /* Working memory of one evaluation at a time. */
 typedef struct {
     double regressors[REGRESSOR_COUNT];
-    double added[OUTPUT_COUNT]; /* by the network */
+    double added[SAMPLE_SIZE]; /* by the network or the graph */
     double network[2 * NETWORK_WIDTH];
+#if MODEL_HAS_GRAPH
+    double graph[NUMBER_COUNT];
+#endif
     double before[MEMORY_COUNT];
 } Scratch;
 

@@ -176,13 +176,15 @@ static Jet jet_through(Jet a, Series f)
 #undef NUMBER
 #undef OF
 
+#if MODEL_HAS_MAPS
+
 void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT])
 {
     (void)map; /* there is one */
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         scratch->real[i] = columns[i];
     }
-    real_steps(scratch->real);
+    real_graph(scratch->real);
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
         outputs[i] = scratch->real[NUMBER_COUNT - OUTPUT_COUNT + i];
     }
@@ -195,7 +197,7 @@ static const Jet *follow(Jet numbers[NUMBER_COUNT], const double columns[MAP_COL
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         numbers[i] = (Jet){columns[i], rates[i], second_rates == NULL ? 0.0 : second_rates[i]};
     }
-    jet_steps(numbers);
+    jet_graph(numbers);
     return &numbers[NUMBER_COUNT - OUTPUT_COUNT];
 }
 
@@ -228,3 +230,5 @@ void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUM
         }
     }
 }
+
+#endif

@@ -86,10 +86,18 @@ extern const GraphStep model_steps[STEP_COUNT];
 extern const GraphNode model_graph_nodes[];
 extern const GraphTree model_graph_trees[];
 
+/* What all steps make, of the columns that are the first numbers; the outputs are the last ones. */
+void real_graph(double numbers[NUMBER_COUNT]);
+void jet_graph(Jet numbers[NUMBER_COUNT]);
+
+#if MODEL_HAS_MAPS
+
 /* Working memory of one evaluation at a time. */
 typedef struct {
     double real[NUMBER_COUNT];
     Jet jet[NUMBER_COUNT];
 } MapScratch;
+
+#endif
 
 #endif

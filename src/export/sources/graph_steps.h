@@ -112,7 +112,7 @@ static void OF(forest)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 }
 
 /* What all steps make, of the columns that are the first numbers. */
-static void OF(steps)(NUMBER numbers[NUMBER_COUNT])
+void OF(graph)(NUMBER numbers[NUMBER_COUNT])
 {
     for (size_t k = 0; k < STEP_COUNT; k++) {
         const GraphStep *step = &model_steps[k];

@@ -159,7 +159,12 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
         Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],
         Model::Discrete(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &DISCRETE],
     };
-    COMMON.into_iter().chain(model.iter().copied().flatten().copied()).chain(adapter.iter().copied())
+    let beside: &[&[_]] = match surrogate.model() {
+        Model::StateSpace(_) | Model::Discrete(_) if data::graph_of(surrogate.model()).is_some() => &[&GRAPH],
+        _ => &[],
+    };
+    let files = model.iter().chain(beside).copied().flatten().copied();
+    COMMON.into_iter().chain(files).chain(adapter.iter().copied())
 }
 
 #[cfg(test)]

@@ -13,6 +13,15 @@ static void OF(compute)(const NUMBER point[COLUMN_COUNT], WORK *work)
         columns[i] = point[i + STATE_COUNT < first_driven ? i : i + STATE_COUNT];
     }
     OF(dictionary)(&model_functions, columns, work->functions, NULL, 0, work->atoms, work->slopes);
+#if MODEL_HAS_GRAPH
+    for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
+        work->graph[i] = columns[i];
+    }
+    OF(graph)(work->graph);
+    for (size_t i = 0; i < FUNCTION_SIZE; i++) {
+        work->functions[i] = OF(sum)(work->functions[i], work->graph[NUMBER_COUNT - FUNCTION_SIZE + i]);
+    }
+#endif
     if (model_functions_network.layer_count == 0) {
         return;
     }

@@ -1,7 +1,7 @@
 /*
  * How long a step takes at worst, without a tolerance, in multiplications, additions and divisions:
  *
- *     S (4 (L + N) + 30 n + 20 m + 9) + 3
+ *     S (4 (L + N + G) + 30 n + 20 m + 9) + 3
  *
  * with n states, m inputs that are driven and S = ceil(size of the step / model_solver_step) steps of four stages, of
  * which each evaluates the functions. The dictionary takes, in L,
@@ -18,9 +18,11 @@
  *       operations of activation.c for a node,
  *     3 for an output.
  *
+ * A graph takes what graph.c says, and 1 for an output, in G.
+ *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
  * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
- * another stage, L + N, which without any state is all there is.
+ * another stage, L + N + G, which without any state is all there is.
  */
 #include "evaluator.h"
 

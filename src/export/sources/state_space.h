@@ -6,7 +6,7 @@
  *
  * The inputs of a point are p, the starts of x, u; its states are x. Each of the results y, xd is a state itself, as
  * the derivative of a position is, or one of the functions that were learned: a dictionary of the columns (p, u, x), to
- * which a network may add.
+ * which a network may add, or a graph of another tool (graph.c).
  */
 #ifndef STATE_SPACE_H
 #define STATE_SPACE_H
@@ -15,6 +15,13 @@
 #include "jets.h"
 #include "model.h"
 #include "states.h"
+
+#if MODEL_HAS_GRAPH
+#include "graph.h"
+#define GRAPH_WORK(Number) Number graph[NUMBER_COUNT];
+#else
+#define GRAPH_WORK(Number)
+#endif
 
 /* What a result is. */
 typedef struct {
@@ -36,6 +43,7 @@ extern const Given model_given[RESULT_COUNT];
         Number slopes[ATOM_COUNT];          \
         Number network[2 * NETWORK_WIDTH];  \
         Number functions[FUNCTION_SIZE];    \
+        GRAPH_WORK(Number)                  \
     } Name
 
 STATE_SPACE_WORK(RealWork, double);

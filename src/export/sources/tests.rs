@@ -442,6 +442,7 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
     for surrogate in [
         example::oscillator(None),
         example::oscillator(Some(example::residual_network())),
+        example::oscillator_by_graph(),
         turning(Activation::Tanh),
         turning(Activation::Gelu),
         left_alone(),
@@ -455,7 +456,7 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
 
 #[test]
 fn the_outputs_of_a_model_of_samples_are_those_of_the_evaluator() {
-    for surrogate in [example::recorded(), window(), two_by_two()] {
+    for surrogate in [example::recorded(), window(), two_by_two(), example::cell(), alone()] {
         compare(&surrogate, [1.0, 1.0], &SANITIZERS);
     }
 }
@@ -495,7 +496,7 @@ fn turning(activation: Activation) -> Surrogate {
     let space = StateSpace {
         counts: [1, 1, 2],
         functions: Dictionary::new(&[plain, plain, Factor::Angle, plain], 2, &terms).unwrap(),
-        network: Some(network),
+        map: Some(Map::Network(network)),
         results: vec![Given::State(0), Given::Function(1), Given::State(1), Given::Function(0)],
         step: 0.005,
     };
@@ -512,7 +513,7 @@ fn left_alone() -> Surrogate {
     let space = StateSpace {
         counts: [0, 0, 1],
         functions: Dictionary::new(&factors, 0, &[]).unwrap(),
-        network: None,
+        map: None,
         results: vec![Given::State(0), Given::State(0)],
         step: 0.005,
     };
@@ -537,7 +538,7 @@ fn without_states(has_parameter: bool) -> Surrogate {
     let space = StateSpace {
         counts: [parameters, 1, 0],
         functions: Dictionary::new(&factors, 2, &terms).unwrap(),
-        network: None,
+        map: None,
         results: vec![Given::Function(0), Given::Function(1)],
         step: 0.005,
     };
@@ -558,7 +559,7 @@ fn window() -> Surrogate {
     of_samples(|metadata, discrete| {
         metadata.inputs.remove(0);
         (discrete.counts, discrete.history) = ([0, 1, 1], [0, 4]);
-        (discrete.weights, discrete.network) = (vec![0.4, 0.3, -0.2, 0.1], None);
+        (discrete.weights, discrete.map) = (vec![0.4, 0.3, -0.2, 0.1], None);
     })
 }
 
@@ -566,15 +567,24 @@ fn window() -> Surrogate {
 fn two_by_two() -> Surrogate {
     of_samples(|metadata, discrete| {
         let again = |input: &Input, name: &str| Input { name: name.into(), ..input.clone() };
-        let [position, force, driven] = [1, 2, 3].map(|index| metadata.inputs[index].clone());
-        metadata.inputs.insert(2, again(&position, "speed_start"));
-        metadata.inputs.insert(4, again(&force, "wind_start"));
+        let [position, driven] = [1, 3].map(|index| metadata.inputs[index].clone());
+        // of a single past sample the inputs before the start do not count
+        metadata.inputs[2] = again(&position, "speed_start");
         metadata.inputs.push(again(&driven, "wind"));
         metadata.outputs.push(metadata.outputs[0].clone());
         metadata.outputs[1].name = "speed".into();
         (discrete.counts, discrete.history) = ([1, 2, 2], [1, 1]);
         discrete.weights = vec![0.9, 0.2, 0.1, -0.1, 0.02, -0.3, 0.8, 0.05, 0.2, -0.01];
-        (discrete.constants, discrete.network) = (vec![0.01, -0.02], None);
+        (discrete.constants, discrete.map) = (vec![0.01, -0.02], None);
+    })
+}
+
+/// Nothing drives it, and nothing is hidden.
+fn alone() -> Surrogate {
+    of_samples(|metadata, discrete| {
+        metadata.inputs.truncate(2);
+        (discrete.counts, discrete.history) = ([1, 0, 1], [2, 1]);
+        (discrete.weights, discrete.map) = (vec![1.2, -0.5, 0.1], None);
     })
 }
 
@@ -674,7 +684,8 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
 
 #[test]
 fn the_steps_of_a_state_space_are_those_of_the_evaluator() {
-    for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
+    let by_network = example::oscillator(Some(example::residual_network()));
+    for surrogate in [by_network, example::oscillator_by_graph(), turning(Activation::Tanh)] {
         let mut steps = Steps::of(&surrogate);
         let start = steps.start(&[1.2, 0.8, -0.5, 0.4]);
         for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
@@ -705,7 +716,8 @@ fn the_steps_of_a_model_of_samples_are_those_of_the_evaluator() {
     for (surrogate, inputs) in [
         (example::recorded(), &[1.3, 0.4, 0.25, 1.0][..]),
         (window(), &[0.4, 0.25, 1.0]),
-        (two_by_two(), &[1.3, 0.4, -0.2, 0.25, 0.5, 1.0, -2.0]),
+        (two_by_two(), &[1.3, 0.4, -0.2, 1.0, -2.0]),
+        (example::cell(), &[1.3, 0.4, 1.0]),
     ] {
         let mut steps = Steps::of(&surrogate);
         let start = steps.start(inputs);
@@ -815,12 +827,14 @@ fn compare_run(surrogate: Surrogate, starts: &[(&str, f64)], record: &[&str], st
 fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     let record = ["rope.angular_velocity", "der(rope.angular_velocity)"];
     compare_run(example::crane(), &[("rope", 1.3), ("rope.angle_start", 0.8)], &record, 0.013);
-    for surrogate in [example::oscillator(Some(example::residual_network())), turning(Activation::Tanh)] {
+    let by_network = example::oscillator(Some(example::residual_network()));
+    for surrogate in [by_network, example::oscillator_by_graph(), turning(Activation::Tanh)] {
         compare_run(surrogate, &[("mu", 1.3), ("x_start", 0.8)], &["v", "der(v)"], 0.013);
     }
     compare_run(without_states(true), &[("mu", 1.3)], &["domain_distance"], 0.013);
     compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
+    compare_run(example::cell(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
 }
 
 /// What an instance says in the middle of a run: states as bytes and derivatives. Policy 1 clamps the inputs.
@@ -876,7 +890,9 @@ fn states_and_derivatives_in_a_run_are_those_of_the_packed_library() {
         (example::crane(), &[4.5, 0.5, 1.5, 0.3][..]),
         (turning(Activation::Tanh), &[3.5, 0.8]),
         (example::recorded(), &[0.5, -0.25]),
-        (two_by_two(), &[0.5, -0.25, 0.1, 0.2]),
+        (two_by_two(), &[0.5, -0.25]),
+        (example::cell(), &[0.5]),
+        (example::oscillator_by_graph(), &[0.5, -0.25]),
     ] {
         let surrogate = seal(surrogate).unwrap();
         for version in [FmiVersion::V2, FmiVersion::V3] {
@@ -993,6 +1009,9 @@ fn the_validator_finds_nothing() {
         turning(Activation::Tanh),
         without_states(false),
         example::recorded(),
+        example::cell(),
+        example::oscillator_by_graph(),
+        alone(),
     ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let folder = tempfile::tempdir().unwrap();
@@ -1189,6 +1208,9 @@ fn several_fmus_can_be_linked_into_one_library() {
         ("thirteen", forest, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=thirteen_"),
         ("fourteen", kernel, FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=fourteen_"),
         ("fifteen", graph(&example::surrogate()), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=fifteen_"),
+        ("sixteen", example::cell(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=sixteen_"),
+        ("seventeen", example::cell(), FmiVersion::V3, "-DFMI3_FUNCTION_PREFIX=seventeen_"),
+        ("eighteen", example::oscillator_by_graph(), FmiVersion::V2, "-DFMI2_FUNCTION_PREFIX=eighteen_"),
     ] {
         let sources = folder.path().join(name);
         fs::create_dir(&sources).unwrap();

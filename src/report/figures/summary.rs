@@ -143,20 +143,22 @@ fn network(material: &Material) -> String {
             let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };
             format!("Equations of motion with learned functions of the configuration{networks} give")
         }
-        Model::StateSpace(space) => match &space.network {
-            Some(network) if space.functions.products() == 0 => {
+        Model::StateSpace(space) => match &space.map {
+            Some(Map::Network(network)) if space.functions.products() == 0 => {
                 format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(network))
             }
-            Some(network) => format!(
+            Some(Map::Network(network)) => format!(
                 "States whose derivatives are sums of products and a feed-forward network ({}) give",
                 sizes(network)
             ),
+            Some(_) => "States whose derivatives are those of a model of another tool give".into(),
             None => "States whose derivatives are sums of products give".into(),
         },
-        Model::Discrete(discrete) => match &discrete.network {
-            Some(network) => {
+        Model::Discrete(discrete) => match &discrete.map {
+            Some(Map::Network(network)) => {
                 format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(network))
             }
+            Some(_) => "A model of another tool, from sample to sample, gives".into(),
             None => "A linear model, from sample to sample, gives".into(),
         },
         Model::PerInstant { instants, .. } => {

@@ -108,10 +108,10 @@ pub enum FormatError {
     #[error("a motion has dictionaries, and only a motion")]
     MotionMap,
     /// A state space of another map.
-    #[error("a state space has a dictionary or a network beside one")]
+    #[error("a state space has a dictionary, and a network or a graph beside it")]
     StateSpaceMap,
     /// A discrete model whose map is of another kind, or the other way around.
-    #[error("a discrete model has a linear part or a network beside one, and only a discrete model")]
+    #[error("a discrete model has a linear part, a network or a graph beside one, and no other map")]
     DiscreteMap,
     /// The value at the start of nothing.
     #[error("variable `{name}` is the value of a state at the start, but the model has no states")]

@@ -87,7 +87,7 @@ fn of_network(name: &str, term: &NetworkTerm) -> Vec<Tensor> {
     let number = |activation| Activation::ALL.iter().position(|known| *known == activation).unwrap_or(0) as u32;
     let layers = &term.network().layers;
     let activations: Vec<u32> = layers.iter().map(|layer| number(layer.activation)).collect();
-    let mut tensors: Vec<Tensor> = of_one(term.network(), &format!("{name}.network.")).collect();
+    let mut tensors: Vec<Tensor> = of_one(term.network(), &format!("{name}.network."));
     tensors.push(whole("columns", &[columns.len() / 2, 2], &columns));
     tensors.push(whole("outputs", &[outputs.len()], &outputs));
     tensors.push(whole("activations", &[layers.len()], &activations));

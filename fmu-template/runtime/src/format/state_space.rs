@@ -1,17 +1,17 @@
 //! The tensors of a state space.
 
 use super::{
-    OUTPUTS, Tensor, Views, bytes, elements,
+    Tensor, Views, bytes, elements,
     motion::{columns, dictionary, double, factors, of_dictionary, step},
-    of_one, take,
+    of_map, take,
 };
-use crate::{FormatError, Given, ScaledNetwork, StateSpace, map::expect_shape};
+use crate::{FormatError, Given, Map, StateSpace, map::expect_shape};
 use safetensors::Dtype;
 
 impl StateSpace {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { counts, functions, network, results, step } = self;
+        let Self { counts, functions, map, results, step } = self;
         let whole = |name: &str, shape: &[usize], values: &[u32]| -> Tensor {
             (name.into(), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
         };
@@ -27,11 +27,11 @@ impl StateSpace {
             double("solver.step", &[1], &[*step]),
         ];
         tensors.extend(of_dictionary("functions", functions));
-        tensors.extend(network.iter().flat_map(|network| of_one(network, OUTPUTS)));
+        tensors.extend(map.iter().flat_map(of_map));
         tensors
     }
 
-    pub(super) fn read(tensors: &mut Views, network: Option<ScaledNetwork>) -> Result<Self, FormatError> {
+    pub(super) fn read(tensors: &mut Views, map: Option<Map>) -> Result<Self, FormatError> {
         let factors = factors(tensors)?;
         let functions = dictionary(tensors, "functions", &factors)?;
         let counts = take(tensors, "counts", Dtype::U32, 1)?;
@@ -48,7 +48,7 @@ impl StateSpace {
         Ok(Self {
             counts: std::array::from_fn(|index| counts[index] as usize),
             functions,
-            network,
+            map,
             results: results.collect::<Result<_, _>>()?,
             step: step(tensors)?,
         })

@@ -654,12 +654,12 @@ fn a_state_space_that_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn a_discrete_model_survives_the_round_trip_with_and_without_a_network() {
-    for has_network in [true, false] {
-        let surrogate = example::recorded();
-        let Model::Discrete(mut discrete) = surrogate.model().clone() else { unreachable!("it is discrete") };
-        discrete.network = discrete.network.filter(|_| has_network);
-        let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete)).unwrap();
+fn models_of_samples_and_by_graphs_survive_the_round_trip() {
+    let recorded = example::recorded();
+    let Model::Discrete(mut discrete) = recorded.model().clone() else { unreachable!("it is discrete") };
+    discrete.map = None;
+    let linear = Surrogate::new(recorded.metadata().clone(), Model::Discrete(discrete)).unwrap();
+    for surrogate in [recorded, linear, example::cell(), example::oscillator_by_graph()] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
         assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
@@ -681,6 +681,11 @@ fn a_discrete_model_that_makes_no_sense_is_refused() {
         ("tensor `linear.constants` has shape [0], expected [1]", &|discrete| discrete.constants.clear()),
         ("tensor `linear.weights`, element 1: NaN is not finite", &|discrete| discrete.weights[1] = f64::NAN),
         ("time step 0 is not positive", &|discrete| discrete.step = 0.0),
+        ("tensor `linear.weights` has shape [6], expected [16]", &|discrete| discrete.hidden.push(0.0)),
+        ("tensor `hidden.start`, element 0: inf is not finite", &|discrete| {
+            (discrete.hidden, discrete.constants) = (vec![f64::INFINITY], vec![0.0; 2]);
+            discrete.weights.clear();
+        }),
     ] {
         let surrogate = example::recorded();
         let Model::Discrete(mut discrete) = surrogate.model().clone() else { unreachable!("it is discrete") };
@@ -697,7 +702,7 @@ fn a_discrete_model_that_makes_no_sense_is_refused() {
         (
             "\\\"map\\\":\\\"network\\\"",
             "\\\"map\\\":\\\"forest\\\"",
-            "a discrete model has a linear part or a network beside one",
+            "a discrete model has a linear part, a network or a graph",
         ),
     ] {
         assert!(header.contains(from), "{from} is not in {header}");

@@ -9,11 +9,12 @@
 //! | columns | |
 //! |---|---|
 //! | `p` | parameters |
-//! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too |
+//! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
 //! | `u` | inputs |
 //! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; `y[k + 1]`; the time since sample k over `T` |
 //!
-//! and the results are the outputs. The rule for communication points between samples:
+//! and the results are the outputs. The last numbers of `y` may be hidden: they go on as the others do, begin with numbers of the model, and
+//! are no outputs. The rule for communication points between samples:
 //!
 //! - the model goes on at multiples of `T` since the start, whatever the communication steps are;
 //! - an input counts at the sample: what it is when the simulation goes on from there, or what its derivatives make of it at a sample
@@ -27,7 +28,7 @@ use super::{
     solver::{Drive, MAX_SOLVER_STEPS, StepError},
 };
 use crate::{
-    FormatError, Input, Precision, ScaledNetwork, State,
+    FormatError, Input, Map, Precision, State,
     map::{MapScratch, PreparedMap, Task, expect_finite, expect_shape},
     simd::Simd,
 };
@@ -38,16 +39,18 @@ use std::ops::Range;
 pub struct Discrete {
     /// Number of parameters, of inputs and of outputs.
     pub counts: [usize; 3],
+    /// What the hidden numbers of `y` are at the start.
+    pub hidden: Vec<f64>,
     /// Number of past samples of the outputs, `n`, and of the inputs, `m`, that count.
     pub history: [usize; 2],
     /// Time between two samples, in seconds.
     pub step: f64,
-    /// `W`: shape `[outputs, columns]`.
+    /// `W`: shape `[numbers of y, columns]`; empty if it is zero.
     pub weights: Vec<f64>,
-    /// `c`: shape `[outputs]`.
+    /// `c`: shape `[numbers of y]`.
     pub constants: Vec<f64>,
-    /// `N`, if there is one.
-    pub network: Option<ScaledNetwork>,
+    /// `N`, if there is one: a network or a graph.
+    pub map: Option<Map>,
 }
 
 /// Part of a sample by which a communication point may miss it.
@@ -56,26 +59,35 @@ const SAME: f64 = 1e-6;
 impl Discrete {
     /// Number of columns of `z`.
     pub fn width(&self) -> usize {
-        let [parameters, inputs, outputs] = self.counts;
-        self.history[0] * outputs + self.history[1] * inputs + parameters
+        let [parameters, inputs, _] = self.counts;
+        self.history[0] * self.numbers() + self.history[1] * inputs + parameters
+    }
+
+    /// How many numbers a sample has: outputs, and what is hidden.
+    pub fn numbers(&self) -> usize {
+        self.counts[2] + self.hidden.len()
+    }
+
+    /// Number of inputs whose value before the start counts.
+    pub fn past_starts(&self) -> usize {
+        if self.history[1] > 1 { self.counts[1] } else { 0 }
     }
 
     /// Columns of a point before the memory: parameters, starts, inputs.
     fn known(&self) -> usize {
         let [parameters, inputs, outputs] = self.counts;
-        parameters + outputs + 2 * inputs
+        parameters + outputs + self.past_starts() + inputs
     }
 
     /// Number of columns of the memory.
     pub(super) fn memory(&self) -> usize {
         let [past_outputs, past_inputs] = self.past();
-        past_outputs + past_inputs + self.counts[2] + 1
+        past_outputs + past_inputs + self.numbers() + 1
     }
 
     /// Numbers that the memory has of past outputs and inputs.
     fn past(&self) -> [usize; 2] {
-        let [_, inputs, outputs] = self.counts;
-        [self.history[0].max(1) * outputs, self.history[1] * inputs]
+        [self.history[0].max(1) * self.numbers(), self.history[1] * self.counts[1]]
     }
 
     /// Makes sure that it fits these inputs, no states, and so many outputs.
@@ -84,18 +96,24 @@ impl Discrete {
     /// The first [`FormatError`].
     pub(super) fn check(&self, inputs: &[Input], states: &[State], outputs: usize) -> Result<(), FormatError> {
         let [parameters, driven, found] = self.counts;
+        let numbers = self.numbers();
         expect_shape("outputs", &[found], &[outputs])?;
         expect_shape("states", &[states.len()], &[0])?;
-        expect_starts(inputs, [parameters, outputs + driven, driven])?;
-        if self.history[1] == 0 || driven == 0 {
+        if self.history[1] == 0 {
             return Err(FormatError::NoVariables { what: "past inputs" });
         }
-        expect_shape("linear.weights", &[self.weights.len()], &[outputs * self.width()])?;
-        expect_shape("linear.constants", &[self.constants.len()], &[outputs])?;
+        expect_starts(inputs, [parameters, outputs + self.past_starts(), driven])?;
+        if !self.weights.is_empty() {
+            expect_shape("linear.weights", &[self.weights.len()], &[numbers * self.width()])?;
+        }
+        expect_shape("linear.constants", &[self.constants.len()], &[numbers])?;
+        expect_finite("hidden.start", self.hidden.iter().copied())?;
         expect_finite("linear.weights", self.weights.iter().copied())?;
         expect_finite("linear.constants", self.constants.iter().copied())?;
-        if let Some(network) = &self.network {
-            network.check(self.width(), outputs)?;
+        match &self.map {
+            Some(Map::Regression(_)) => return Err(FormatError::DiscreteMap),
+            Some(map) => map.check(self.width(), numbers)?,
+            None => {}
         }
         expect_step(self.step)
     }
@@ -105,7 +123,7 @@ impl Discrete {
 #[derive(Clone, Debug)]
 pub(super) struct PreparedDiscrete {
     discrete: Discrete,
-    network: Option<PreparedMap>,
+    map: Option<PreparedMap>,
     simd: Simd,
 }
 
@@ -114,7 +132,7 @@ pub(super) struct PreparedDiscrete {
 pub(super) struct DiscreteScratch {
     /// `z`
     columns: Vec<f64>,
-    /// What the network adds.
+    /// What the map adds.
     added: Vec<f64>,
     /// The memory before a step.
     before: Vec<f64>,
@@ -131,16 +149,16 @@ struct Memory<'a> {
 
 impl PreparedDiscrete {
     pub(super) fn new(discrete: &Discrete, precision: Precision) -> Self {
-        let network = discrete.network.as_ref().map(|network| PreparedMap::of_network(network, precision));
-        Self { discrete: discrete.clone(), network, simd: Simd::detect() }
+        let map = discrete.map.as_ref().map(|map| PreparedMap::new(map, precision));
+        Self { discrete: discrete.clone(), map, simd: Simd::detect() }
     }
 
     pub(super) fn scratch(&self) -> DiscreteScratch {
         DiscreteScratch {
             columns: vec![0.0; self.discrete.width()],
-            added: vec![0.0; self.discrete.counts[2]],
+            added: vec![0.0; self.discrete.numbers()],
             before: vec![0.0; self.discrete.memory()],
-            map: self.network.as_ref().map(PreparedMap::scratch),
+            map: self.map.as_ref().map(PreparedMap::scratch),
         }
     }
 
@@ -151,13 +169,21 @@ impl PreparedDiscrete {
 
     /// Fills the memory with a past in which nothing moved: outputs and inputs have always been what the point has for the start.
     pub(super) fn start(&self, point: &mut [f64]) {
-        let [parameters, inputs, outputs] = self.discrete.counts;
+        let Discrete { counts: [parameters, inputs, outputs], hidden, .. } = &self.discrete;
         let (known, memory) = point.split_at_mut(self.discrete.known());
-        let (of_outputs, of_inputs) = known[parameters..parameters + outputs + inputs].split_at(outputs);
+        let starts = &known[*parameters..known.len() - inputs];
+        let (of_outputs, of_inputs) = starts.split_at(*outputs);
         let memory = self.parts(memory);
-        memory.outputs.chunks_mut(outputs).for_each(|sample| sample.copy_from_slice(of_outputs));
-        memory.inputs.chunks_mut(inputs).for_each(|sample| sample.copy_from_slice(of_inputs));
-        memory.next.copy_from_slice(of_outputs);
+        for sample in memory.outputs.chunks_mut(self.discrete.numbers()).chain([memory.next]) {
+            let (shown, rest) = sample.split_at_mut(*outputs);
+            shown.copy_from_slice(of_outputs);
+            rest.copy_from_slice(hidden);
+        }
+        // of a single sample it does not count: the first step takes what the inputs are then
+        match of_inputs {
+            [] => memory.inputs.fill(0.0),
+            _ => memory.inputs.chunks_mut(*inputs).for_each(|sample| sample.copy_from_slice(of_inputs)),
+        }
         *memory.phase = 0.0;
     }
 
@@ -170,7 +196,7 @@ impl PreparedDiscrete {
         let [past_outputs, past_inputs] = self.discrete.past();
         let (outputs, rest) = memory.split_at_mut(past_outputs);
         let (inputs, rest) = rest.split_at_mut(past_inputs);
-        let (next, phase) = rest.split_at_mut(self.discrete.counts[2]);
+        let (next, phase) = rest.split_at_mut(self.discrete.numbers());
         Memory { outputs, inputs, next, phase: &mut phase[0] }
     }
 
@@ -179,9 +205,10 @@ impl PreparedDiscrete {
         let outputs = self.discrete.counts[2];
         let last = point.len() - 1;
         let first = self.discrete.known();
+        let next = last - self.discrete.numbers();
         // a sample that was missed a little is that sample
         let share = if point[last].abs() <= SAME { 0.0 } else { point[last].clamp(0.0, 1.0) };
-        (first..first + outputs, last - outputs..last, share)
+        (first..first + outputs, next..next + outputs, share)
     }
 
     /// Does a task at a point. Does not allocate. Outputs depend on the memory only.
@@ -286,22 +313,24 @@ impl PreparedDiscrete {
 
     /// The next outputs from the memory.
     fn compute(&self, point: &mut [f64], DiscreteScratch { columns, added, map, .. }: &mut DiscreteScratch) {
-        let [parameters, _, outputs] = self.discrete.counts;
+        let Discrete { counts: [parameters, ..], history, weights, constants, .. } = &self.discrete;
         let (known, memory) = point.split_at_mut(self.discrete.known());
         let memory = self.parts(memory);
-        let (of_outputs, rest) = columns.split_at_mut(self.discrete.history[0] * outputs);
+        let (of_outputs, rest) = columns.split_at_mut(history[0] * constants.len());
         let (of_inputs, of_parameters) = rest.split_at_mut(memory.inputs.len());
         of_outputs.copy_from_slice(&memory.outputs[..of_outputs.len()]);
         of_inputs.copy_from_slice(memory.inputs);
-        of_parameters.copy_from_slice(&known[..parameters]);
-        match (&self.network, map) {
-            (Some(network), Some(map)) => network.perform(self.simd, columns, Task::Outputs(added), map),
+        of_parameters.copy_from_slice(&known[..*parameters]);
+        match (&self.map, map) {
+            (Some(map), Some(scratch)) => map.perform(self.simd, columns, Task::Outputs(added), scratch),
             _ => added.fill(0.0),
         }
-        let rows = self.discrete.weights.chunks_exact(columns.len().max(1));
-        for (output, row) in rows.enumerate() {
+        // none of them if the weights are zero
+        let mut rows = weights.chunks_exact(columns.len().max(1));
+        for ((next, constant), added) in memory.next.iter_mut().zip(constants).zip(added) {
+            let row = rows.next().unwrap_or_default();
             let linear: f64 = row.iter().zip(&*columns).map(|(weight, column)| weight * column).sum();
-            memory.next[output] = self.discrete.constants[output] + linear + added[output];
+            *next = constant + linear + *added;
         }
     }
 }

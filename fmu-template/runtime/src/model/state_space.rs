@@ -15,7 +15,7 @@
 //! | `n` | the states `x` |
 //!
 //! and the results are the outputs and the derivatives. Each is a state itself, as the derivative of a position is, or one of the
-//! functions that were learned: a dictionary, to which a network adds what the dictionary leaves over.
+//! functions that were learned: a dictionary, to which a network adds what the dictionary leaves over, or a graph of another tool.
 
 use super::{
     adjoint::ByDirections,
@@ -23,7 +23,7 @@ use super::{
     solver::{Drive, Solver, StepError},
 };
 use crate::{
-    Encoder, Encoding, FormatError, Input, Precision, ScaledNetwork, State,
+    Encoder, Encoding, FormatError, Input, Map, Precision, State,
     map::{
         MapScratch, PreparedMap, Task,
         dictionary::{Dictionary, DictionaryWork, Factor},
@@ -42,7 +42,7 @@ pub struct StateSpace {
     /// From `(p, u, x)` to the functions; an angle is a column of [`Factor::Angle`].
     pub functions: Dictionary,
     /// What is added to the functions: from the same columns, an angle being two of them, its sine and cosine.
-    pub network: Option<ScaledNetwork>,
+    pub map: Option<Map>,
     /// What the outputs are, then what the derivatives are.
     pub results: Vec<Given>,
     /// Largest step of the Runge-Kutta method, in seconds.
@@ -74,7 +74,7 @@ impl StateSpace {
         parameters..parameters + states
     }
 
-    /// Whether a function depends on inputs; with a network each does.
+    /// Whether a function depends on inputs; with a map each does.
     ///
     /// # Panics
     /// If there is no such function.
@@ -83,10 +83,10 @@ impl StateSpace {
         let inputs = parameters..parameters + inputs;
         let mut terms = self.functions.terms().filter(|term| term.coefficients[function] != 0.0);
         !inputs.is_empty()
-            && (self.network.is_some() || terms.any(|term| term.exponents[inputs.clone()].iter().any(|e| *e != 0)))
+            && (self.map.is_some() || terms.any(|term| term.exponents[inputs.clone()].iter().any(|e| *e != 0)))
     }
 
-    /// What makes columns of the network.
+    /// What makes columns of the map.
     fn encoder(&self) -> Encoder {
         let encodings: Vec<Encoding> = self.functions.factors().map(encoding).collect();
         Encoder::new(encodings.iter().map(|encoding| (encoding, 0.0, TAU)))
@@ -111,8 +111,12 @@ impl StateSpace {
                 return Err(FormatError::Index { name: "results.given".into(), index, found, limit });
             }
         }
-        if let Some(network) = &self.network {
-            network.check(self.encoder().width(), self.functions.outputs())?;
+        match &self.map {
+            Some(Map::Regression(_)) => return Err(FormatError::StateSpaceMap),
+            // the graphs of other tools have columns that are what they are
+            Some(Map::Graph(_)) if self.encoder().width() != self.width() => return Err(FormatError::StateSpaceMap),
+            Some(map) => map.check(self.encoder().width(), self.functions.outputs())?,
+            None => {}
         }
         expect_step(self.step)
     }
@@ -129,7 +133,7 @@ fn encoding(factor: Factor) -> Encoding {
 #[derive(Clone, Debug)]
 pub(super) struct PreparedStateSpace {
     space: StateSpace,
-    network: Option<(PreparedMap, Encoder)>,
+    map: Option<(PreparedMap, Encoder)>,
     simd: Simd,
 }
 
@@ -145,7 +149,7 @@ pub(super) struct StateSpaceScratch {
 struct Work {
     plain: Functions<f64>,
     series: Functions<Jet>,
-    network: Option<NetworkWork>,
+    map: Option<MapWork>,
 }
 
 /// The functions in one kind of numbers.
@@ -157,34 +161,34 @@ struct Functions<T> {
     functions: DictionaryWork<T>,
 }
 
-/// Columns of the network, their rates along a curve, and what it gives: values, first and second derivatives.
+/// Columns of the map, their rates along a curve, and what it gives: values, first and second derivatives.
 #[derive(Clone, Debug)]
-struct NetworkWork {
+struct MapWork {
     columns: Vec<f64>,
     rates: [Vec<f64>; 2],
     curve: [Vec<f64>; 2],
     results: [Vec<f64>; 3],
-    map: MapScratch,
+    scratch: MapScratch,
 }
 
 impl PreparedStateSpace {
     pub(super) fn new(space: &StateSpace, precision: Precision) -> Self {
-        let prepared = |network| (PreparedMap::of_network(network, precision), space.encoder());
-        Self { network: space.network.as_ref().map(prepared), space: space.clone(), simd: Simd::detect() }
+        let prepared = |map| (PreparedMap::new(map, precision), space.encoder());
+        Self { map: space.map.as_ref().map(prepared), space: space.clone(), simd: Simd::detect() }
     }
 
     pub(super) fn scratch(&self) -> StateSpaceScratch {
-        let Self { space, network, .. } = self;
-        let network = network.as_ref().map(|(map, encoder)| NetworkWork {
+        let Self { space, map, .. } = self;
+        let map = map.as_ref().map(|(map, encoder)| MapWork {
             columns: vec![0.0; encoder.width()],
             rates: [vec![0.0; encoder.width()], vec![0.0; encoder.width()]],
             curve: [vec![0.0; space.width()], vec![0.0; space.width()]],
             results: std::array::from_fn(|_| vec![0.0; space.functions.outputs()]),
-            map: map.scratch(),
+            scratch: map.scratch(),
         });
         let [_, inputs, states] = space.counts;
         StateSpaceScratch {
-            work: Work { plain: space.work(), series: space.work(), network },
+            work: Work { plain: space.work(), series: space.work(), map },
             by_directions: ByDirections::new(space.columns(), space.results.len()),
             solver: Solver::new(space.columns(), inputs, states),
         }
@@ -269,20 +273,20 @@ impl PreparedStateSpace {
     }
 
     /// The functions at a point.
-    fn compute(&self, point: &[f64], Work { plain, network, .. }: &mut Work) {
+    fn compute(&self, point: &[f64], Work { plain, map: work, .. }: &mut Work) {
         self.space.without_starts(point, &mut plain.columns);
         let Functions { columns, values, functions } = plain;
         self.space.functions.compute(columns, values, &mut [], 0, functions);
-        if let (Some((map, encoder)), Some(work)) = (&self.network, network) {
+        if let (Some((map, encoder)), Some(work)) = (&self.map, work) {
             let [more, ..] = &mut work.results;
             encoder.encode(columns, &mut work.columns);
-            map.perform(self.simd, &work.columns, Task::Outputs(more), &mut work.map);
+            map.perform(self.simd, &work.columns, Task::Outputs(more), &mut work.scratch);
             values.iter_mut().zip(more).for_each(|(value, more)| *value += *more);
         }
     }
 
-    /// The functions along a curve through a point; of the series' values those of the network are left out.
-    fn compute_series(&self, point: &[f64], rates: [&[f64]; 2], Work { plain, series, network }: &mut Work) {
+    /// The functions along a curve through a point; of the series' values those of the map are left out.
+    fn compute_series(&self, point: &[f64], rates: [&[f64]; 2], Work { plain, series, map: work }: &mut Work) {
         self.space.without_starts(point, &mut plain.columns);
         let Functions { columns, values, functions } = series;
         for (index, column) in columns.iter_mut().enumerate() {
@@ -291,14 +295,9 @@ impl PreparedStateSpace {
             *column = Jet { value: plain.columns[index], first: rate(0), second: rate(1) };
         }
         self.space.functions.compute(columns, values, &mut [], 0, functions);
-        if let (Some((map, encoder)), Some(work)) = (&self.network, network) {
-            let NetworkWork {
-                columns: encoded,
-                rates: [velocity, change],
-                curve: [first, second],
-                results,
-                map: scratch,
-            } = work;
+        if let (Some((map, encoder)), Some(work)) = (&self.map, work) {
+            let MapWork { columns: encoded, rates: [velocity, change], curve: [first, second], results, scratch } =
+                work;
             for (index, column) in columns.iter().enumerate() {
                 (first[index], second[index]) = (column.first, column.second);
             }
@@ -346,18 +345,21 @@ mod tests {
 
     #[test]
     fn results_are_the_equations() {
-        let evaluator = Evaluator::new(&example::oscillator(None));
-        let (mut scratch, mut results) = (evaluator.scratch(), [0.0; 3]);
-        evaluator.evaluate(&POINT, &mut results, &mut scratch);
-        let [mu, _, _, u, x, v] = POINT;
-        let expected = [x, v, mu * (1.0 - x * x) * v - x + u];
-        assert!(results.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{results:?} {expected:?}");
+        for surrogate in [example::oscillator(None), example::oscillator_by_graph()] {
+            let evaluator = Evaluator::new(&surrogate);
+            let (mut scratch, mut results) = (evaluator.scratch(), [0.0; 3]);
+            evaluator.evaluate(&POINT, &mut results, &mut scratch);
+            let [mu, _, _, u, x, v] = POINT;
+            let expected = [x, v, mu * (1.0 - x * x) * v - x + u];
+            assert!(results.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{results:?} {expected:?}");
+        }
     }
 
     #[test]
-    fn derivatives_are_those_of_finite_differences_with_and_without_a_network() {
-        for network in [None, Some(example::residual_network())] {
-            let evaluator = Evaluator::new(&example::oscillator(network));
+    fn derivatives_are_those_of_finite_differences_with_and_without_a_map() {
+        let by_network = example::oscillator(Some(example::residual_network()));
+        for surrogate in [example::oscillator(None), by_network, example::oscillator_by_graph()] {
+            let evaluator = Evaluator::new(&surrogate);
             let mut scratch = evaluator.scratch();
             let (direction, bend) = ([0.4, 1.0, 1.0, -0.7, 0.2, 0.9], [0.1, 0.0, 0.0, 0.3, -0.6, 0.2]);
             let (mut along, mut first, mut second) = ([0.0; 3], [0.0; 3], [0.0; 3]);

@@ -2,45 +2,69 @@
 
 use super::{
     Part, array,
-    functions::{Cost, Term, remark, width, write_network},
+    functions::{Cost, Term, width, write_network},
+    graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
+    operations::Operations,
     real,
 };
 use metafmu_runtime::{
-    Discrete, Surrogate,
+    Discrete, Map, Surrogate,
     law::{ColumnKind, NetworkColumn},
 };
 
-const NAMES: [&str; 6] =
-    ["model_advance", "model_constants", "model_sample_time", "model_samples_network", "model_start", "model_weights"];
+const NAMES: [&str; 7] = [
+    "model_advance",
+    "model_constants",
+    "model_hidden",
+    "model_sample_time",
+    "model_samples_network",
+    "model_start",
+    "model_weights",
+];
 
 pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
     let [parameters, driven, outputs] = discrete.counts;
     let [past_outputs, past_inputs] = discrete.history;
     let network = network(discrete);
     let cost = Cost::of(network.as_ref(), 0);
+    let graph = BesideGraph::of(discrete.map.as_ref(), 0);
     let samples = samples(surrogate, discrete);
+    let of_network = Operations {
+        arithmetic: operations(discrete, &cost, samples),
+        sines: 2.0 * samples * cost.angles as f64,
+        activations: samples * cost.activations as f64,
+        ..Operations::default()
+    };
+    let numbers = discrete.numbers();
     Part {
         header: "discrete.h",
         defines: Vec::new(),
-        names: [&ACTIVATIONS[..], &NAMES].concat(),
-        sizes: vec![
-            ("PARAMETER_COUNT", parameters, ""),
-            ("DRIVEN_COUNT", driven, "inputs that are neither parameter nor start"),
-            ("FIRST_DRIVEN", parameters + outputs + driven, "the first of them"),
-            ("PAST_OUTPUTS", past_outputs.max(1) * outputs, "numbers that are remembered of outputs"),
-            ("PAST_INPUTS", past_inputs * driven, "and of inputs"),
-            ("FED_BACK", past_outputs * outputs, "of the outputs' those that count"),
-            BLOCK_SIZE,
-            ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
-        ],
-        remark: remark(
-            operations(discrete, &cost, samples),
-            2.0 * samples * cost.angles as f64,
-            samples * cost.activations as f64,
-            "discrete.c",
-        ),
-        data: data(discrete, network.as_ref()),
+        names: [&ACTIVATIONS[..], &NAMES, &graph.names].concat(),
+        sizes: [
+            vec![
+                ("PARAMETER_COUNT", parameters, ""),
+                ("DRIVEN_COUNT", driven, "inputs that are neither parameter nor start"),
+                ("PAST_STARTS", discrete.past_starts(), "those whose value before the start counts"),
+                ("FIRST_DRIVEN", parameters + outputs + discrete.past_starts(), "the first of them"),
+                ("SAMPLE_SIZE", numbers, "outputs, and what is hidden"),
+                (
+                    "PAST_OUTPUTS",
+                    past_outputs.max(1) * numbers,
+                    "numbers that are remembered of outputs and of what is hidden",
+                ),
+                ("PAST_INPUTS", past_inputs * driven, "and of inputs"),
+                ("FED_BACK", past_outputs * numbers, "of the former those that count"),
+                ("LINEAR_COLUMNS", if discrete.weights.is_empty() { 0 } else { discrete.width() }, "of W"),
+                BLOCK_SIZE,
+                ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
+            ],
+            graph.sizes,
+        ]
+        .concat(),
+        remark: (graph.operations.times(samples, of_network))
+            .remark("A step of model_time_step takes", "discrete.c has"),
+        data: data(discrete, network.as_ref()) + &graph.data,
     }
 }
 
@@ -51,23 +75,27 @@ fn samples(surrogate: &Surrogate, discrete: &Discrete) -> f64 {
 
 /// Multiplications, additions and divisions of a step over so many samples; the formula is in `discrete.c`.
 fn operations(discrete: &Discrete, network: &Cost, samples: f64) -> f64 {
-    let [_, driven, outputs] = discrete.counts;
-    let sample = network.operations + outputs * (2 * discrete.width() + 2) + 5 * driven + 5;
+    let columns = if discrete.weights.is_empty() { 0 } else { discrete.width() };
+    let sample = network.operations + discrete.numbers() * (2 * columns + 2) + 5 * discrete.counts[1] + 5;
     samples * sample as f64 + 8.0
 }
 
 /// The network, which adds to all outputs.
 fn network(discrete: &Discrete) -> Option<Term<'_>> {
-    discrete.network.as_ref().map(|network| Term {
+    let Some(Map::Network(network)) = &discrete.map else { return None };
+    Some(Term {
         columns: (0..discrete.width()).map(|of| NetworkColumn { of, kind: ColumnKind::Plain }).collect(),
-        outputs: (0..discrete.counts[2]).collect(),
+        outputs: (0..discrete.numbers()).collect(),
         network,
     })
 }
 
 fn data(discrete: &Discrete, network: Option<&Term>) -> String {
     let mut text = format!("\nconst double model_sample_time = {};\n", real(discrete.step));
-    array(&mut text, "const double model_weights", &discrete.weights);
+    // C has no empty arrays
+    let padded = |values: &[f64]| if values.is_empty() { vec![0.0] } else { values.to_vec() };
+    array(&mut text, "const double model_weights", &padded(&discrete.weights));
+    array(&mut text, "const double model_hidden", &padded(&discrete.hidden));
     array(&mut text, "const double model_constants", &discrete.constants);
     write_network(&mut text, "samples", network);
     text

@@ -2,6 +2,7 @@
 
 use super::{array, functions::table, maps::MapPart, operations::Operations, push, real};
 use metafmu_runtime::{
+    Map,
     graph::{Elementwise, Graph, Operation, Step},
     regression::{LEAF, Node, Tree},
 };
@@ -18,6 +19,26 @@ struct Row {
     more: String,
     places: String,
     trees: [usize; 2],
+}
+
+/// What is generated of a graph that is part of a model with a state; nothing if it has none.
+#[derive(Default)]
+pub(super) struct BesideGraph {
+    pub names: Vec<&'static str>,
+    pub sizes: Vec<(&'static str, usize, &'static str)>,
+    pub data: String,
+    /// Of an evaluation.
+    pub operations: Operations,
+}
+
+impl BesideGraph {
+    /// Of the map of a model; so many results are added to others.
+    pub fn of(of: Option<&Map>, added: usize) -> Self {
+        let Some(Map::Graph(graph)) = of else { return Self::default() };
+        let MapPart { names, sizes, data, operations, .. } = map(graph);
+        let added = Operations { arithmetic: added as f64, ..Operations::default() };
+        Self { names, sizes, data, operations: operations.times(1.0, added) }
+    }
 }
 
 /// The formulas are in `graph.c` and `graph_steps.h`.
@@ -57,7 +78,7 @@ pub fn map(graph: &Graph) -> MapPart {
     MapPart {
         header: "graph.h",
         defines: Vec::new(),
-        names: vec!["model_graph_nodes", "model_graph_trees", "model_steps"],
+        names: vec!["jet_graph", "model_graph_nodes", "model_graph_trees", "model_steps", "real_graph"],
         sizes: vec![
             ("STEP_COUNT", graph.steps.len(), ""),
             ("NUMBER_COUNT", widths.iter().sum(), "of the columns and of all steps"),

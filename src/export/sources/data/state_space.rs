@@ -3,12 +3,13 @@
 use super::{
     Part,
     functions::{Cost, Laid, Term, table, width, write_network},
+    graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
     states,
 };
 use metafmu_runtime::{
-    Given, StateSpace, Surrogate,
+    Given, Map, StateSpace, Surrogate,
     dictionary::Factor,
     law::{ColumnKind, NetworkColumn},
 };
@@ -20,41 +21,47 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
     let functions = Laid::out(&space.functions);
     let network = network(space);
     let cost = Cost::of(network.as_ref(), 0);
+    let graph = BesideGraph::of(space.map.as_ref(), space.functions.outputs());
     let of_stage = Operations {
         arithmetic: stage(space, &functions, &cost) as f64,
         sines: 2.0 * (functions.angles() + cost.angles) as f64,
         activations: cost.activations as f64,
         ..Operations::default()
     };
+    let of_stage = graph.operations.times(1.0, of_stage);
     let remark = if states == 0 {
         of_stage.remark("The outputs after a step take", "state_space.c has")
     } else {
         let sub_steps = states::sub_steps(surrogate, space.step);
-        let arithmetic = states::operations(sub_steps, stage(space, &functions, &cost), states, driven);
+        let arithmetic = states::operations(sub_steps, of_stage.arithmetic as usize, states, driven);
         let of_step = of_stage.times(4.0 * sub_steps, Operations::default());
         Operations { arithmetic, ..of_step }.remark("A step of model_time_step takes", "state_space.c has")
     };
     Part {
         header: "state_space.h",
         defines: Vec::new(),
-        names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
-        sizes: vec![
-            ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
-            ("DICTIONARY_COLUMNS", space.functions.columns(), "parameters, driven inputs and states"),
-            ("ATOM_COUNT", functions.atoms().max(1), "functions of the columns"),
-            BLOCK_SIZE,
-            ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
-            ("FUNCTION_SIZE", functions.outputs.max(1), "number of functions, but C has no empty arrays"),
-        ],
+        names: [&ACTIVATIONS[..], &states::NAMES, &NAMES, &graph.names].concat(),
+        sizes: [
+            vec![
+                ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
+                ("DICTIONARY_COLUMNS", space.functions.columns(), "parameters, driven inputs and states"),
+                ("ATOM_COUNT", functions.atoms().max(1), "functions of the columns"),
+                BLOCK_SIZE,
+                ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
+                ("FUNCTION_SIZE", functions.outputs.max(1), "number of functions, but C has no empty arrays"),
+            ],
+            graph.sizes,
+        ]
+        .concat(),
         remark,
-        data: data(space, &functions, network.as_ref()),
+        data: data(space, &functions, network.as_ref()) + &graph.data,
     }
 }
 
 /// Multiplications, additions and divisions of an evaluation; the formula is in `state_space.c`.
 fn stage(space: &StateSpace, functions: &Laid, network: &Cost) -> usize {
     let angles = space.functions.factors().filter(|factor| *factor == Factor::Angle).count();
-    let turned = if space.network.is_some() { 5 * angles } else { 0 };
+    let turned = if space.map.is_some() { 5 * angles } else { 0 };
     functions.operations(0) + turned + network.operations
 }
 
@@ -67,7 +74,8 @@ fn network(space: &StateSpace) -> Option<Term<'_>> {
         };
         kinds.iter().map(move |&kind| NetworkColumn { of, kind })
     };
-    space.network.as_ref().map(|network| Term {
+    let Some(Map::Network(network)) = &space.map else { return None };
+    Some(Term {
         columns: space.functions.factors().enumerate().flat_map(columns).collect(),
         outputs: (0..space.functions.outputs()).collect(),
         network,

@@ -1,4 +1,4 @@
-use crate::{Domain, Drive, Evaluator, Model, StepError, example};
+use crate::{Domain, Drive, Evaluator, Map, Model, StepError, example, graph::Step};
 
 /// Mass, starts of output and force, force; then the memory.
 fn point(evaluator: &Evaluator, start: f64, force: f64) -> Vec<f64> {
@@ -16,13 +16,14 @@ fn drive<'a>(rates: [&'a [f64]; 2]) -> Drive<'a> {
 fn expected(start: f64, forces: &[f64]) -> Vec<f64> {
     let surrogate = example::recorded();
     let Model::Discrete(discrete) = surrogate.model() else { panic!("it is discrete") };
+    let Some(Map::Network(network)) = &discrete.map else { panic!("it has a network") };
     let (mut y, mut u) = ([start; 2], [0.25; 3]);
     let mut outputs = vec![start];
     for force in forces {
         u = [*force, u[0], u[1]];
         let z = [y[0], y[1], u[0], u[1], u[2], 1.5];
         let linear: f64 = discrete.weights.iter().zip(z).map(|(weight, z)| weight * z).sum();
-        let network = discrete.network.as_ref().unwrap().evaluate(&[z.to_vec()]);
+        let network = network.evaluate(&[z.to_vec()]);
         y = [discrete.constants[0] + linear + network[0][0], y[0]];
         outputs.push(y[0]);
     }
@@ -136,4 +137,34 @@ fn outputs_that_diverge_are_an_error_and_the_memory_stays() {
     assert!(matches!(advance(1.0), Err(StepError::NotFinite { after }) if (after - 0.2).abs() < 1e-12));
     assert!(matches!(advance(2e6), Err(StepError::TooManySteps)));
     assert_eq!(point, before);
+}
+
+/// [`example::cell`], one number after the other.
+#[test]
+fn hidden_states_go_on_as_outputs_do() {
+    let surrogate = example::cell();
+    let Model::Discrete(discrete) = surrogate.model() else { panic!("it is discrete") };
+    let Some(Map::Graph(graph)) = &discrete.map else { panic!("it has a graph") };
+    let affine = |step: usize, x: &[f64; 5]| -> Vec<f64> {
+        let Step::Affine { weight, bias, .. } = &graph.steps[step] else { panic!("it is affine") };
+        let row = |output: usize| (0..5).map(|k| weight.get(5 * output + k) * x[k]).sum::<f64>() + bias.get(output);
+        (0..3).map(row).collect()
+    };
+    let evaluator = Evaluator::new(&surrogate);
+    let mut point = vec![1.5, 0.4, 0.0];
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    let none = vec![0.0; evaluator.columns()];
+    let (mut s, mut scratch) = ([0.4, 0.1, -0.2], evaluator.scratch());
+    for force in FORCES.iter().cycle().take(50) {
+        point[2] = *force;
+        let x = [s[0], s[1], s[2], *force, 1.5];
+        let (gates, candidates) = (affine(0, &x), affine(2, &x));
+        let new = |k: usize| candidates[k].tanh();
+        s = std::array::from_fn(|k| new(k) + (s[k] - new(k)) / (1.0 + (-gates[k]).exp()));
+        evaluator.advance(&mut point, (0.1, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+        let found = output(&evaluator, &point);
+        assert!((found - s[0]).abs() < 1e-13, "{found} {}", s[0]);
+    }
+    assert!((s[1] - 0.1).abs() > 0.1, "hidden states move");
 }
