@@ -36,6 +36,9 @@ pub struct Interface {
     pub layers: Vec<LayerOptions>,
     /// Inputs of the FMU by name. Each is a column of the model: in the order of the model's unless they say which.
     pub inputs: IndexMap<String, InterfaceInput>,
+    /// States of the FMU by name: columns of the model's inputs whose next values, or whose derivatives, are columns of its outputs.
+    #[serde(default)]
+    pub states: IndexMap<String, InterfaceState>,
     /// Outputs of the FMU by name, likewise. Columns of the model that are not named are left out.
     pub outputs: IndexMap<String, InterfaceOutput>,
     #[serde(skip)]
@@ -46,9 +49,16 @@ pub struct Interface {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceTime {
-    /// The natural communication step size.
+    /// The natural communication step size; the sample time if there is one, else 0.01 s, unless given.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
-    pub step: f64,
+    pub step: Option<f64>,
+    /// Sample time: how far apart a state and its `next` value are.
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
+    pub sample: Option<f64>,
+    /// Longest step of the solver inside the FMU (Runge-Kutta, order 4), of states that have a `derivative`; found from simulations unless
+    /// given.
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
+    pub solver_step: Option<f64>,
     /// End of a simulation.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub stop: f64,
@@ -56,7 +66,14 @@ pub struct InterfaceTime {
 
 impl Default for InterfaceTime {
     fn default() -> Self {
-        Self { step: 0.01, stop: 1.0 }
+        Self { step: None, sample: None, solver_step: None, stop: 1.0 }
+    }
+}
+
+impl InterfaceTime {
+    /// The natural communication step size, in seconds.
+    pub fn communication_step(&self) -> f64 {
+        self.step.or(self.sample).unwrap_or(0.01)
     }
 }
 
@@ -133,11 +150,46 @@ pub enum InterfaceVariability {
     Tunable,
 }
 
+/// An entry of `[states]`. It is discrete if it has `next`, continuous if it has `derivative`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct InterfaceState {
+    /// Which column of the model's inputs it is, for instance `x[0]`; or an input's name, for instance `h0`: all columns of it.
+    pub column: String,
+    /// Which column of the model's outputs, or all columns of which output, it is one sample time later.
+    pub next: Option<String>,
+    /// Which column of the model's outputs, or all columns of which output, is its derivative with respect to time.
+    pub derivative: Option<String>,
+    /// Value at the start; of all columns.
+    #[schemars(extend("x-unit" = "the state's"))]
+    pub start: Option<f64>,
+    /// Smallest value for which the model was made; of a state that has a derivative.
+    #[schemars(extend("x-unit" = "the state's"))]
+    pub min: Option<f64>,
+    /// Largest value for which the model was made.
+    #[schemars(extend("x-unit" = "the state's"))]
+    pub max: Option<f64>,
+    /// Unit, for instance `rad`.
+    pub unit: String,
+    /// One sentence for people.
+    pub description: String,
+}
+
+/// How the states of an interface go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Evolution {
+    /// From sample to sample.
+    Discrete,
+    /// By their derivatives.
+    Continuous,
+}
+
 /// An entry of `[outputs]`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceOutput {
-    /// Which column of the model, for instance `y[0]`; the next one unless given. Either all outputs say so or none.
+    /// Which column of the model, for instance `y[0]`; the next one unless given. Either all outputs say so or none. Of a model with states
+    /// it may be that of a state.
     pub column: Option<String>,
     /// Unit, for instance `rad/s`.
     pub unit: String,
@@ -157,8 +209,30 @@ pub fn json_schema() -> &'static serde_json::Value {
 pub struct Mapping {
     /// Of each column that the model takes.
     pub inputs: Vec<Source>,
-    /// Of each output of the FMU its position among the columns that the model gives.
-    pub outputs: Vec<usize>,
+    /// Where each output of the FMU comes from.
+    pub outputs: Vec<Shown>,
+    /// Each column that is a state.
+    pub states: Vec<Followed>,
+}
+
+/// A column that is a state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Followed {
+    /// The state's name; with the position in brackets if it has several columns.
+    pub name: String,
+    /// Which entry of `[states]` it belongs to.
+    pub of: usize,
+    /// Its next value's, or its derivative's, position among the columns that the model gives.
+    pub output: usize,
+}
+
+/// Where an output comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shown {
+    /// A column that the model gives.
+    Column(usize),
+    /// A column that is a state.
+    State(usize),
 }
 
 /// Where a column of a model comes from.
@@ -168,6 +242,8 @@ pub enum Source {
     Input(usize),
     /// Always the same.
     Value(f64),
+    /// A column that is a state, by its position among those.
+    State(usize),
 }
 
 impl Interface {
@@ -236,22 +312,56 @@ impl Interface {
         self.origin.refuse(problems)
     }
 
+    /// How the states go on, if there are any.
+    pub fn evolution(&self) -> Option<Evolution> {
+        let state = self.states.values().next()?;
+        Some(if state.next.is_some() { Evolution::Discrete } else { Evolution::Continuous })
+    }
+
     /// Which column is which variable, of a model with columns of these names.
     ///
     /// # Errors
     /// [`Error::Study`] for columns that there are not, too few or too many of them, or one that is named twice.
     pub fn mapping(&self, inputs: &[String], outputs: &[String]) -> Result<Mapping> {
         let mut problems = Problems::default();
-        let given = |(name, input): (&String, &InterfaceInput)| (name.clone(), input.column.clone());
-        let columns = columns("inputs", self.inputs.iter().map(given).collect(), inputs, true, &mut problems);
-        let given = |(name, output): (&String, &InterfaceOutput)| (name.clone(), output.column.clone());
-        let of_outputs =
-            self::columns("outputs", self.outputs.iter().map(given).collect(), outputs, false, &mut problems);
-        self.origin.refuse(problems)?;
         let mut sources = vec![Source::Value(0.0); inputs.len()];
+        let states = self.followed((inputs, outputs), &mut sources, &mut problems);
+        // what is left over for inputs, and for outputs that do not say which column they are
+        let rest = |names: &[String], is_taken: &dyn Fn(usize) -> bool| -> Vec<usize> {
+            (0..names.len()).filter(|column| !is_taken(*column)).collect()
+        };
+        let free = rest(inputs, &|column| matches!(sources[column], Source::State(_)));
+        let known: Vec<String> = free.iter().map(|column| inputs[*column].clone()).collect();
+        let given = |(name, input): (&String, &InterfaceInput)| (name.clone(), input.column.clone());
+        let columns = columns("inputs", self.inputs.iter().map(given).collect(), &known, true, &mut problems);
+        let of_states: Vec<usize> = states.iter().map(|state| state.output).collect();
+        let given: Vec<(String, Option<String>)> =
+            self.outputs.iter().map(|(name, output)| (name.clone(), output.column.clone())).collect();
+        let shown = if given.iter().all(|(_, column)| column.is_none()) {
+            let free = rest(outputs, &|column| of_states.contains(&column));
+            let known: Vec<String> = free.iter().map(|column| outputs[*column].clone()).collect();
+            let columns = self::columns("outputs", given, &known, false, &mut problems);
+            columns.into_iter().filter_map(|column| free.get(column).copied().map(Shown::Column)).collect()
+        } else {
+            // a state is shown by either of its columns; of its derivative that is another number
+            let mut known = outputs.to_vec();
+            let mut meant: Vec<Shown> = (0..outputs.len()).map(Shown::Column).collect();
+            if self.evolution() == Some(Evolution::Discrete) {
+                of_states.iter().enumerate().for_each(|(state, column)| meant[*column] = Shown::State(state));
+            }
+            for (column, source) in sources.iter().enumerate() {
+                if let Source::State(state) = source {
+                    known.push(inputs[column].clone());
+                    meant.push(Shown::State(*state));
+                }
+            }
+            let columns = self::columns("outputs", given, &known, false, &mut problems);
+            columns.into_iter().map(|column| meant[column]).collect()
+        };
+        self.origin.refuse(problems)?;
         let mut variable = 0;
         for (column, input) in columns.into_iter().zip(self.inputs.values()) {
-            sources[column] = match input.value {
+            sources[free[column]] = match input.value {
                 Some(value) => Source::Value(value),
                 None => {
                     variable += 1;
@@ -259,7 +369,71 @@ impl Interface {
                 }
             };
         }
-        Ok(Mapping { inputs: sources, outputs: of_outputs })
+        Ok(Mapping { inputs: sources, outputs: shown, states })
+    }
+
+    /// The columns that are states, which are noted in `sources`.
+    fn followed(
+        &self,
+        (inputs, outputs): (&[String], &[String]),
+        sources: &mut [Source],
+        problems: &mut Problems,
+    ) -> Vec<Followed> {
+        let mut states: Vec<Followed> = Vec::new();
+        let mut given: HashMap<usize, String> = HashMap::new();
+        for (of, (name, state)) in self.states.iter().enumerate() {
+            let key = format!("states.{name}");
+            let mut columns = |field: &str, column: &str, known: &[String], what: &str| {
+                let found = columns_of(column, known);
+                if found.is_empty() {
+                    let mut names: Vec<&str> = known.iter().map(String::as_str).collect();
+                    names.extend(whole(known));
+                    let expected = expected_one_of(column, &names);
+                    problems.add(
+                        format!("{key}.{field}"),
+                        format!("\"{column}\" is no column of the model's {what}, {expected}"),
+                    );
+                }
+                found
+            };
+            let of_inputs = columns("column", &state.column, inputs, "inputs");
+            let (field, later) = match (&state.next, &state.derivative) {
+                (Some(next), _) => ("next", next),
+                (None, Some(derivative)) => ("derivative", derivative),
+                (None, None) => continue,
+            };
+            let of_outputs = columns(field, later, outputs, "outputs");
+            if of_inputs.is_empty() || of_outputs.is_empty() {
+                continue;
+            }
+            if of_inputs.len() != of_outputs.len() {
+                let message = format!(
+                    "\"{later}\" has {}, but \"{}\" has {}: expected one for each",
+                    counted(of_outputs.len()),
+                    state.column,
+                    counted(of_inputs.len()),
+                );
+                problems.add(format!("{key}.{field}"), message);
+                continue;
+            }
+            for (place, (input, output)) in of_inputs.iter().zip(&of_outputs).enumerate() {
+                let name = if of_inputs.len() == 1 { name.clone() } else { format!("{name}[{place}]") };
+                if let Source::State(other) = sources[*input] {
+                    let other: &Followed = &states[other];
+                    let message = format!("\"{}\" is the column of the state `{}` already", inputs[*input], other.name);
+                    problems.add(format!("{key}.column"), message);
+                    break;
+                }
+                if let Some(other) = given.insert(*output, name.clone()) {
+                    let message = format!("\"{}\" is that of the state `{other}` already", outputs[*output]);
+                    problems.add(format!("{key}.{field}"), message);
+                    break;
+                }
+                sources[*input] = Source::State(states.len());
+                states.push(Followed { name, of, output: *output });
+            }
+        }
+        states
     }
 
     /// What is wrong with it by itself.
@@ -272,9 +446,12 @@ impl Interface {
         };
         let expected = "a letter, then letters, digits, `-` and `_`, at most 100 characters";
         problems.expect(is_good(&self.name), "name", format!("`{}`", self.name), expected);
-        problems.expect_positive("time.step", self.time.step);
-        problems.expect_positive("time.stop", self.time.stop);
-        if self.variables().next().is_none() {
+        let InterfaceTime { step, sample, solver_step, stop } = self.time;
+        for (key, given) in [("step", step), ("sample", sample), ("solver_step", solver_step), ("stop", Some(stop))] {
+            given.into_iter().for_each(|given| problems.expect_positive(format!("time.{key}"), given));
+        }
+        self.add_problems_of_states(&mut problems);
+        if self.variables().next().is_none() && self.states.is_empty() {
             problems.add("inputs", "no input that is a variable, expected at least one");
         }
         if self.outputs.is_empty() {
@@ -304,6 +481,107 @@ impl Interface {
         }
         problems
     }
+
+    fn add_problems_of_states(&self, problems: &mut Problems) {
+        let InterfaceTime { solver_step, .. } = self.time;
+        let is_continuous = self.evolution() == Some(Evolution::Continuous);
+        problems.expect_absent(
+            solver_step.is_some() && !is_continuous,
+            "time.solver_step",
+            "belongs to states that have a `derivative`",
+        );
+        problems.expect_absent(
+            self.time.sample.is_some() && is_continuous,
+            "time.sample",
+            "belongs to states that have a `next` value",
+        );
+        for (name, state) in &self.states {
+            let key = format!("states.{name}");
+            let InterfaceState { column, next, derivative, start, min, max, unit, description } = state;
+            check_variable_name(problems, &key, name);
+            check_text(problems, &key, unit, description);
+            if column.is_empty() {
+                problems.add(&key, "no `column`, expected one of the model's inputs");
+            }
+            match (next, derivative) {
+                (None, None) => problems.add(
+                    &key,
+                    "neither `next` nor `derivative`, expected the column of the model's outputs that is one of them",
+                ),
+                (Some(_), Some(_)) => problems.add(&key, "both `next` and `derivative`, expected one of them"),
+                (_, Some(_)) if !is_continuous => {
+                    problems.add(
+                        format!("{key}.derivative"),
+                        "other states have a `next` value: expected one kind of states",
+                    );
+                }
+                (Some(_), _) if is_continuous => {
+                    problems
+                        .add(format!("{key}.next"), "other states have a `derivative`: expected one kind of states");
+                }
+                _ => {}
+            }
+            if start.is_none() {
+                problems.add(&key, "no `start`, expected its value at the start");
+            }
+            for (field, given) in [("min", min), ("max", max), ("start", start)] {
+                if let Some(number) = given.filter(|number| !number.is_finite()) {
+                    problems.add(format!("{key}.{field}"), format!("{number}, expected a finite number"));
+                }
+            }
+            for (field, given) in [("min", min), ("max", max)] {
+                problems.expect_absent(
+                    given.is_some() && next.is_some(),
+                    format!("{key}.{field}"),
+                    "belongs to a state that has a `derivative`",
+                );
+            }
+            if min.is_some() != max.is_some() && next.is_none() {
+                problems.add(&key, "one of `min` and `max`, expected both or none");
+            }
+            if let (Some(min), Some(max)) = (min, max)
+                && min > max
+            {
+                problems.add(format!("{key}.max"), format!("{max}, expected at least min, which is {min}"));
+            }
+            if self.inputs.contains_key(name) {
+                problems.add(&key, format!("`{name}` is an input already: names of variables must be unique"));
+            }
+        }
+        if self.evolution() == Some(Evolution::Discrete) && self.time.sample.is_none() {
+            problems.add("time.sample", NO_SAMPLE_TIME);
+        }
+        let of_time = self.inputs.iter().find(|(_, input)| input.causality == InterfaceCausality::Time);
+        if let (Some((name, _)), false) = (of_time, self.states.is_empty()) {
+            let message = "\"time\", of a model with states, which follow from inputs and parameters: expected an input, or one with a `value`";
+            problems.add(format!("inputs.{name}.causality"), message);
+        }
+    }
+}
+
+/// What is said of discrete states without a sample time.
+pub const NO_SAMPLE_TIME: &str = "is missing: expected the time between a state and its next value, in seconds";
+
+fn counted(columns: usize) -> String {
+    if columns == 1 { "1 column".into() } else { format!("{columns} columns") }
+}
+
+/// Positions of the columns that a name stands for: one, or all of an input or output of several.
+fn columns_of(name: &str, known: &[String]) -> Vec<usize> {
+    if let Some(place) = known.iter().position(|known| known == name) {
+        return vec![place];
+    }
+    let is_part =
+        |known: &str| known.strip_prefix(name).is_some_and(|rest| rest.starts_with('[') && rest.ends_with(']'));
+    (0..known.len()).filter(|place| is_part(&known[*place])).collect()
+}
+
+/// Names of inputs or outputs that have several columns.
+fn whole(known: &[String]) -> Vec<&str> {
+    let mut names: Vec<&str> =
+        known.iter().filter_map(|name| name.strip_suffix(']')?.rsplit_once('[').map(|(name, _)| name)).collect();
+    names.dedup();
+    names
 }
 
 impl InterfaceInput {

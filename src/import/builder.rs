@@ -23,6 +23,28 @@ impl Builder {
         Self { widths: vec![inputs], steps: Vec::new(), numbers: inputs, weights: 0 }
     }
 
+    /// Further input columns, behind those that there are: the position of the first one.
+    ///
+    /// # Errors
+    /// As [`Builder::add`].
+    pub fn more_inputs(&mut self, count: usize) -> Result<usize, String> {
+        let first = self.widths[0];
+        self.numbers = self.numbers.saturating_add(count);
+        self.within_limits()?;
+        self.widths[0] += count;
+        Ok(first)
+    }
+
+    fn within_limits(&self) -> Result<(), String> {
+        if self.numbers > MAX_VALUES || self.weights > MAX_WEIGHTS {
+            return Err(format!(
+                "the graph has {} numbers and {} weights up to here, expected at most {MAX_VALUES} and {MAX_WEIGHTS}",
+                self.numbers, self.weights
+            ));
+        }
+        Ok(())
+    }
+
     /// Length of a value.
     pub fn width(&self, value: usize) -> usize {
         self.widths[value]
@@ -40,12 +62,7 @@ impl Builder {
             Step::Forest { forest, .. } => forest.nodes.len(),
             _ => 0,
         });
-        if self.numbers > MAX_VALUES || self.weights > MAX_WEIGHTS {
-            return Err(format!(
-                "the graph has {} numbers and {} weights up to here, expected at most {MAX_VALUES} and {MAX_WEIGHTS}",
-                self.numbers, self.weights
-            ));
-        }
+        self.within_limits()?;
         self.steps.push(step);
         self.widths.push(width);
         Ok(self.steps.len())

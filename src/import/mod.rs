@@ -2,11 +2,13 @@
 
 pub mod builder;
 pub mod onnx;
+mod stateful;
 pub mod tensors;
 
 use crate::{
     Error, Result,
-    interface::{Interface, InterfaceCausality, InterfaceInput, InterfaceVariability, Mapping, Source},
+    diagnostics::Problems,
+    interface::{Interface, InterfaceCausality, InterfaceInput, InterfaceVariability, Mapping, Shown, Source},
     surrogate,
     table::Table,
 };
@@ -30,10 +32,25 @@ pub struct Imported {
     pub builder: Builder,
     /// Which number of which value each column that it gives is.
     pub columns: Vec<[u32; 2]>,
+    /// States that the model itself has.
+    pub recurrences: Vec<Recurrence>,
     /// Whether it was made to be computed in single precision.
     pub is_single: bool,
     /// What wrote it.
     pub producer: String,
+}
+
+/// Numbers that a model keeps from one sample to the next, although they are no columns of it.
+#[derive(Clone, Debug)]
+pub struct Recurrence {
+    /// What it is in the model.
+    pub name: String,
+    /// First input column of the graph, behind those of the model.
+    pub first: usize,
+    /// The value that has the next numbers.
+    pub next: usize,
+    /// What they are at the start.
+    pub start: Vec<f64>,
 }
 
 impl Imported {
@@ -42,22 +59,37 @@ impl Imported {
     /// # Errors
     /// A sentence, if it becomes too large.
     pub fn into_map(self, mapping: &Mapping, variables: usize) -> std::result::Result<Map, String> {
-        let Self { inputs, mut builder, mut columns, .. } = self;
-        let in_order = inputs.len() == variables
-            && mapping.inputs.iter().enumerate().all(|(column, source)| *source == Source::Input(column));
-        if !in_order {
-            builder = builder.after(variables, arranged(&mapping.inputs, variables));
-            columns.iter_mut().for_each(|[of, _]| *of += 1);
-        }
-        builder.finish(mapping.outputs.iter().map(|output| columns[*output]).collect())
+        let column = |shown: &Shown| match shown {
+            Shown::Column(column) => Some(self.columns[*column]),
+            // there are no states
+            Shown::State(_) => None,
+        };
+        let columns = mapping.outputs.iter().filter_map(column).collect();
+        into_map(self.builder, &mapping.inputs, variables, columns)
     }
+}
+
+/// The map from `width` columns, of which `sources` are the input columns of a graph, to numbers of its values.
+fn into_map(
+    mut builder: Builder,
+    sources: &[Source],
+    width: usize,
+    mut columns: Vec<[u32; 2]>,
+) -> std::result::Result<Map, String> {
+    let in_order =
+        sources.len() == width && sources.iter().enumerate().all(|(column, source)| *source == Source::Input(column));
+    if !in_order {
+        builder = builder.after(width, arranged(sources, width));
+        columns.iter_mut().for_each(|[of, _]| *of += 1);
+    }
+    builder.finish(columns)
 }
 
 /// The columns of a model, of variables and constants.
 fn arranged(sources: &[Source], variables: usize) -> Step {
     let of_input = |source: &Source| match source {
         Source::Input(input) => Some([0, *input as u32]),
-        Source::Value(_) => None,
+        Source::Value(_) | Source::State(_) => None,
     };
     if let Some(columns) = sources.iter().map(of_input).collect() {
         return Step::Columns { columns };
@@ -67,6 +99,7 @@ fn arranged(sources: &[Source], variables: usize) -> Step {
         match source {
             Source::Input(input) => weight[column * variables + input] = 1.0,
             Source::Value(value) => bias[column] = *value,
+            Source::State(_) => {}
         }
     }
     Step::Affine { of: 0, weight: weight.into(), bias: bias.into() }
@@ -100,6 +133,12 @@ pub fn surrogate(
     rows: Option<Vec<Vec<f64>>>,
 ) -> Result<Surrogate> {
     let mapping = interface.mapping(&imported.inputs, &imported.outputs)?;
+    if !(interface.states.is_empty() && imported.recurrences.is_empty()) {
+        return stateful::surrogate((path, bytes), imported, interface, &mapping, rows);
+    }
+    let message = "belongs to states that have a `next` value";
+    interface
+        .refuse(interface.time.sample.map_or_else(Problems::default, |_| Problems::one("time.sample", message)))?;
     let inputs = inputs(interface, rows.as_deref())?;
     let (is_single, producer) = (imported.is_single, imported.producer.clone());
     let refused = |problem: String| Error::Import { path: path.to_owned(), problems: vec![problem] };
@@ -113,8 +152,38 @@ pub fn surrogate(
 /// # Errors
 /// As [`surrogate()`].
 pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
-    let About { path, content, is_single, producer } = about;
+    let message = "belongs to models in files: ONNX, .npz, .safetensors";
+    let has_states = !interface.states.is_empty();
+    interface.refuse(if has_states { Problems::one("states", message) } else { Problems::default() })?;
     let inputs = inputs(interface, rows.as_deref())?;
+    let has_time = inputs.iter().any(|input| input.role == Role::Time);
+    let is_single = about.is_single && matches!(map, Map::Network(_));
+    let metadata = Metadata {
+        precision: if is_single { Precision::Single } else { Precision::Double },
+        stop_time: (!has_time).then_some(interface.time.stop),
+        ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Vec::len))
+    };
+    let made =
+        |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
+    let surrogate = made(metadata, map)?;
+    let points = rows.unwrap_or_else(|| points(surrogate.inputs()));
+    let ranges = output_ranges(&surrogate, &points)
+        .map_err(|problem| Error::Import { path: about.path.to_owned(), problems: vec![problem] })?;
+    let Model::Response(map) = surrogate.model().clone() else { unreachable!("it was made so") };
+    surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges), map)?)
+}
+
+fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {
+    let mut metadata = metadata.clone();
+    for (output, [min, max]) in metadata.outputs.iter_mut().zip(ranges) {
+        (output.min, output.max) = (*min, *max);
+    }
+    metadata
+}
+
+/// What an interface says of a model with these inputs; ranges of outputs are not known yet.
+fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize) -> Metadata {
+    let About { content, producer, .. } = about;
     let outputs = interface.outputs.iter().map(|(name, output)| Output {
         name: name.clone(),
         unit: output.unit.clone(),
@@ -122,9 +191,8 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
         min: 0.0,
         max: 0.0,
     });
-    let has_time = inputs.iter().any(|input| input.role == Role::Time);
     let digest = Sha256::new().chain_update(interface.text().as_bytes()).chain_update(content).finalize();
-    let metadata = Metadata {
+    Metadata {
         name: interface.name.clone(),
         description: interface.description.clone(),
         inputs,
@@ -132,9 +200,9 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
-        precision: if is_single && matches!(map, Map::Network(_)) { Precision::Single } else { Precision::Double },
-        time_step: interface.time.step,
-        stop_time: (!has_time).then_some(interface.time.stop),
+        precision: Precision::Double,
+        time_step: interface.time.communication_step(),
+        stop_time: Some(interface.time.stop),
         provenance: Provenance {
             tool: match producer {
                 "" => concat!("metafmu ", env!("CARGO_PKG_VERSION")).into(),
@@ -142,28 +210,15 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
             },
             study_digest: digest.iter().map(|byte| format!("{byte:02x}")).collect(),
             seed: 0,
-            train_rows: rows.as_ref().map_or(0, |rows| rows.len() as u64),
+            train_rows: rows as u64,
             content_digest: "0".repeat(64),
         },
-    };
-    let made =
-        |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
-    let mut surrogate = made(metadata, map)?;
-    let points = rows.unwrap_or_else(|| points(surrogate.inputs()));
-    let ranges = output_ranges(&surrogate, &points)
-        .map_err(|problem| Error::Import { path: path.to_owned(), problems: vec![problem] })?;
-    let mut metadata = surrogate.metadata().clone();
-    for (output, [min, max]) in metadata.outputs.iter_mut().zip(ranges) {
-        (output.min, output.max) = (min, max);
     }
-    let Model::Response(map) = surrogate.model().clone() else { unreachable!("it was made so") };
-    surrogate = made(metadata, map)?;
-    surrogate::seal(surrogate)
 }
 
 /// The inputs of the FMU; every range that is missing is a problem.
 fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
-    let mut problems = crate::diagnostics::Problems::default();
+    let mut problems = Problems::default();
     let mut inputs = Vec::new();
     for (position, (name, options)) in interface.variables().enumerate() {
         let values = || rows.into_iter().flatten().map(|row| row[position]);

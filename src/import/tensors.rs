@@ -182,6 +182,7 @@ pub fn layers(tensors: &Tensors, interface: &Interface) -> crate::Result<Importe
         outputs: names("y", width),
         columns: (0..width).map(|column| [value as u32, column as u32]).collect(),
         builder,
+        recurrences: Vec::new(),
         is_single,
         producer: String::new(),
     })

@@ -1,6 +1,6 @@
 //! Trained models of other tools become surrogates, without a study.
 
-use super::predict::is_surrogate;
+use super::predict::{is_surrogate, roll_outs};
 use crate::{
     Error, Result,
     diagnostics::{Problems, names::listed},
@@ -10,7 +10,7 @@ use crate::{
     surrogate,
     table::Table,
 };
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Role, Surrogate};
 use serde::Serialize;
 use std::{
     collections::HashSet,
@@ -104,6 +104,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
     let mut text = String::new();
     let of = |what: &str| Error::Import { path: model.to_owned(), problems: vec![what.into()] };
+    let states = feedback(&imported);
     let names =
         data.map(|data| column_names(data, imported.inputs.len(), imported.outputs.len())).transpose()?.flatten();
     let (given, given_outputs) = match &names {
@@ -117,13 +118,35 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     write!(
         text,
         "# What the columns of {} are: names, units and ranges for `metafmu import`. docs/import.md has every key.\n\
-         name = \"{stem}\"\ndescription = \"\"\n\n[time]    # when the FMU is stepped, unless the host says otherwise\nstep = 0.01\nstop = 1.0\n\n\
+         name = \"{stem}\"\ndescription = \"\"\n\n[time]    # when the FMU is stepped, unless the host says otherwise\n{step}stop = 1.0\n\n\
          # causality: \"input\" is driven by other components, \"parameter\" is set before the simulation (variability = \"tunable\": also\n\
          # between two steps), \"time\" is the simulation time. `value = 1.0` in place of a range: a column that is always the same.\n{known}",
         model.file_name().map_or("the model".into(), |name| name.to_string_lossy()),
+        step = match states.is_empty() && imported.recurrences.is_empty() {
+            true => "step = 0.01\n",
+            false => "sample = 0.01    # time between two samples, in seconds\n",
+        },
     )
     .map_err(|_| of("cannot be described"))?;
-    for (column, name) in imported.inputs.iter().zip(&inputs) {
+    if !imported.recurrences.is_empty() {
+        let names: Vec<&str> = imported.recurrences.iter().map(|state| state.name.as_str()).collect();
+        text += &format!("\n# the model keeps {} from one sample to the next: hidden states\n", listed(&names));
+    }
+    for (column, next) in &states {
+        text += &format!(
+            "\n[states.{}]\ncolumn = {}\nnext = {}    # what it is a sample later; `derivative = ` if it is its derivative\nstart = 0.0\n",
+            key(&identifier(column)),
+            quoted(column),
+            quoted(next)
+        );
+    }
+    let of_state = |column: &str, names: &[&String]| {
+        let tensor = column.split('[').next().unwrap_or(column);
+        names.iter().any(|name| *name == column || *name == tensor)
+    };
+    let (of_inputs, of_outputs): (Vec<&String>, Vec<&String>) =
+        states.iter().map(|(input, next)| (input, next)).unzip();
+    for (column, name) in imported.inputs.iter().zip(&inputs).filter(|(column, _)| !of_state(column, &of_inputs)) {
         let range = match data {
             Some(_) => "",
             None => "# min =       # the training range\n# max =\n",
@@ -134,10 +157,47 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
             quoted(column)
         );
     }
-    for (column, name) in imported.outputs.iter().zip(&outputs) {
+    for (column, name) in imported.outputs.iter().zip(&outputs).filter(|(column, _)| !of_state(column, &of_outputs)) {
         text += &format!("\n[outputs.{}]\ncolumn = {}\nunit = \"\"\ndescription = \"\"\n", key(name), quoted(column));
     }
     Ok(text)
+}
+
+/// Inputs that are states by their names, with the outputs that are their next values: as the exports of recurrent cells call them.
+fn feedback(imported: &Imported) -> Vec<(String, String)> {
+    let tensors = |columns: &[String]| {
+        let mut found: Vec<(String, usize)> = Vec::new();
+        for column in columns {
+            let name = column.split('[').next().unwrap_or(column);
+            match found.last_mut().filter(|(last, _)| last == name) {
+                Some((_, width)) => *width += 1,
+                None => found.push((name.to_owned(), 1)),
+            }
+        }
+        found
+    };
+    let (inputs, outputs) = (tensors(&imported.inputs), tensors(&imported.outputs));
+    let mut states: Vec<(String, String)> = Vec::new();
+    for (input, width) in &inputs {
+        let Some(later) = later_names(input) else { continue };
+        let is_free = |output: &str| states.iter().all(|(_, other)| other != output);
+        let fits =
+            |name: &String| outputs.iter().find(|(output, count)| output == name && count == width && is_free(output));
+        if let Some((output, _)) = later.iter().find_map(fits) {
+            states.push((input.clone(), output.clone()));
+        }
+    }
+    states
+}
+
+/// What the next value of an input is called, if it is called as a state is.
+fn later_names(input: &str) -> Option<Vec<String>> {
+    let stem = ["initial_", "prev_", "previous_", "last_"].iter().find_map(|prefix| input.strip_prefix(prefix));
+    let stem = stem.or_else(|| ["_in", "_prev", "_0", "0"].iter().find_map(|suffix| input.strip_suffix(suffix)));
+    let stem = stem.or(["h", "c", "state", "hidden", "hx", "cx"].into_iter().find(|name| *name == input))?;
+    let names = ["n", "1", "_n", "_1", "_out", "_next", "_new"].iter().map(|suffix| format!("{stem}{suffix}"));
+    let names = names.chain(["next_", "new_", "Y_"].iter().map(|prefix| format!("{prefix}{stem}")));
+    Some(names.filter(|name| name != input).collect())
 }
 
 /// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.
@@ -175,8 +235,10 @@ fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported
 fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
     let mut table = Table::open(path)?;
     let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs());
-    let of_inputs = inputs.iter().map(|input| table.column(&input.name)).collect::<Result<Vec<usize>>>()?;
+    let needed = inputs.iter().filter(|input| input.role != Role::Start);
+    let of_inputs = needed.map(|input| table.column(&input.name)).collect::<Result<Vec<usize>>>()?;
     let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
+    let mut along = if surrogate.goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
     let evaluator = Evaluator::new(surrogate);
     let (mut scratch, mut found) = (evaluator.scratch(), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];
@@ -184,8 +246,23 @@ fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Diffe
     let mut row = 0;
     while table.next_row()? {
         row += 1;
-        let point = of_inputs.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
-        evaluator.evaluate(&point, &mut found, &mut scratch);
+        match &mut along {
+            // rows of a run
+            Some(along) => match along.next() {
+                Some((is_first, predicted)) => {
+                    // what the outputs are before the first sample is not of the model
+                    if is_first && surrogate.states().is_empty() {
+                        continue;
+                    }
+                    found.copy_from_slice(&predicted);
+                }
+                None => found.fill(f64::NAN),
+            },
+            None => {
+                let point = of_inputs.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
+                evaluator.evaluate(&point, &mut found, &mut scratch);
+            }
+        }
         for (output, column) in of_outputs.iter().enumerate() {
             let expected = table.number(*column)?;
             let difference = (found[output] - expected).abs();

@@ -181,6 +181,30 @@ pub fn predict(
     Ok(predicted)
 }
 
+/// The outputs of a surrogate with a state along the runs of a table, row by row, and whether a row is the first of its run; what cannot be
+/// computed is not a number.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Table`] with what is wrong with the table.
+pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool, Vec<f64>)>> {
+    let stop = AtomicBool::new(false);
+    let mut reader = Reader::open(surrogate, table, &stop, |_| {})?;
+    let evaluator = Evaluator::new(surrogate);
+    let width = surrogate.outputs().len();
+    let mut rows = Vec::new();
+    while let Some(batch) = reader.next()? {
+        let Batch::Runs(runs) = batch else { continue };
+        for LabelledRun { run, .. } in &runs {
+            let mut roll_out = RollOut::along(surrogate, &evaluator, run);
+            for row in 0..run.times.len() {
+                let found = roll_out.at(row).map_or(vec![f64::NAN; width], |(_, results)| results[..width].to_vec());
+                rows.push((row == 0, found));
+            }
+        }
+    }
+    Ok(rows)
+}
+
 /// Parts of a table in which progress is counted.
 const SHARES: usize = 1000;
 

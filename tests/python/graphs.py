@@ -156,7 +156,7 @@ def malformed():
     yield "missing-input", make(node("Add", "x -")), "input 1 is missing"
     yield "unknown-operator", make(node("Tanhh", "x")), "operator `Tanhh` (node 0 (Tanhh)) is not supported; did you mean `Tanh`?"
     yield "other-domain", changed(lambda m: setattr(m.graph.node[0], "domain", "com.microsoft")), "operator `com.microsoft.Tanh`"
-    yield "lstm", make(node("LSTM", "x w w"), w=w), "operator `LSTM` (node 0 (LSTM)) is not supported: a recurrent model has a state"
+    yield "lstm", make(node("LSTM", "x w w"), w=w), "node 0 (LSTM): a sequence of shape [1, 3], expected three dimensions"
     yield "conv", make(node("Conv", "x w"), w=w), "expected a feed-forward network of dense layers"
     yield "branch", make(node("If", "x")), "expected a graph without branches"
     yield "classifier", make(node("ArgMax", "x")), "expected a regression"

@@ -55,6 +55,15 @@ impl<'a> Attributes<'a> {
         Some(Tensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
     }
 
+    /// The doubles that are meant by numbers; none unless given.
+    pub fn floats(self, name: &str) -> Result<Vec<f64>, String> {
+        let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
+        match floats.iter().find(|value| !value.is_finite()) {
+            Some(value) => Err(format!("attribute `{name}` has {value}, expected finite numbers")),
+            None => Ok(floats.iter().map(|value| shortest(*value)).collect()),
+        }
+    }
+
     /// Numbers in single precision, or those in double precision of the attribute `NAME_as_tensor`.
     pub fn numbers(self, name: &str) -> Result<Numbers, String> {
         if let Some(tensor) = self.tensor(&format!("{name}_as_tensor")) {

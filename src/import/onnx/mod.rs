@@ -1,4 +1,4 @@
-//! Models of other tools as ONNX files: a feed-forward graph becomes a map of one row of its inputs.
+//! Models of other tools as ONNX files: a graph becomes a map of one row of its inputs, recurrent cells one of their states, too.
 //!
 //! Every tensor is followed through the graph for a single row: its batch has the size 1, all other dimensions are known, and what only
 //! moves elements (a reshape, a slice, a concatenation) is a choice of columns. What does not depend on the inputs is computed here.
@@ -11,7 +11,7 @@ mod shape;
 mod tensor;
 mod trees;
 
-use super::{Imported, builder::Builder};
+use super::{Imported, Recurrence, builder::Builder};
 use crate::{Error, Result};
 use node::{Row, Value};
 use prost::Message;
@@ -90,6 +90,8 @@ struct Reader {
     values: HashMap<String, Value>,
     inputs: Vec<String>,
     is_single: bool,
+    /// States that are no inputs of the graph.
+    recurrences: Vec<Recurrence>,
     /// What is compared with thresholds is rounded as it was there.
     has_trees: bool,
 }
@@ -105,10 +107,11 @@ impl Reader {
         // older files list their initializers among the inputs
         let given: Vec<&ValueInfoProto> =
             graph.input.iter().filter(|input| !values.contains_key(&input.name)).collect();
+        let is_recurrent = graph.node.iter().any(|node| operators::RECURRENT.contains(&node.op_type.as_str()));
         let mut rows = Vec::new();
         for input in &given {
             let about = |problem: String| format!("input `{}`: {problem}", input.name);
-            rows.push((&input.name, input_shape(input).map_err(about)?));
+            rows.push((&input.name, input_shape(input, is_recurrent).map_err(about)?));
         }
         if rows.is_empty() {
             return Err("the graph has no inputs".into());
@@ -130,11 +133,11 @@ impl Reader {
             values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
             first += count;
         }
-        Ok(Self { opset, builder, values, inputs, is_single, has_trees })
+        Ok(Self { opset, builder, values, inputs, is_single, recurrences: Vec::new(), has_trees })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
-        let Self { mut builder, values, inputs, is_single, .. } = self;
+        let Self { mut builder, values, inputs, is_single, recurrences, .. } = self;
         let (mut columns, mut outputs) = (Vec::new(), Vec::new());
         for output in &graph.output {
             let row = match values.get(&output.name) {
@@ -151,7 +154,7 @@ impl Reader {
         if columns.is_empty() {
             return Err(vec!["the graph has no outputs".into()]);
         }
-        Ok(Imported { inputs, outputs, builder, columns, is_single, producer })
+        Ok(Imported { inputs, outputs, builder, columns, recurrences, is_single, producer })
     }
 }
 
@@ -163,8 +166,9 @@ fn element_names(name: &str, count: usize) -> Vec<String> {
     }
 }
 
-/// The shape of one row of an input, the batch included, and whether it is in single precision.
-fn input_shape(input: &ValueInfoProto) -> std::result::Result<(Vec<usize>, bool), String> {
+/// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
+/// the batch may be any dimension.
+fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Result<(Vec<usize>, bool), String> {
     let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
     let is_single = match tensor.elem_type {
         FLOAT => true,
@@ -179,6 +183,8 @@ fn input_shape(input: &ValueInfoProto) -> std::result::Result<(Vec<usize>, bool)
             // one row; a vector of known length without a batch is one as well
             (0, None) => shape.push(1),
             (0, Some(rows)) if dims.len() == 1 => shape.push(rows as usize),
+            (_, Some(value)) if is_recurrent => shape.push(value as usize),
+            (_, None) if is_recurrent => shape.push(1),
             (0, Some(1)) => shape.push(1),
             (0, Some(rows)) => return Err(format!("a batch of {rows} rows, expected 1 or a dimension that is free")),
             (_, Some(value)) => shape.push(value as usize),

@@ -5,6 +5,7 @@ mod machine_learning;
 mod normalisation;
 mod pairs;
 mod products;
+mod recurrent;
 mod shapes;
 
 use super::{
@@ -123,7 +124,10 @@ const ML: &str = "ai.onnx.ml";
 pub fn is_known(node: &NodeProto) -> bool {
     match node.domain.as_str() {
         ML => MACHINE_LEARNING.contains(&node.op_type.as_str()),
-        domain => is_standard(domain) && STANDARD.contains(&node.op_type.as_str()),
+        domain => {
+            let name = node.op_type.as_str();
+            is_standard(domain) && (STANDARD.contains(&name) || RECURRENT.contains(&name))
+        }
     }
 }
 
@@ -131,8 +135,8 @@ pub fn is_known(node: &NodeProto) -> bool {
 pub fn instead(operator: &str) -> String {
     let name = operator.trim_matches('`').rsplit('.').next().unwrap_or_default();
     match name {
-        "LSTM" | "GRU" | "RNN" | "Scan" | "Loop" => {
-            ": a recurrent model has a state; export one step of it, with the state among its inputs and outputs".into()
+        "Scan" | "Loop" => {
+            ": expected one step of the loop, with the state among the inputs and outputs of the graph".into()
         }
         "If" => ": expected a graph without branches".into(),
         "Conv" | "ConvTranspose" | "MaxPool" | "AveragePool" | "GlobalAveragePool" => {
@@ -142,11 +146,13 @@ pub fn instead(operator: &str) -> String {
             ": expected a regression, whose outputs are real numbers".into()
         }
         name => {
-            let known = STANDARD.iter().chain(&MACHINE_LEARNING).copied();
+            let known = STANDARD.iter().chain(&RECURRENT).chain(&MACHINE_LEARNING).copied();
             crate::diagnostics::names::did_you_mean(name, known) + "; docs/import.md lists those that are"
         }
     }
 }
+
+pub use recurrent::RECURRENT;
 
 type Made = Result<Value, String>;
 
@@ -156,11 +162,11 @@ impl Reader {
         let made = match node.domain.as_str() {
             ML => vec![self.machine_learning(node)?],
             _ if node.op_type == "Split" => self.split(node)?,
+            _ if RECURRENT.contains(&node.op_type.as_str()) => self.recurrent(node)?,
             _ => vec![self.standard(node)?],
         };
-        let wanted = node.output.iter().take_while(|name| !name.is_empty()).count();
         // a dropout's mask and the like are not given here
-        if wanted == 0 {
+        if node.output.iter().all(String::is_empty) {
             return Err("it gives nothing".into());
         }
         for (name, value) in node.output.iter().zip(made).filter(|(name, _)| !name.is_empty()) {

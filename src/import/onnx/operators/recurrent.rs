@@ -1,0 +1,331 @@
+//! Recurrent cells: one step of an LSTM, GRU or RNN.
+//!
+//! A sequence is one sample at a time, so that a cell is a function of the sample and of what it was before. If that is no input of the
+//! graph, it is a state of the model, which begins with the constant that the graph has for it.
+
+use super::*;
+use crate::import::Recurrence;
+
+/// Standard operators that have a state.
+pub const RECURRENT: [&str; 3] = ["GRU", "LSTM", "RNN"];
+
+/// Functions one after the other, with their parameters.
+type Functions = Vec<(Elementwise, Vec<f64>)>;
+
+/// A cell that is being read: one row of samples, and the numbers of its weights in the order of ONNX.
+struct Cell {
+    hidden: usize,
+    /// Value and width of the sample.
+    sample: usize,
+    inputs: usize,
+    /// `W`, `R`, `Wb`, `Rb` of all gates, row by row, and `P`.
+    weights: Vec<f64>,
+    recurrence: Vec<f64>,
+    bias: [Vec<f64>; 2],
+    peepholes: Option<Vec<f64>>,
+    activations: Vec<Functions>,
+    /// Whether the batch stands before the sequence.
+    batch_first: bool,
+    is_single: bool,
+}
+
+impl Reader {
+    /// `Y`, `Y_h` and, of an LSTM, `Y_c`.
+    pub(super) fn recurrent(&mut self, node: &NodeProto) -> Result<Vec<Value>, String> {
+        let (gates, defaults): (usize, &[&str]) = match node.op_type.as_str() {
+            "LSTM" => (4, &["Sigmoid", "Tanh", "Tanh"]),
+            "GRU" => (3, &["Sigmoid", "Tanh"]),
+            _ => (1, &["Tanh"]),
+        };
+        let cell = self.cell(node, gates, defaults)?;
+        let before = self.before(node, 5, "h", &cell)?;
+        let (after, memory) = match gates {
+            4 => {
+                let memory = self.before(node, 6, "c", &cell)?;
+                let coupled = Attributes::of(node).integer("input_forget").unwrap_or(0) != 0;
+                let [after, next] = self.lstm(&cell, [before.value, memory.value], coupled)?;
+                self.goes_on(memory, next);
+                (after, Some(next))
+            }
+            3 => {
+                let linear_first = Attributes::of(node).integer("linear_before_reset").unwrap_or(0) != 0;
+                (self.gru(&cell, before.value, linear_first)?, None)
+            }
+            _ => {
+                let sum = self.gate_sums(&cell, &[cell.sample, before.value], 0..1)?;
+                (self.activated(&cell, 0, sum)?, None)
+            }
+        };
+        self.goes_on(before, after);
+        let row = |value: usize, shape: Vec<usize>| Value::Row(Row { shape, value, is_single: cell.is_single });
+        let last = vec![1, 1, cell.hidden];
+        let mut made = vec![row(after, vec![1, 1, 1, cell.hidden]), row(after, last.clone())];
+        made.extend(memory.map(|memory| row(memory, last)));
+        Ok(made)
+    }
+
+    /// Checks a node and takes its weights.
+    fn cell(&mut self, node: &NodeProto, gates: usize, defaults: &[&str]) -> Result<Cell, String> {
+        let attributes = Attributes::of(node);
+        let direction = attributes.text("direction").unwrap_or("forward".into());
+        if direction != "forward" {
+            return Err(format!(
+                "attribute `direction` is {direction:?}, expected \"forward\": samples come one at a time"
+            ));
+        }
+        if let Some(clip) = attributes.number("clip") {
+            return Err(format!("attribute `clip` is {clip}, expected none"));
+        }
+        let batch_first = attributes.integer("layout").unwrap_or(0) != 0;
+        let sample = self.row(node, 0)?;
+        let [length, batch, inputs] = match (sample.shape.as_slice(), batch_first) {
+            (&[length, batch, inputs], false) | (&[batch, length, inputs], true) => [length, batch, inputs],
+            (other, _) => return Err(format!("a sequence of shape {other:?}, expected three dimensions")),
+        };
+        if length != 1 {
+            return Err(format!(
+                "a sequence of {length} samples, expected 1 or a dimension that is free: the FMU gets one sample at a time"
+            ));
+        }
+        if batch != 1 {
+            return Err(format!("a batch of {batch}, expected 1 or a dimension that is free"));
+        }
+        let constant = |place: usize, what: &str| match self.constant(node, place)? {
+            Some(tensor) => Ok::<_, String>(Some(tensor)),
+            None if place < 3 => Err(format!("input {place} ({what}) is missing")),
+            None => Ok(None),
+        };
+        let (weights, recurrence) = (constant(1, "W")?, constant(2, "R")?);
+        let (bias, lengths, peepholes) = (constant(3, "B")?, constant(4, "sequence_lens")?, constant(7, "P")?);
+        if let Some(found) = lengths.filter(|lengths| lengths.data.doubles().iter().any(|length| *length != 1.0)) {
+            return Err(format!("input 4 (sequence_lens) is {:?}, expected 1", found.data.doubles()));
+        }
+        let hidden = recurrence.as_ref().and_then(|tensor| tensor.shape.last().copied()).unwrap_or(0);
+        if let Some(size) = attributes.integer("hidden_size").filter(|size| usize::try_from(*size) != Ok(hidden)) {
+            return Err(format!("attribute `hidden_size` is {size}, but R has {hidden} columns"));
+        }
+        let rows = gates.checked_mul(hidden).filter(|rows| *rows > 0).ok_or("no hidden numbers")?;
+        weights_within_limits(rows, inputs + hidden)?;
+        let numbers = |tensor: Option<Tensor>, what: &str, shape: &[usize]| match tensor {
+            Some(tensor) if tensor.shape != shape => {
+                Err(format!("{what} has the shape {:?}, expected {shape:?}", tensor.shape))
+            }
+            Some(tensor) => Ok(Some(tensor.data.doubles())),
+            None => Ok(None),
+        };
+        let bias = numbers(bias, "B", &[1, 2 * rows])?.unwrap_or_else(|| vec![0.0; 2 * rows]);
+        let peepholes = if gates == 4 { numbers(peepholes, "P", &[1, 3 * hidden])? } else { None };
+        Ok(Cell {
+            hidden,
+            sample: sample.value,
+            inputs,
+            weights: numbers(weights, "W", &[1, rows, inputs])?.unwrap_or_default(),
+            recurrence: numbers(recurrence, "R", &[1, rows, hidden])?.unwrap_or_default(),
+            bias: [bias[..rows].to_vec(), bias[rows..].to_vec()],
+            peepholes,
+            activations: activations(attributes, defaults)?,
+            batch_first,
+            is_single: sample.is_single,
+        })
+    }
+
+    /// What the cell was before: an input of the graph, or a state of the model.
+    fn before(&mut self, node: &NodeProto, place: usize, what: &str, cell: &Cell) -> Result<Before, String> {
+        let given = self.given(node, place)?.cloned();
+        if let Some(value) = &given {
+            let count: usize = value.shape().iter().product();
+            // one layer of one row, whichever of these dimensions comes first
+            if count != cell.hidden || value.shape().len() != 3 {
+                let order = if cell.batch_first { "batch, layer" } else { "layer, batch" };
+                return Err(format!(
+                    "input {place} (initial_{what}) has the shape {:?}, expected [1, 1, {}] ({order}, hidden)",
+                    value.shape(),
+                    cell.hidden
+                ));
+            }
+        }
+        let start = match given {
+            Some(Value::Row(row)) => return Ok(Before { value: row.value, state: None }),
+            Some(Value::Constant(tensor)) => tensor.data.doubles(),
+            None => vec![0.0; cell.hidden],
+        };
+        let first = self.builder.more_inputs(cell.hidden)?;
+        let columns = (first..first + cell.hidden).map(|column| [0, column as u32]).collect();
+        let value = self.builder.columns(columns)?;
+        let made = node.output.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
+        let state = Recurrence { name: format!("{made}.{what}"), first, next: value, start };
+        Ok(Before { value, state: Some(state) })
+    }
+
+    /// Notes what a state of the model becomes.
+    fn goes_on(&mut self, before: Before, next: usize) {
+        self.recurrences.extend(before.state.map(|state| Recurrence { next, ..state }));
+    }
+
+    /// `W x + R h + Wb + Rb` of some gates, of values that are the sample and what the hidden numbers are multiplied as.
+    fn gate_sums(&mut self, cell: &Cell, of: &[usize; 2], gates: std::ops::Range<usize>) -> Result<usize, String> {
+        let Cell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
+        let rows = gates.start * hidden..gates.end * hidden;
+        let both = self.joined(of)?;
+        let row = |row: usize| {
+            let (weights, recurrence) = (&weights[row * inputs..][..*inputs], &recurrence[row * hidden..][..*hidden]);
+            weights.iter().chain(recurrence).copied()
+        };
+        let weight: Vec<f64> = rows.clone().flat_map(row).collect();
+        let bias: Vec<f64> = rows.map(|row| of_sample[row] + of_hidden[row]).collect();
+        self.builder.affine(both, weight.into(), bias.into())
+    }
+
+    fn joined(&mut self, of: &[usize]) -> Result<usize, String> {
+        let columns = |value: &usize| -> Vec<[u32; 2]> {
+            (0..self.builder.width(*value)).map(|column| [*value as u32, column as u32]).collect()
+        };
+        let columns = of.iter().flat_map(columns).collect();
+        self.builder.columns(columns)
+    }
+
+    /// The part of a value that belongs to a gate.
+    fn gate(&mut self, cell: &Cell, of: usize, gate: usize) -> Result<usize, String> {
+        let columns = gate * cell.hidden..(gate + 1) * cell.hidden;
+        self.builder.columns(columns.map(|column| [of as u32, column as u32]).collect())
+    }
+
+    fn activated(&mut self, cell: &Cell, which: usize, of: usize) -> Result<usize, String> {
+        let mut functions = cell.activations[which].iter();
+        functions.try_fold(of, |of, (function, parameters)| self.builder.elementwise(of, *function, parameters.clone()))
+    }
+
+    fn both(&mut self, cell: &Cell, operation: Operation, of: [usize; 2]) -> Result<usize, String> {
+        self.builder.add(Step::Combine { of, operation }, cell.hidden)
+    }
+
+    /// `1 - x`
+    fn rest(&mut self, of: usize) -> Result<usize, String> {
+        self.builder.elementwise(of, Elementwise::Linear, vec![-1.0, 1.0])
+    }
+
+    /// What is added to a gate's sum for what the memory is, if there are peepholes.
+    fn peep(&mut self, cell: &Cell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, String> {
+        let Some(peepholes) = &cell.peepholes else { return Ok(sum) };
+        let factors = peepholes[gate * cell.hidden..][..cell.hidden].iter().copied();
+        let parameters = factors.chain(std::iter::repeat_n(0.0, cell.hidden)).collect();
+        let peeped = self.builder.elementwise(memory, Elementwise::Linear, parameters)?;
+        self.both(cell, Operation::Add, [sum, peeped])
+    }
+
+    /// The hidden numbers and the memory after the sample; gates are input, output, forget, cell.
+    fn lstm(&mut self, cell: &Cell, [before, memory]: [usize; 2], coupled: bool) -> Result<[usize; 2], String> {
+        let sums = self.gate_sums(cell, &[cell.sample, before], 0..4)?;
+        let mut gated = |gate: usize| -> Result<usize, String> { self.gate(cell, sums, gate) };
+        let [input, output, forget, candidate] = [gated(0)?, gated(1)?, gated(2)?, gated(3)?];
+        let input = self.peep(cell, 0, [input, memory])?;
+        let input = self.activated(cell, 0, input)?;
+        let forget = match coupled {
+            true => self.rest(input)?,
+            false => {
+                let forget = self.peep(cell, 2, [forget, memory])?;
+                self.activated(cell, 0, forget)?
+            }
+        };
+        let candidate = self.activated(cell, 1, candidate)?;
+        let kept = self.both(cell, Operation::Multiply, [forget, memory])?;
+        let added = self.both(cell, Operation::Multiply, [input, candidate])?;
+        let next = self.both(cell, Operation::Add, [kept, added])?;
+        let output = self.peep(cell, 1, [output, next])?;
+        let output = self.activated(cell, 0, output)?;
+        let shown = self.activated(cell, 2, next)?;
+        Ok([self.both(cell, Operation::Multiply, [output, shown])?, next])
+    }
+
+    /// The hidden numbers after the sample; gates are update, reset, hidden.
+    fn gru(&mut self, cell: &Cell, before: usize, linear_first: bool) -> Result<usize, String> {
+        let sums = self.gate_sums(cell, &[cell.sample, before], 0..2)?;
+        let gates = self.activated(cell, 0, sums)?;
+        let (update, reset) = (self.gate(cell, gates, 0)?, self.gate(cell, gates, 1)?);
+        let sum = if linear_first {
+            let Cell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
+            let first = 2 * hidden;
+            let (weight, bias) = (recurrence[first * hidden..].to_vec(), of_hidden[first..].to_vec());
+            let linear = self.builder.affine(before, weight.into(), bias.into())?;
+            let reset = self.both(cell, Operation::Multiply, [reset, linear])?;
+            let (weight, bias) = (weights[first * inputs..].to_vec(), of_sample[first..].to_vec());
+            let of_sample = self.builder.affine(cell.sample, weight.into(), bias.into())?;
+            self.both(cell, Operation::Add, [of_sample, reset])?
+        } else {
+            let reset = self.both(cell, Operation::Multiply, [reset, before])?;
+            self.gate_sums(cell, &[cell.sample, reset], 2..3)?
+        };
+        let candidate = self.activated(cell, 1, sum)?;
+        let rest = self.rest(update)?;
+        let new = self.both(cell, Operation::Multiply, [rest, candidate])?;
+        let kept = self.both(cell, Operation::Multiply, [update, before])?;
+        self.both(cell, Operation::Add, [new, kept])
+    }
+}
+
+/// What a cell was before.
+struct Before {
+    /// The value that has its numbers.
+    value: usize,
+    /// If it is no input of the graph; what it becomes is not known yet.
+    state: Option<Recurrence>,
+}
+
+/// The functions of a cell.
+fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<Functions>, String> {
+    let mut names = attributes.texts("activations");
+    if names.is_empty() {
+        names = defaults.iter().map(|name| (*name).to_owned()).collect();
+    }
+    if names.len() != defaults.len() {
+        return Err(format!("attribute `activations` has {} names, expected {}", names.len(), defaults.len()));
+    }
+    let (alphas, betas) = (attributes.floats("activation_alpha")?, attributes.floats("activation_beta")?);
+    let (mut alphas, mut betas) = (alphas.into_iter(), betas.into_iter());
+    // each function takes the next of the numbers that it has
+    let mut alpha = |default: f64| alphas.next().unwrap_or(default);
+    let mut beta = |default: f64| betas.next().unwrap_or(default);
+    let one = |function, parameters| vec![(function, parameters)];
+    let own = |activation| one(Elementwise::Activation(activation), Vec::new());
+    let function = |name: &String| {
+        Ok(match name.to_ascii_lowercase().as_str() {
+            "tanh" => own(Activation::Tanh),
+            "sigmoid" => own(Activation::Sigmoid),
+            "relu" => own(Activation::Relu),
+            "softsign" => one(Elementwise::Softsign, Vec::new()),
+            "softplus" => one(Elementwise::Softplus, Vec::new()),
+            "affine" => one(Elementwise::Linear, vec![alpha(1.0), beta(0.0)]),
+            "leakyrelu" => one(Elementwise::LeakyRelu, vec![alpha(0.01)]),
+            "thresholdedrelu" => one(Elementwise::ThresholdedRelu, vec![alpha(1.0)]),
+            "elu" => one(Elementwise::Elu, vec![alpha(1.0)]),
+            "hardsigmoid" => {
+                vec![(Elementwise::Linear, vec![alpha(0.2), beta(0.5)]), (Elementwise::Clip, vec![0.0, 1.0])]
+            }
+            "scaledtanh" => {
+                let (outer, inner) = (alpha(1.0), beta(1.0));
+                let tanh = (Elementwise::Activation(Activation::Tanh), Vec::new());
+                vec![(Elementwise::Linear, vec![inner, 0.0]), tanh, (Elementwise::Linear, vec![outer, 0.0])]
+            }
+            _ => {
+                let known = [
+                    "Tanh",
+                    "Sigmoid",
+                    "Relu",
+                    "Softsign",
+                    "Softplus",
+                    "Affine",
+                    "LeakyRelu",
+                    "ThresholdedRelu",
+                    "Elu",
+                    "HardSigmoid",
+                    "ScaledTanh",
+                ];
+                return Err(format!(
+                    "attribute `activations`: \"{name}\", {}",
+                    crate::diagnostics::names::expected_one_of(name, &known)
+                ));
+            }
+        })
+    };
+    names.iter().map(function).collect()
+}

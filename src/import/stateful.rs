@@ -1,0 +1,387 @@
+//! Models with states: columns of the outputs are the next values, or the derivatives, of columns of the inputs.
+
+use super::*;
+use crate::interface::{Evolution, Followed, NO_SAMPLE_TIME};
+use metafmu_runtime::{
+    Discrete, Domain, Drive, Given, State, StateSpace,
+    dictionary::{Dictionary, Factor},
+};
+
+/// Simulations from which ranges of outputs and the step of the solver are found, and steps of each at most.
+const RUNS: usize = 8;
+const STEPS: usize = 400;
+/// Steps over which an input of these simulations stays what it is.
+const HELD: usize = 10;
+
+/// What the solver may add to the outputs in these simulations, relative to their ranges.
+const SOLVER_ERROR: f64 = 1e-9;
+/// How often its step is halved for that, at most.
+const HALVINGS: usize = 10;
+
+/// The surrogate of a model with states; see [`super::surrogate()`].
+pub(super) fn surrogate(
+    (path, content): (&Path, &[u8]),
+    imported: Imported,
+    interface: &Interface,
+    mapping: &Mapping,
+    rows: Option<Vec<Vec<f64>>>,
+) -> Result<Surrogate> {
+    let evolution = evolution(interface, &imported.recurrences)?;
+    let variables = inputs(interface, rows.as_deref())?;
+    let about = About { path, content, is_single: imported.is_single, producer: &imported.producer };
+    let known = Known::of(path, interface, mapping, &variables);
+    let metadata = metadata(about, interface, Vec::new(), rows.as_ref().map_or(0, Vec::len));
+    let surrogate = match evolution {
+        Evolution::Discrete => discrete(&known, imported, metadata)?,
+        Evolution::Continuous => continuous(&known, imported, metadata, rows.as_deref())?,
+    };
+    let ranges = ranges(&known.simulated(&surrogate, rows.as_deref()), surrogate.outputs());
+    let ranges = ranges.map_err(|problem| known.refused(problem))?;
+    let metadata = with_ranges(surrogate.metadata(), &ranges);
+    surrogate::seal(made(metadata, surrogate.model().clone())?)
+}
+
+fn made(metadata: Metadata, model: Model) -> Result<Surrogate> {
+    Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })
+}
+
+/// How the states go on; what does not go together is refused.
+fn evolution(interface: &Interface, recurrences: &[Recurrence]) -> Result<Evolution> {
+    let mut problems = Problems::default();
+    let evolution = match (interface.evolution(), recurrences.first()) {
+        (Some(Evolution::Continuous), Some(Recurrence { name, .. })) => {
+            problems.add(
+                "states",
+                format!(
+                    "have a `derivative`, but `{name}` of a recurrent cell goes on from sample to sample: expected one kind of states"
+                ),
+            );
+            Evolution::Continuous
+        }
+        (_, Some(_)) => Evolution::Discrete,
+        (found, None) => found.unwrap_or(Evolution::Discrete),
+    };
+    if evolution == Evolution::Discrete && interface.time.sample.is_none() {
+        problems.add("time.sample", NO_SAMPLE_TIME);
+    }
+    for (name, _) in interface.variables().filter(|(_, input)| input.causality == InterfaceCausality::Time) {
+        let message = "\"time\", of a model with states: expected an input, or one with a `value`";
+        problems.add(format!("inputs.{name}.causality"), message);
+    }
+    interface.refuse(problems)?;
+    Ok(evolution)
+}
+
+/// What is known of the variables of a model with states.
+struct Known<'a> {
+    path: &'a Path,
+    interface: &'a Interface,
+    mapping: &'a Mapping,
+    variables: &'a [Input],
+    /// Positions among the variables: of parameters, and of inputs that are driven.
+    parameters: Vec<usize>,
+    driven: Vec<usize>,
+}
+
+impl<'a> Known<'a> {
+    fn of(path: &'a Path, interface: &'a Interface, mapping: &'a Mapping, variables: &'a [Input]) -> Self {
+        let (driven, parameters) = (0..variables.len()).partition(|index| variables[*index].role == Role::Input);
+        Self { path, interface, mapping, variables, parameters, driven }
+    }
+
+    /// What is wrong with the model.
+    fn refused(&self, problem: String) -> Error {
+        Error::Import { path: self.path.to_owned(), problems: vec![problem] }
+    }
+
+    /// The inputs of the surrogate: parameters, starts, what is driven.
+    fn inputs(&self, starts: Vec<Input>) -> Vec<Input> {
+        let of = |indices: &[usize]| indices.iter().map(|index| self.variables[*index].clone()).collect();
+        [of(&self.parameters), starts, of(&self.driven)].concat()
+    }
+
+    fn start_of(&self, state: &Followed) -> f64 {
+        self.interface.states[state.of].start.unwrap_or(0.0)
+    }
+
+    /// Where the columns that the model takes come from, among columns of which variables and states begin at these places.
+    fn sources(&self, [parameters, driven]: [usize; 2], states: impl Fn(usize) -> usize) -> Vec<Source> {
+        let place = |variable: usize| {
+            let among = |of: &[usize]| of.iter().position(|other| *other == variable);
+            among(&self.parameters).map(|k| parameters + k).or(among(&self.driven).map(|k| driven + k)).unwrap_or(0)
+        };
+        let source = |source: &Source| match *source {
+            Source::Input(variable) => Source::Input(place(variable)),
+            Source::State(state) => Source::Input(states(state)),
+            Source::Value(value) => Source::Value(value),
+        };
+        self.mapping.inputs.iter().map(source).collect()
+    }
+
+    /// Outputs in simulations, row by row: along the rows of a table, or with random inputs, parameters and states.
+    fn simulated(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
+        let metadata = surrogate.metadata();
+        let evaluator = Evaluator::new(surrogate);
+        let domain = Domain::new(surrogate.inputs(), surrogate.states());
+        let (first, step) = (surrogate.inputs().len() - self.driven.len(), metadata.time_step);
+        let steps = (metadata.stop_time.unwrap_or(f64::INFINITY) / step).ceil().clamp(1.0, STEPS as f64) as usize;
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut draw = |min: f64, max: f64| min + random.random::<f64>() * (max - min);
+        let constant = vec![0.0; evaluator.columns()];
+        let mut scratch = evaluator.scratch();
+        let mut runs = Vec::new();
+        for run in 0..if rows.is_some() { 1 } else { RUNS } {
+            let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
+            point.resize(evaluator.columns(), 0.0);
+            if run > 0 {
+                for (index, column) in self.parameters.iter().enumerate() {
+                    point[index] = draw(self.variables[*column].min, self.variables[*column].max);
+                }
+            }
+            evaluator.start(&mut point);
+            for (state, known) in surrogate.states().iter().enumerate().filter(|_| run > 0) {
+                if let Some([min, max]) = known.range {
+                    point[surrogate.inputs().len() + state] = draw(min, max);
+                }
+            }
+            let count = rows.map_or(steps, <[_]>::len);
+            let mut found = Vec::new();
+            for row in 0..=count {
+                let mut results = vec![0.0; evaluator.results()];
+                evaluator.evaluate(&point, &mut results, &mut scratch);
+                results.truncate(surrogate.outputs().len());
+                let is_finite = results.iter().all(|value| value.is_finite());
+                found.push(is_finite.then_some(results));
+                if row == count || !is_finite {
+                    break;
+                }
+                for (index, column) in self.driven.iter().enumerate() {
+                    match rows {
+                        Some(rows) => point[first + index] = rows[row][*column],
+                        None if row % HELD == 0 && (run, row) != (0, 0) => {
+                            point[first + index] = draw(self.variables[*column].min, self.variables[*column].max);
+                        }
+                        None => {}
+                    }
+                }
+                let drive = Drive { rates: [&constant, &constant], clamp: Some(&domain) };
+                if evaluator.advance(&mut point, (step, None, &[]), drive, &mut scratch).is_err() {
+                    found.push(None);
+                    break;
+                }
+            }
+            runs.push(found);
+        }
+        runs
+    }
+}
+
+/// The smallest and the largest value of each output.
+fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Result<Vec<[f64; 2]>, String> {
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];
+    for (run, rows) in runs.iter().enumerate() {
+        for (row, values) in rows.iter().enumerate() {
+            match values {
+                Some(values) => ranges.iter_mut().zip(values).for_each(|([min, max], value)| {
+                    (*min, *max) = (min.min(*value), max.max(*value));
+                }),
+                // later on, and from elsewhere, a model may be unstable
+                None if run == 0 && row <= 1 => {
+                    return Err("the outputs are not finite after the first step from the start values".into());
+                }
+                None => {}
+            }
+        }
+    }
+    Ok(ranges)
+}
+
+/// A number of a sample.
+#[derive(Clone, Copy, PartialEq)]
+enum Number {
+    State(usize),
+    Column(usize),
+    /// Of a recurrence, its position in it.
+    Kept(usize, usize),
+}
+
+/// From sample to sample: outputs first, then what is hidden.
+fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Surrogate> {
+    let Known { interface, mapping, parameters, driven, .. } = known;
+    let Imported { builder, columns, recurrences, .. } = imported;
+    let mut numbers: Vec<Number> = Vec::new();
+    let mut problems = Problems::default();
+    for (shown, name) in mapping.outputs.iter().zip(interface.outputs.keys()) {
+        let number = match *shown {
+            Shown::State(state) => Number::State(state),
+            Shown::Column(column) => Number::Column(column),
+        };
+        if let (Number::State(state), true) = (number, numbers.contains(&number)) {
+            let message = format!("the state `{}` is another output already", mapping.states[state].name);
+            problems.add(format!("outputs.{name}.column"), message);
+        }
+        numbers.push(number);
+    }
+    interface.refuse(problems)?;
+    let outputs = numbers.len();
+    let is_hidden = |state: &usize| !numbers.contains(&Number::State(*state));
+    let hidden: Vec<Number> = (0..mapping.states.len()).filter(is_hidden).map(Number::State).collect();
+    numbers.extend(hidden);
+    for (index, recurrence) in recurrences.iter().enumerate() {
+        numbers.extend((0..recurrence.start.len()).map(|place| Number::Kept(index, place)));
+    }
+    let start = |number: &Number| match *number {
+        Number::State(state) => known.start_of(&mapping.states[state]),
+        Number::Kept(index, place) => recurrences[index].start[place],
+        Number::Column(_) => 0.0,
+    };
+    let place = |number: Number| numbers.iter().position(|other| *other == number).unwrap_or(0);
+    let mut sources = known.sources([numbers.len() + driven.len(), numbers.len()], |state| place(Number::State(state)));
+    for (index, recurrence) in recurrences.iter().enumerate() {
+        let (first, count) = (place(Number::Kept(index, 0)), recurrence.start.len());
+        sources.resize(sources.len().max(recurrence.first + count), Source::Value(0.0));
+        (0..count).for_each(|at| sources[recurrence.first + at] = Source::Input(first + at));
+    }
+    let next = |number: &Number| match *number {
+        Number::State(state) => columns[mapping.states[state].output],
+        Number::Column(column) => columns[column],
+        Number::Kept(index, place) => [recurrences[index].next as u32, place as u32],
+    };
+    let width = numbers.len() + driven.len() + parameters.len();
+    let map = into_map(builder, &sources, width, numbers.iter().map(next).collect());
+    let map = map.map_err(|problem| known.refused(problem))?;
+    let step = interface.time.sample.unwrap_or(metadata.time_step);
+    let model = Model::Discrete(Box::new(Discrete {
+        counts: [parameters.len(), driven.len(), outputs],
+        hidden: numbers[outputs..].iter().map(start).collect(),
+        history: [1, 1],
+        step,
+        weights: Vec::new(),
+        constants: vec![0.0; numbers.len()],
+        map: Some(map),
+    }));
+    let with_starts = |starts: &[f64]| {
+        let of_output = |(output, start): (&Output, &f64)| {
+            let Output { name, unit, .. } = output;
+            start_input(name, &format!("{name} at the start"), unit, [*start; 3])
+        };
+        let starts = metadata.outputs.iter().zip(starts).map(of_output).collect();
+        made(Metadata { inputs: known.inputs(starts), ..metadata.clone() }, model.clone())
+    };
+    let mut starts: Vec<f64> = numbers[..outputs].iter().map(start).collect();
+    let surrogate = with_starts(&starts)?;
+    // before the first sample an output that is no state is what the model gives for the start values
+    let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
+    let evaluator = Evaluator::new(&surrogate);
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    let (constant, mut scratch) = (vec![0.0; point.len()], evaluator.scratch());
+    let drive = Drive { rates: [&constant, &constant], clamp: None };
+    if evaluator.advance(&mut point, (step, None, &[]), drive, &mut scratch).is_err() {
+        return Err(known.refused("the outputs are not finite after the first sample from the start values".into()));
+    }
+    let mut given = vec![0.0; outputs];
+    evaluator.evaluate(&point, &mut given, &mut scratch);
+    for ((start, number), given) in starts.iter_mut().zip(&numbers).zip(given) {
+        if let Number::Column(_) = number {
+            *start = given;
+        }
+    }
+    with_starts(&starts)
+}
+
+/// The parameter that is the value of something at the start.
+fn start_input(name: &str, description: &str, unit: &str, [min, max, start]: [f64; 3]) -> Input {
+    Input {
+        name: State::start_name(name),
+        role: Role::Start,
+        unit: unit.into(),
+        description: description.into(),
+        min: min.min(start),
+        max: max.max(start),
+        start,
+        encoding: Encoding::Plain,
+    }
+}
+
+/// By derivatives: the solver's step is the longest one that is exact enough, unless the interface says which.
+fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Option<&[Vec<f64>]>) -> Result<Surrogate> {
+    let Known { interface, mapping, parameters, driven, .. } = known;
+    let count = mapping.states.len();
+    let (p, d) = (parameters.len(), driven.len());
+    let sources = known.sources([0, p], |state| p + d + state);
+    let mut functions = Vec::new();
+    let mut function = |column: usize| {
+        functions.push(imported.columns[column]);
+        Given::Function(functions.len() - 1)
+    };
+    let mut results: Vec<Given> = Vec::new();
+    for shown in &mapping.outputs {
+        results.push(match *shown {
+            Shown::State(state) => Given::State(state),
+            Shown::Column(column) => function(column),
+        });
+    }
+    results.extend(mapping.states.iter().map(|state| function(state.output)));
+    let functions_count = functions.len();
+    let map = into_map(imported.builder, &sources, p + d + count, functions);
+    let map = map.map_err(|problem| known.refused(problem))?;
+    let plain = vec![Factor::Power { middle: 0.0, half: 1.0 }; p + d + count];
+    let nothing = Dictionary::new(&plain, functions_count, &[]).map_err(|source| Error::Surrogate { source })?;
+    let (mut states, mut starts) = (Vec::new(), Vec::new());
+    for state in &mapping.states {
+        let options = &interface.states[state.of];
+        let start = known.start_of(state);
+        let range = options.min.zip(options.max).map(|(min, max)| [min, max]);
+        let [min, max] = range.unwrap_or([start; 2]);
+        let largest = min.abs().max(max.abs()).max(start.abs());
+        // an output keeps its name, as an FMU's state may be one as well
+        let is_output = interface.outputs.contains_key(&state.name);
+        states.push(State {
+            name: if is_output { format!("{}_state", state.name) } else { state.name.clone() },
+            unit: options.unit.clone(),
+            rate_unit: surrogate::rate_unit(&options.unit),
+            description: options.description.clone(),
+            range,
+            nominal: if largest > 0.0 { largest } else { 1.0 },
+        });
+        let description = format!("{} at the start", state.name);
+        starts.push(start_input(&state.name, &description, &options.unit, [min, max, start]));
+    }
+    let metadata = Metadata { inputs: known.inputs(starts), states, ..metadata };
+    let with_step = |step: f64| {
+        let (functions, map, results) = (nothing.clone(), Some(map.clone()), results.clone());
+        let space = StateSpace { counts: [p, d, count], functions, map, results, step };
+        made(metadata.clone(), Model::StateSpace(Box::new(space)))
+    };
+    if let Some(step) = interface.time.solver_step {
+        return with_step(step);
+    }
+    let mut step = metadata.time_step;
+    let mut surrogate = with_step(step)?;
+    let mut runs = known.simulated(&surrogate, rows);
+    for _ in 0..HALVINGS {
+        let finer = with_step(0.5 * step)?;
+        let finer_runs = known.simulated(&finer, rows);
+        let error = difference(&runs, &finer_runs, surrogate.outputs());
+        if error <= SOLVER_ERROR {
+            break;
+        }
+        (step, surrogate, runs) = (0.5 * step, finer, finer_runs);
+    }
+    Ok(surrogate)
+}
+
+/// The largest difference of an output in two sets of simulations, relative to its range.
+fn difference(one: &[Vec<Option<Vec<f64>>>], other: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> f64 {
+    let Ok(ranges) = ranges(other, outputs) else { return f64::INFINITY };
+    let rows = one.iter().zip(other).flat_map(|(one, other)| one.iter().zip(other));
+    let pairs = rows.filter_map(|(one, other)| one.as_ref().zip(other.as_ref()));
+    let of_row = |(one, other): (&Vec<f64>, &Vec<f64>)| {
+        let numbers = one.iter().zip(other).zip(&ranges);
+        numbers
+            .map(|((one, other), [min, max])| (one - other).abs() / (max - min).max(f64::MIN_POSITIVE))
+            .fold(0.0, f64::max)
+    };
+    pairs.map(of_row).fold(0.0, f64::max)
+}
