@@ -64,6 +64,7 @@ theta = {}
 [sampling]
 test_runs = 2
 """
+MOTOR = '[actuators.motor]\ncoordinate = "rail.position"\neffort = "force"\n'
 MOTIONS = """name = "motion"
 structure = "dynamics"
 [source]
@@ -163,6 +164,11 @@ def dynamics(*changes, more="", **of_mechanism):
             assert old in texts[name], old
             texts[name] = texts[name].replace(old, new, 1)
     return texts
+
+
+def driver(*lines, **options):
+    """The same with a driver of the trolley in the place of its motor."""
+    return dynamics(trolley=[(MOTOR, "\n".join(["[drivers.servo]", *lines, ""]))], **options)
 
 
 def motions(*changes, rows=("", "")):
@@ -389,6 +395,18 @@ SECTIONS = {
                 ("[actuators", '[drivers.push]\ncoordinate = "rail.position"\nmotion = "x0 + time"\n[actuators'),
             ],
         ),
+        "a driver with a motion and an acceleration": driver('coordinate = "rail.position"', 'acceleration = "force"', 'motion = "time"'),
+        "a driver with neither": driver('coordinate = "rail.position"'),
+        "a driver's acceleration of what it has not": driver('coordinate = "rail.position"', 'acceleration = "forse"'),
+        "a driver's acceleration of another acceleration": driver('coordinate = "rail.position"', 'acceleration = "load.ax"'),
+        "a driver's acceleration that depends on time": driver('coordinate = "rail.position"', 'acceleration = "force * sin(time)"'),
+        "a driver's acceleration that is not linear in the input": driver('coordinate = "rail.position"', 'acceleration = "tanh(force)"'),
+        "a driver of a coordinate that is not among the states": driver('coordinate = "load.x"', 'acceleration = "force"'),
+        "a driver of a velocity": driver('coordinate = "rail.velocity"', 'acceleration = "force"'),
+        "two drivers of one motion": driver(
+            'coordinate = "rail.position"', 'acceleration = "force"', "[drivers.other]", 'coordinate = "trolley.x"', "acceleration = 1"
+        ),
+        "a driver of what a joint holds": driver('coordinate = "trolley.y"', 'acceleration = "force"'),
         "a table for a mechanism": {**dynamics(('mechanism = "crane.toml"', 'table = "runs.csv"')), "runs.csv": "run,time,l,x,theta\na,0,1,2,3\n"},
         "a method and a file": dynamics(("[sampling]\n", '[sampling]\nmethod = "list"\nfile = "points.csv"\nlevels = 3\nfaces = 0.1\n')),
         "an input's range in the mechanism": dynamics(trolley=[("min = -10.0, max = 10.0", "min = 10.0, max = -10.0")]),

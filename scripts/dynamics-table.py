@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 METAFMU = ROOT / "target" / "release" / "metafmu"
-MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
+MECHANISMS = ["pendulum", "crane", "servo-crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
 
 
 HORIZONS = "10 s: median, 90 % (start off by 1e-9) | 60 s"

@@ -82,7 +82,7 @@ impl MotionRecord {
         let is_good = reactions.error <= POOR;
         (!is_good).then(|| {
             format!(
-                "the learned forces of joints and springs are off by {:.1e} of their largest value at unseen configurations, expected \
+                "the learned forces of joints, drivers and springs are off by {:.1e} of their largest value at unseen configurations, expected \
                  at most {POOR}: they are no sums of sines, cosines and powers, or the ranges are too wide",
                 reactions.error
             )
@@ -116,7 +116,7 @@ impl MotionRecord {
         let Self { candidates, exported, reactions, force_error, .. } = self;
         let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
             format!(
-                "; forces of joints and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
+                "; forces of joints, drivers and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
                  {error:.1e}"
             )
         });

@@ -378,7 +378,9 @@ impl<'a> Asked<'a> {
         [of_equations, of_positions]: [Option<NetworkTerm>; 2],
     ) -> Result<(Candidate, Dynamics, Law)> {
         let dynamics = Law::new(equations, of_equations).and_then(|law| Dynamics::new(n, m, law));
-        let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces.clone())).map_err(invalid)?;
+        let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces.clone()));
+        let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(self.equations.prescribed()));
+        let dynamics = dynamics.map_err(invalid)?;
         let positions = Law::new(positions, of_positions).map_err(invalid)?;
         let of_accelerations = self.equations.error(&dynamics, &self.accelerations);
         let of_positions = self.error_of_positions(&positions);

@@ -161,7 +161,7 @@ impl Driven {
                 }
                 Err(message) => {
                     let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
-                    let is_force = message.contains("force");
+                    let is_force = message.contains("force") || message.contains("drivers.");
                     let key = output.map(|name| format!("outputs.{name}"));
                     let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
                     let other = if is_force { source } else { "states" };

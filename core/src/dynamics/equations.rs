@@ -42,6 +42,11 @@ impl<'a> Equations<'a> {
         self.labels.factors()
     }
 
+    /// Coordinates whose accelerations are prescribed.
+    pub fn prescribed(&self) -> &[usize] {
+        self.labels.driven()
+    }
+
     /// Functions of the equations, and of the positions.
     pub fn counts(&self) -> [usize; 2] {
         let of_equations = self.labels.functions_of_equations();

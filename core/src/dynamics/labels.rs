@@ -30,6 +30,9 @@ pub(super) struct Labels<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
+    /// Coordinates whose accelerations are prescribed, and rows of the equations that are of one kind.
+    driven: Vec<usize>,
+    alike: Vec<Vec<usize>>,
     outputs: Outputs,
 }
 
@@ -78,10 +81,12 @@ impl<'a> Labels<'a> {
             *value = if *value == range.max { range.min } else { range.max };
         }
         let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
-        let mut labels = Self { mechanism, region, defaults, varied, is_angle: Vec::new(), outputs };
+        let (is_angle, driven, alike) = (Vec::new(), Vec::new(), Vec::new());
+        let mut labels = Self { mechanism, region, defaults, varied, is_angle, driven, alike, outputs };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
+        (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
         labels.outputs.wind(&reduced)?;
         Ok(labels)
     }
@@ -149,16 +154,26 @@ impl<'a> Labels<'a> {
             largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
         }
         let (n, mut begin) = (self.coordinates(), 0);
-        // mass matrix, potential, other forces, damping, map of the inputs
-        for count in [n * (n + 1) / 2, 1, n, n * n, n * self.inputs()] {
-            let group = &mut largest[begin..begin + count];
-            let scale = group.iter().copied().fold(0.0, f64::max);
-            group.fill(if scale > 0.0 { scale } else { 1.0 });
+        let mut share = |group: &[usize]| {
+            let scale = group.iter().map(|function| largest[*function]).fold(0.0, f64::max);
+            group.iter().for_each(|function| largest[*function] = if scale > 0.0 { scale } else { 1.0 });
+        };
+        for count in [n * (n + 1) / 2, 1] {
+            share(&(begin..begin + count).collect::<Vec<_>>());
             begin += count;
         }
+        let (potential, forces) = (begin - 1, begin);
+        // other forces, damping, map of the inputs, row by row
+        for width in [1, n, self.inputs()] {
+            for rows in &self.alike {
+                share(&rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width).collect::<Vec<_>>());
+            }
+            begin += n * width;
+        }
         // other forces are differences: where there are none, rounding is left of the potential's
-        let (potential, forces) = (largest[n * (n + 1) / 2], n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + n);
-        largest[forces].iter_mut().for_each(|scale| *scale = scale.max(1e-3 * potential));
+        for row in (0..n).filter(|row| !self.driven.contains(row)) {
+            largest[forces + row] = largest[forces + row].max(1e-3 * largest[potential]);
+        }
         // all lengths are measured by the longest; of a position without what moves along with a coordinate rounding may be left
         let positions = &self.outputs.positions;
         let lengths = positions.iter().zip(&largest[begin..]).filter(|(position, _)| !position.is_angle());
@@ -193,7 +208,10 @@ impl<'a> Labels<'a> {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
         }
         functions.push(terms.potential);
-        functions.extend((&terms.force - &terms.potential_force).iter());
+        functions.extend((0..n).map(|row| {
+            // the potential does not act on what is prescribed
+            terms.force[row] - if self.driven.contains(&row) { 0.0 } else { terms.potential_force[row] }
+        }));
         for row in 0..n {
             functions.extend(damping.iter().map(|column| column[row]));
         }
@@ -210,6 +228,11 @@ impl<'a> Labels<'a> {
         gradients.resize(self.functions_of_equations() * n, 0.0);
         gradients.extend(self.outputs.gradients(&positions, &terms.q, &terms.velocities));
         Ok(Label { functions, gradients, reactions, is_linear })
+    }
+
+    /// Coordinates whose accelerations are prescribed.
+    pub(super) fn driven(&self) -> &[usize] {
+        &self.driven
     }
 
     /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix and the potential, which
@@ -253,7 +276,10 @@ impl<'a> Labels<'a> {
             return Err(explain("a force is not a number at some velocities".into()));
         }
         let differ = |one: &DVector<f64>, other: &DVector<f64>| {
-            (one - other).amax() > 1e-9 * (one.amax() + other.amax() + terms.force.amax())
+            self.alike.iter().any(|rows| {
+                let [one, other, rest] = [one, other, &terms.force].map(|forces| forces.select_rows(rows));
+                (&one - &other).amax() > 1e-9 * (one.amax() + other.amax() + rest.amax())
+            })
         };
         if !differ(&found, &linear) && !differ(&driven, &together) {
             return Ok((Configured { damping: columns, reduced, terms }, true));
@@ -271,7 +297,7 @@ impl<'a> Labels<'a> {
 }
 
 impl Configured {
-    /// The forces that `F(q, p) - D(q, p) v + B(q, p) u - dV/dq` leaves out.
+    /// The forces, or prescribed accelerations, that `F(q, p) - D(q, p) v + B(q, p) u - dV/dq` leaves out.
     pub(super) fn other_forces(&self, v: &[f64], u: &[f64]) -> Vec<f64> {
         let Self { reduced, terms, damping } = self;
         let v = DVector::from_column_slice(v);

@@ -3,9 +3,10 @@
 //!
 //! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
 //! mass matrix, the potential, the other forces at rest, the damping and the map of the inputs. One linear least-squares problem for
-//! all of them finds the coefficients, another one those of forces in joints and springs that outputs show. Velocities and inputs enter the equations exactly
-//! ([`Dynamics`]), so neither is sampled and neither is extrapolated, unless forces are not linear in them, as friction is: what the
-//! equations leave out then is sampled over velocities and inputs as well ([`Equations`]).
+//! all of them finds the coefficients, another one those of forces in joints, drivers and springs that outputs show. Velocities and inputs
+//! enter the equations exactly ([`Dynamics`]), so neither is sampled and neither is extrapolated, unless forces are not linear in them, as
+//! friction is: what the equations leave out then is sampled over velocities and inputs as well ([`Equations`]). A driver's acceleration
+//! stands in the place of the forces of its coordinate.
 //!
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
@@ -82,7 +83,7 @@ pub struct Fitted {
     pub positions: Dictionary,
     /// See there.
     pub windings: Vec<f64>,
-    /// Forces of joints and springs, if there are any among the outputs.
+    /// Forces of joints, drivers and springs, if there are any among the outputs.
     pub reactions: Option<FittedReactions>,
     /// What the outputs of the region are.
     pub outputs: Vec<Shown>,
@@ -166,7 +167,9 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
     let [dynamics, positions] =
         [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(&factors, columns));
     let [coordinates, inputs] = counts;
-    let dynamics = Dynamics::new(coordinates, inputs, dynamics?).map_err(|error| error.to_string())?;
+    let dynamics = Dynamics::new(coordinates, inputs, dynamics?);
+    let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
+    let dynamics = dynamics.map_err(|error| error.to_string())?;
     let reactions = reactions.map(|found| {
         let functions = found.dictionary(&factors, 0..found.coefficients.ncols())?;
         let reactions = Reactions::new(coordinates, inputs, functions).map_err(|error| error.to_string())?;

@@ -1,5 +1,5 @@
 //! What of the outputs of a mechanism is learned: positions, of which velocities and accelerations are exact derivatives, and forces of
-//! joints and springs.
+//! joints, drivers and springs.
 
 use crate::multibody::{Mechanism, coordinate::Coordinate, measure::Measure, reduced::Reduced};
 use metafmu_runtime::Shown;
@@ -15,7 +15,7 @@ pub(super) struct Outputs {
     measures: Vec<usize>,
     /// Whether parameters that vary move the points between which they are measured.
     vary: bool,
-    /// Different forces of joints and springs, and the name of an output that shows each.
+    /// Different forces of joints, drivers and springs, and the name of an output that shows each.
     pub reactions: Vec<(String, Measure)>,
     /// What each output is.
     pub shown: Vec<Shown>,
@@ -28,7 +28,7 @@ impl Outputs {
     /// Finds outputs of a mechanism by their names.
     ///
     /// # Errors
-    /// A sentence: an output is not known, or the effort of a driver.
+    /// A sentence: an output is not known.
     pub(super) fn new(
         mechanism: &Mechanism,
         [defaults, others]: [&[f64]; 2],
@@ -57,13 +57,10 @@ impl Outputs {
                 Measure::Acceleration(_) => Shown::Acceleration(add(&mut outputs, position)),
                 Measure::KineticEnergy => Shown::KineticEnergy,
                 Measure::PotentialEnergy => Shown::PotentialEnergy,
-                measure @ (Measure::JointForce { .. } | Measure::JointMoment { .. } | Measure::SpringEffort(_)) => {
-                    Shown::Reaction(outputs.add_reaction(name, measure))
-                }
-                Measure::DriverEffort(_) => {
-                    let expected = "expected a position, velocity, acceleration, energy, or force of a joint or spring";
-                    return Err(format!("the output `{name}` is the effort of a driver, {expected}"));
-                }
+                measure @ (Measure::JointForce { .. }
+                | Measure::JointMoment { .. }
+                | Measure::DriverEffort(_)
+                | Measure::SpringEffort(_)) => Shown::Reaction(outputs.add_reaction(name, measure)),
             };
             outputs.shown.push(shown);
         }

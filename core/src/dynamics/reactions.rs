@@ -1,4 +1,4 @@
-//! Forces of joints and springs: their functions of a configuration, as [`Reactions`](metafmu_runtime::Reactions) has them.
+//! Forces of joints, drivers and springs: their functions of a configuration, as [`Reactions`](metafmu_runtime::Reactions) has them.
 
 use crate::multibody::{
     measure::Measure,
@@ -28,11 +28,11 @@ pub(super) struct Forces {
     pub(super) sizes: [f64; PARTS],
 }
 
-/// The functions of forces of joints and springs, each with the name of an output that shows it. At `rates` and `inputs`, all other than
+/// The functions of forces of joints, drivers and springs, each with the name of an output that shows it. At `rates` and `inputs`, all other than
 /// zero, it is looked whether the forces are linear.
 ///
 /// # Errors
-/// A sentence: a force of a joint is not linear in the velocities or the inputs, or as [`Reduced::balance`].
+/// A sentence: a force of a joint or driver is not linear in the velocities or the inputs, or as [`Reduced::balance`].
 pub(super) fn in_configuration(
     reduced: &Reduced,
     terms: &Terms,
@@ -66,7 +66,6 @@ pub(super) fn in_configuration(
         *size = balanced.columns(part.start, part.len()).iter().fold(0.0, |largest: f64, one| largest.max(one.abs()));
     }
     let model = reduced.model();
-    let constraints = model.constraints.len();
     let still = DVector::zeros(terms.q.len());
     let sample = |v: DVector<f64>, multipliers: DVector<f64>| Sample {
         t: 0.0,
@@ -80,22 +79,19 @@ pub(super) fn in_configuration(
     for (name, measure) in measures {
         if let Measure::SpringEffort(_) = measure {
             functions.extend(of_spring(model, measure, n, m, |k| {
-                sample(
-                    k.map_or(still.clone(), |k| terms.velocities.column(k).into_owned()),
-                    DVector::zeros(constraints),
-                )
+                sample(k.map_or(still.clone(), |k| terms.velocities.column(k).into_owned()), DVector::zeros(0))
             }));
             continue;
         }
-        let of_column = |column: usize| {
-            let multipliers = balanced.column(column).rows(0, constraints).into_owned();
-            measure.value(model, &sample(still.clone(), multipliers))
-        };
+        let of_column =
+            |column: usize| measure.value(model, &sample(still.clone(), reduced.multipliers(balanced.column(column))));
         // also where it is not a number
         let is_linear = of_column(each + 1).abs() <= limit;
         if !is_linear {
+            let what =
+                if let Measure::DriverEffort(_) = measure { "the effort of a driver" } else { "the force of a joint" };
             return Err(format!(
-                "the output `{name}` is the force of a joint that is not linear in the velocities and the inputs, expected one that is"
+                "the output `{name}` is {what} that is not linear in the velocities and the inputs, expected one that is"
             ));
         }
         functions.extend((0..each).map(of_column));

@@ -377,3 +377,77 @@ fn friction_along_a_coordinate_leaves_the_forces_of_joints_exact_and_elsewhere_t
     let expected = "the output `side` is the force of a joint that is not linear in the velocities and the inputs, expected one that is";
     assert!(message.starts_with("at A.angle = ") && message.ends_with(expected), "{message}");
 }
+
+/// The crane whose cart a driver accelerates: by the input, with a brake and something of the swing.
+fn driven_crane() -> String {
+    let motor = "actuators.motor = { coordinate = \"rail.position\", effort = \"force\" }";
+    assert!(CRANE.contains(motor));
+    let driver = "drivers.motor = { coordinate = \"rail.position\", acceleration = \"a * l - b * rail.velocity + 0.3 * sin(rope.angle)\" }";
+    let text = CRANE.replace(motor, driver).replace("inputs.force", "inputs.a");
+    format!(
+        "{text}    outputs.effort = {{ measure = \"motor.effort\" }}\n    outputs.rope = {{ measure = \"rope.fx\" }}\n"
+    )
+}
+
+#[test]
+fn a_driver_with_an_input_is_learned_exactly_and_its_effort_is_newtons() {
+    let region = Region { outputs: named(&["effort", "rope"]), ..crane_region() };
+    let mechanism = parse(&driven_crane());
+    let fitted = fit(&mechanism, &region, 1).unwrap();
+    assert!(fitted.error < 1e-12 && !fitted.has_other_forces, "{:e}", fitted.error);
+    assert_eq!(fitted.dynamics.prescribed(), [true, false]);
+    let (q, v, u, [l, m, b]) = ([3.0, 0.7], [1.5, -2.0], [1.2], [1.3, 0.8, 0.2]);
+    let mut found = [0.0; 2];
+    let point = StatePoint { q: &q, v: &v, u: &u, p: &[l, m, b] };
+    fitted.dynamics.accelerations(point, &mut found, &mut fitted.dynamics.scratch());
+    let (sine, cosine) = q[1].sin_cos();
+    let a = u[0] * l - b * v[0] + 0.3 * sine;
+    let alpha = -(9.81 * sine + a * cosine) / l;
+    assert!((found[0] - a).abs() < 1e-12 && (found[1] - alpha).abs() < 1e-12, "{found:?} {a} {alpha}");
+    let rope = m * (a + l * (alpha * cosine - v[1] * v[1] * sine));
+    let [learned, simulated] = forces(&driven_crane(), &region, [&q, &v, &u, &[l, m, b]]);
+    assert_alike([learned, vec![2.0 * a + rope + b * v[0], rope]], 1e-11);
+    assert_alike([simulated, vec![2.0 * a + rope + b * v[0], rope]], 1e-11);
+}
+
+#[test]
+fn the_effort_that_turns_a_closed_loop_is_that_of_the_simulation() {
+    let text =
+        include_str!("../../../examples/dynamics/slider-crank.toml").replace("[actuators.motor]", "[drivers.motor]");
+    let text = text.replace("effort = \"torque\"", "acceleration = \"5*torque\"");
+    let text = format!("{text}effort = {{ measure = \"motor.effort\" }}\nside = {{ measure = \"guide.fy\" }}\n");
+    let region = Region {
+        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        parameters: vec![Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.5)],
+        outputs: named(&["effort", "side"]),
+        ..Region::default()
+    };
+    assert_alike(forces(&text, &region, [&[2.2], &[9.0], &[0.7], &[1.7, 0.3]]), 1e-9);
+}
+
+#[test]
+fn accelerations_of_another_form_are_what_the_equations_leave_out_however_large_the_forces_are() {
+    // forces of a billion newtons beside an acceleration of some m/s²
+    let text = driven_crane().replace("0.3 * sin(rope.angle)", "0.1 * tanh(rail.velocity / 0.5)");
+    let text = text.replace("mass = \"m\"", "mass = \"1e8 * m\"");
+    let region = Region { velocities: vec![[-2.0, 2.0], [-3.0, 3.0]], inputs: vec![[-20.0, 20.0]], ..crane_region() };
+    let mechanism = parse(&text);
+    let fitted = fit(&mechanism, &region, 1).unwrap();
+    assert!(fitted.has_other_forces && fitted.error < 1e-12, "{:e}", fitted.error);
+    let equations = Equations::new(&mechanism, &region).unwrap();
+    assert_eq!(equations.prescribed(), [0]);
+    let samples = equations.other_forces(50, 1).unwrap();
+    for (point, rest) in samples.points.iter().zip(&samples.labels) {
+        let v = point[5];
+        let expected = 0.1 * (v / 0.5).tanh() - 0.1 * 4.0f64.tanh() / 2.0 * v;
+        assert!((rest[0] - expected).abs() < 1e-12 && rest[1] == 0.0, "{rest:?} {expected}");
+    }
+    // the effort has no share of its own in what is left out
+    let region = Region { outputs: named(&["effort"]), ..region };
+    assert!(fit(&mechanism, &region, 1).unwrap().reactions.unwrap().error < 1e-12);
+    let rough = driven_crane().replace("-b * rail.velocity\"", "-b * tanh(rail.velocity / 0.05)\"");
+    assert!(rough.contains("tanh"));
+    let message = fit(&parse(&rough), &region, 1).unwrap_err();
+    let expected = "the output `effort` is the effort of a driver that is not linear in the velocities and the inputs, expected one that is";
+    assert!(message.ends_with(expected), "{message}");
+}

@@ -3,11 +3,11 @@
 use super::{
     constraint::{Constraint, Constraints, Formula, Slot, Target},
     coordinate::{Coordinate, Frame, Point},
-    description::{Description, JointOptions, JointType, Vector},
+    description::{Description, DriverOptions, JointOptions, JointType, Vector},
     expression::{Expression, Jet},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{Actuator, Force, Input, Model, Spring},
+    model::{Actuator, Force, Input, Model, Prescribed, Spring},
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
@@ -113,6 +113,7 @@ impl<'a> Builder<'a> {
             mass: DVector::from_vec(mass),
             gravity: self.vector("gravity", &description.gravity),
             constraints: self.constraints(),
+            prescribed: self.prescribed(),
             springs: self.springs(),
             forces: self.forces(),
             actuators: self.actuators(),
@@ -124,7 +125,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Those of the joints, then those of the drivers: the order of [`Builder::joint_rows`].
+    /// Those of the joints, then those of the drivers of motions: the order of [`Builder::joint_rows`].
     fn constraints(&mut self) -> Constraints {
         let mut constraints = Vec::new();
         for (name, joint) in self.description.joints.keys().zip(&self.joints) {
@@ -135,15 +136,44 @@ impl<'a> Builder<'a> {
             }));
         }
         for (name, driver) in &self.description.drivers {
-            let coordinate = self.coordinate(&driver.coordinate);
-            let coordinate = self.noted(&format!("drivers.{name}.coordinate"), coordinate);
-            let motion = self.formula(&format!("drivers.{name}.motion"), &driver.motion, false);
+            let Some(motion) = &driver.motion else { continue };
+            let coordinate = self.driven(name, driver);
+            let motion = self.formula(&format!("drivers.{name}.motion"), motion, false);
             if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
                 let (coordinate, target) = Driver { coordinate, motion }.held();
                 constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
             }
         }
         Constraints(constraints)
+    }
+
+    /// The drivers of accelerations.
+    fn prescribed(&mut self) -> Vec<Prescribed> {
+        let mut prescribed = Vec::new();
+        for (name, driver) in &self.description.drivers {
+            let owner = format!("drivers.{name}");
+            let acceleration = match (&driver.motion, &driver.acceleration) {
+                (None, Some(acceleration)) => acceleration,
+                (Some(_), None) => continue,
+                (motion, _) => {
+                    let found = if motion.is_some() { "both" } else { "neither" };
+                    let message = format!("{found} of `motion` and `acceleration`, expected one of them");
+                    self.problem(&owner, message);
+                    continue;
+                }
+            };
+            let coordinate = self.driven(name, driver);
+            let formula = self.formula(&format!("{owner}.acceleration"), acceleration, true);
+            if let (Some(coordinate), Some(formula)) = (coordinate, formula) {
+                prescribed.push(Prescribed { coordinate, formula, name: driver.coordinate.clone(), owner });
+            }
+        }
+        prescribed
+    }
+
+    fn driven(&mut self, name: &str, driver: &DriverOptions) -> Option<Coordinate> {
+        let coordinate = self.coordinate(&driver.coordinate);
+        self.noted(&format!("drivers.{name}.coordinate"), coordinate)
     }
 
     /// Numbers put in for a joint; one whose points are not found is a joint of the ground.
@@ -309,7 +339,7 @@ impl<'a> Builder<'a> {
             };
         }
         if let Some(index) = description.drivers.get_index_of(owner) {
-            return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));
+            return one_of(Driver::measures(self.driver_row(index)));
         }
         if !owner.contains('.') && owner != "ground" && !description.bodies.contains_key(owner) {
             let (joints, bodies) = (description.joints.keys(), description.bodies.keys());
@@ -344,6 +374,18 @@ impl<'a> Builder<'a> {
         let count = |joint: &Joint| joint.held().len();
         let before: usize = self.joints.iter().take(index).map(count).sum();
         before..before + self.joints.get(index).map_or(0, count)
+    }
+
+    /// A driver's multiplier: after those of the joints those of motions, then those of accelerations.
+    fn driver_row(&self, index: usize) -> usize {
+        let drivers = || self.description.drivers.values();
+        let is_motion = |driver: &&DriverOptions| driver.motion.is_some();
+        let before = drivers().take(index);
+        let before = match drivers().nth(index).filter(is_motion) {
+            Some(_) => before.filter(is_motion).count(),
+            None => drivers().filter(is_motion).count() + before.filter(|driver| !is_motion(driver)).count(),
+        };
+        self.joint_rows(self.joints.len()).start + before
     }
 
     fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {

@@ -40,7 +40,7 @@
 //!
 //! `[forces.NAME]` act on a `point` with a `force`, `[actuators.NAME]` along a `coordinate` with an `effort` (a force or a
 //! torque); both may depend on `time` and on positions and velocities. `[drivers.NAME]` prescribe the `motion` of a
-//! `coordinate`, an expression of the parameters and `time`.
+//! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may.
 
 use super::expression::Expression;
 use indexmap::IndexMap;
@@ -67,7 +67,7 @@ pub struct Description {
     /// What a study may vary.
     #[serde(default)]
     pub parameters: IndexMap<String, ParameterOptions>,
-    /// What acts on the mechanism from outside while it runs; forces and efforts may name it.
+    /// What acts on the mechanism from outside while it runs; forces, efforts and accelerations of drivers may name it.
     #[serde(default)]
     pub inputs: IndexMap<String, InputOptions>,
     /// What does not move.
@@ -240,7 +240,12 @@ pub struct DriverOptions {
     /// The coordinate that is prescribed.
     pub coordinate: String,
     /// Its value, of the parameters and `time`.
-    pub motion: Expression,
+    pub motion: Option<Expression>,
+    /// Or its second derivative, of the parameters, inputs, `time`, positions and velocities: it goes on from its value and rate at the
+    /// start.
+    #[schemars(extend("x-unit" = "m/s² or rad/s²"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acceleration: Option<Expression>,
 }
 
 /// An entry of `[springs]`.

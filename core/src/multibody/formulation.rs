@@ -8,6 +8,10 @@
 //! `C_q = [C_d C_i]`: `qdd = T qdd_i + r`, `T = [-C_d^-1 C_i; 1]`, `r = [C_d^-1 F_c; 0]`, and
 //! `(T^T M T) qdd_i = T^T F_a - T^T M r` (Wehage, Haug 1982: generalized coordinate partitioning). The dependent
 //! coordinates are chosen by Gaussian elimination with full pivoting, and again when `C_d` degrades.
+//!
+//! A driver that gives the acceleration `a` of a coordinate `s(q)` adds `s_q qdd = a - (s_q qd)_q qd` with a multiplier `mu` to the
+//! rows of either: of the augmented equations like a constraint, whose position and velocity are those of the start; of the
+//! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
 use super::{coordinate::Coordinate, description::FormulationKind, model::Model};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
@@ -30,7 +34,7 @@ const UNUSABLE: f64 = 0.05;
 pub struct Acceleration {
     /// `qdd`.
     pub qdd: DVector<f64>,
-    /// `lambda`: the constraint forces are `-C_q^T lambda`.
+    /// `lambda`: the constraint forces are `-C_q^T lambda`; then those of prescribed accelerations.
     pub multipliers: DVector<f64>,
 }
 
@@ -129,8 +133,8 @@ impl Formulation {
 /// # Errors
 /// Names the constraint that is singular there.
 pub fn augmented(model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
-    let transposed = model.constraints.jacobian_transposed(q);
-    let (forces, side) = (model.forces_in_run(t, q, v), model.constraints.acceleration_side(t, q, v));
+    let transposed = model.deciding_gradients(q);
+    let (forces, side) = (model.forces_in_run(t, q, v), model.deciding_side(t, q, v));
     let solution = eliminated(&model.mass, &transposed, &forces, &side);
     let solution = solution.or_else(|| whole(&model.mass, &transposed, &forces, &side));
     solution.ok_or_else(|| without_solution(model, t, &transposed))
@@ -183,15 +187,16 @@ fn whole(
 pub fn mobility(model: &Model, q: &DVector<f64>, coordinate: &Coordinate) -> Option<f64> {
     let mut force = DVector::zeros(q.len());
     coordinate.add_gradient(q, 1.0, force.as_mut_slice());
-    let transposed = model.constraints.jacobian_transposed(q);
+    let transposed = model.deciding_gradients(q);
     let Acceleration { qdd, .. } = whole(&model.mass, &transposed, &force, &DVector::zeros(transposed.ncols()))?;
     Some(qdd.dot(&force))
 }
 
 /// Why the equations of motion have no solution.
 fn without_solution(model: &Model, t: f64, transposed: &DMatrix<f64>) -> String {
-    match model.constraints.first_dependent(transposed) {
-        Some(_) => model.constraints.name_singular(t, transposed),
+    let deciding = model.deciding();
+    match deciding.first_dependent(transposed) {
+        Some(_) => deciding.name_singular(t, transposed),
         None => format!(
             "the equations of motion have no finite solution at t = {t} s: a free motion without mass or inertia, or a \
              force that is not finite"
@@ -269,30 +274,45 @@ impl Partition {
     }
 
     fn accelerate(&self, model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
-        let transposed = model.constraints.jacobian_transposed(q);
+        let (gradients, side) = (model.deciding_gradients(q), model.deciding_side(t, q, v));
+        let (m, prescribed) = (model.constraints.len(), model.prescribed.len());
+        let transposed = gradients.columns(0, m).into_owned();
         let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
-        let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&model.constraints.acceleration_side(t, q, v)));
+        let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&side.rows(0, m)));
         let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
         let forces = model.forces_in_run(t, q, v);
         let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
-        // (T^T M T) qdd_i = T^T F_a - T^T M r
+        // s_q^T of prescribed accelerations, and G^T
+        let s_q = gradients.columns(m, prescribed);
+        let [s_d, s_i] = [&self.dependent, &self.independent].map(|rows| s_q.select_rows(rows));
+        let g = s_i + t_d.tr_mul(&s_d);
+
+        // [T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]
         let mut weighted = t_d.clone();
         weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&m_d));
-        let matrix = t_d.tr_mul(&weighted) + DMatrix::from_diagonal(&m_i);
+        let free = self.independent.len();
+        let mut matrix = DMatrix::zeros(free + prescribed, free + prescribed);
+        matrix.view_mut((0, 0), (free, free)).copy_from(&(t_d.tr_mul(&weighted) + DMatrix::from_diagonal(&m_i)));
+        matrix.view_mut((0, free), (free, prescribed)).copy_from(&g);
+        matrix.view_mut((free, 0), (prescribed, free)).tr_copy_from(&g);
         let f_d = gather(&forces, &self.dependent);
-        let side = gather(&forces, &self.independent) + t_d.tr_mul(&(&f_d - m_d.component_mul(&r_d)));
-        let qdd_i = matrix.lu().solve(&side).filter(|x| x.iter().all(|value| value.is_finite()));
-        let qdd_i = qdd_i.ok_or_else(|| without_solution(model, t, &transposed))?;
+        let of_forces = gather(&forces, &self.independent) + t_d.tr_mul(&(&f_d - m_d.component_mul(&r_d)));
+        let of_drivers = side.rows(m, prescribed) - s_d.tr_mul(&r_d);
+        let solution = matrix.lu().solve(&stack(&of_forces, &of_drivers));
+        let solution = solution.filter(|x| x.iter().all(|value| value.is_finite()));
+        let solution = solution.ok_or_else(|| without_solution(model, t, &gradients))?;
+        let (qdd_i, mu) = (solution.rows(0, free).into_owned(), solution.rows(free, prescribed).into_owned());
 
-        // the dependent rows of M qdd + C_q^T lambda = F_a
+        // the dependent rows of M qdd + C_q^T lambda + s_q^T mu = F_a
         let qdd_d = t_d * &qdd_i + r_d;
         let c_d_transposed = transposed.select_rows(&self.dependent).lu();
-        let multipliers = c_d_transposed.solve(&(f_d - m_d.component_mul(&qdd_d))).ok_or("C_d is singular")?;
+        let rest = f_d - m_d.component_mul(&qdd_d) - s_d * &mu;
+        let multipliers = c_d_transposed.solve(&rest).ok_or("C_d is singular")?;
         let mut qdd = DVector::zeros(q.len());
         scatter(&mut qdd, &self.independent, &qdd_i);
         scatter(&mut qdd, &self.dependent, &qdd_d);
-        Ok(Acceleration { qdd, multipliers })
+        Ok(Acceleration { qdd, multipliers: stack(&multipliers, &mu) })
     }
 }
 

@@ -8,7 +8,7 @@
 //! | `JOINT.position`, `.velocity`, `.acceleration` | of a prismatic joint, along its axis |
 //! | `JOINT.fx JOINT.fy`, `JOINT.moment` | force at the joint's second point and moment, of the first body on the second |
 //! | `SPRING.length`, `.velocity`, `SPRING.force` | of a spring between points; force (or torque), positive where it pushes |
-//! | `DRIVER.effort` | force or torque that keeps a driver's motion |
+//! | `DRIVER.effort` | force or torque that keeps a driver's motion or acceleration |
 //! | `kinetic_energy`, `potential_energy` | of gravity and springs |
 
 use super::{
@@ -39,7 +39,7 @@ pub enum Measure {
         /// The joint's constraints.
         rows: Range<usize>,
     },
-    /// Force or torque of a driver, by its constraint.
+    /// Force or torque of a driver, by its multiplier.
     DriverEffort(usize),
     /// Force or torque of a spring, by its position in the model.
     SpringEffort(usize),
@@ -77,7 +77,7 @@ impl Measure {
             }
             Self::JointForce { .. } => "N",
             Self::JointMoment { .. } => "N.m",
-            Self::DriverEffort(row) => effort(&model.constraints.0[*row].coordinate),
+            Self::DriverEffort(row) => effort(model.held_coordinate(*row)),
             Self::SpringEffort(spring) => effort(&model.springs[*spring].coordinate),
             Self::KineticEnergy | Self::PotentialEnergy => "J",
         }

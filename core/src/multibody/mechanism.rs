@@ -94,7 +94,7 @@ impl Mechanism {
         match model.initial_state(0.0) {
             Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),
             Err(message) => {
-                let sets = [&model.constraints, &model.initial_positions, &model.initial_velocities];
+                let sets = [&model.deciding(), &model.initial_positions, &model.initial_velocities];
                 let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
                 let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
                 problems.add(key.cloned().unwrap_or_default(), message);
@@ -294,7 +294,7 @@ impl Mechanism {
 
     /// The equations of motion in independent coordinates, with a value for each parameter. `coordinates` names as many measures of
     /// positions (`JOINT.angle`, `BODY.x`) as there are degrees of freedom; if it is empty, the first independent ones are
-    /// taken of those that the joints leave free, in the order of the file, then of the bodies.
+    /// taken of those that drivers accelerate, then of those that the joints leave free, in the order of the file, then of the bodies.
     ///
     /// # Errors
     /// A sentence: a name is not that of a position, or as [`Reduced::new`].
@@ -329,8 +329,8 @@ pub struct FreeCoordinate {
 }
 
 impl Mechanism {
-    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: the first independent ones of those
-    /// that the joints leave free, in the order of the file, then of the bodies.
+    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: those that drivers accelerate, then
+    /// the first independent ones of those that the joints leave free, in the order of the file, then of the bodies.
     ///
     /// # Errors
     /// A sentence, as [`Reduced::new`].
@@ -339,8 +339,10 @@ impl Mechanism {
         let (model, _) = build(&self.description, &values).map_err(sentence)?;
         let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
         let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
+        let drivers = self.description.drivers.values().filter(|driver| driver.acceleration.is_some());
         let joints = self.description.joints.keys().flat_map(of_joint);
-        let names = joints.chain(self.description.bodies.keys().flat_map(of_body));
+        let names = drivers.map(|driver| driver.coordinate.clone()).chain(joints);
+        let names = names.chain(self.description.bodies.keys().flat_map(of_body));
         // a joint has one of the two, or none
         let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
         let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();

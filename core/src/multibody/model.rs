@@ -1,7 +1,7 @@
 //! A mechanism with numbers in it: mass matrix, applied forces and constraints of one run.
 
 use super::{
-    constraint::{Constraints, Formula},
+    constraint::{Constraint, Constraints, Formula, Target},
     coordinate::{Coordinate, Point},
     description::FormulationKind,
 };
@@ -48,6 +48,19 @@ pub struct Actuator {
     pub effort: Formula,
 }
 
+/// A driver that gives the acceleration of a coordinate, whose position and velocity are free at the start.
+#[derive(Clone, Debug)]
+pub struct Prescribed {
+    /// The coordinate.
+    pub coordinate: Coordinate,
+    /// Its second derivative, in m/s² or rad/s².
+    pub formula: Formula,
+    /// The coordinate's name in the description, for messages.
+    pub name: String,
+    /// Its key in the description, for messages: `drivers.A`.
+    pub owner: String,
+}
+
 /// Something that acts on the mechanism while it runs.
 #[derive(Clone, Debug)]
 pub struct Input {
@@ -68,8 +81,10 @@ pub struct Model {
     pub mass: DVector<f64>,
     /// Acceleration of gravity.
     pub gravity: Vector2<f64>,
-    /// Joints, then drivers.
+    /// Joints, then drivers of motions.
     pub constraints: Constraints,
+    /// Drivers of accelerations; their multipliers follow those of the constraints.
+    pub prescribed: Vec<Prescribed>,
     /// Springs and dampers.
     pub springs: Vec<Spring>,
     /// Forces at points.
@@ -138,7 +153,8 @@ impl Model {
     pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
         let u = self.inputs_at(t);
         let components = self.forces.iter().flat_map(|force| &force.components);
-        let mut formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));
+        let formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));
+        let mut formulas = formulas.chain(self.prescribed.iter().map(|driver| &driver.formula));
         formulas.find_map(|formula| {
             let value = formula.value(t, q, v, &u);
             let text = &formula.expression;
@@ -159,11 +175,53 @@ impl Model {
         height + self.springs.iter().map(stretch).sum::<f64>()
     }
 
-    /// For each independent motion that the constraints allow and neither mass nor inertia resists, the coordinate that moves
-    /// most: the null space of the constraints' gradients and of the coordinates with mass.
-    pub fn motions_without_inertia(&self, q: &DVector<f64>) -> Vec<usize> {
-        let (n, m) = (q.len(), self.constraints.len());
+    /// Everything that decides accelerations as constraints that hold still, for gradients and names.
+    pub fn deciding(&self) -> Constraints {
+        let still = |driver: &Prescribed| Constraint {
+            coordinate: driver.coordinate,
+            target: Target::Fixed { value: 0.0, rate: 0.0 },
+            owner: driver.owner.clone(),
+        };
+        Constraints(self.constraints.0.iter().cloned().chain(self.prescribed.iter().map(still)).collect())
+    }
+
+    /// The gradients of the constraints, and of the coordinates whose accelerations are prescribed, `s_q`: one a column.
+    pub fn deciding_gradients(&self, q: &DVector<f64>) -> DMatrix<f64> {
         let gradients = self.constraints.jacobian_transposed(q);
+        if self.prescribed.is_empty() {
+            return gradients;
+        }
+        let first = gradients.ncols();
+        let mut gradients = gradients.resize_horizontally(first + self.prescribed.len(), 0.0);
+        for (driver, mut column) in self.prescribed.iter().zip(gradients.columns_range_mut(first..).column_iter_mut()) {
+            driver.coordinate.add_gradient(q, 1.0, column.as_mut_slice());
+        }
+        gradients
+    }
+
+    /// What these gradients times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
+    pub fn deciding_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+        let of_constraints = self.constraints.acceleration_side(t, q, v);
+        if self.prescribed.is_empty() {
+            return of_constraints;
+        }
+        let u = self.inputs_at(t);
+        let side = |driver: &Prescribed| driver.formula.value(t, q, v, &u) - driver.coordinate.curvature(q, v);
+        let sides = of_constraints.iter().copied().chain(self.prescribed.iter().map(side));
+        DVector::from_iterator(of_constraints.len() + self.prescribed.len(), sides)
+    }
+
+    /// The coordinate of a multiplier.
+    pub fn held_coordinate(&self, row: usize) -> &Coordinate {
+        let first = self.constraints.len();
+        if row < first { &self.constraints.0[row].coordinate } else { &self.prescribed[row - first].coordinate }
+    }
+
+    /// For each independent motion that the constraints and drivers allow and neither mass nor inertia resists, the coordinate that
+    /// moves most: the null space of their gradients and of the coordinates with mass.
+    pub fn motions_without_inertia(&self, q: &DVector<f64>) -> Vec<usize> {
+        let gradients = self.deciding_gradients(q);
+        let (n, m) = gradients.shape();
         let mut rows = DMatrix::zeros(n + m, n);
         for (index, gradient) in gradients.column_iter().enumerate() {
             rows.row_mut(index).tr_copy_from(&(gradient / gradient.norm()));
@@ -180,7 +238,7 @@ impl Model {
         found
     }
 
-    /// Number of coordinates that the constraints leave free.
+    /// Number of coordinates that the constraints leave free, those included whose accelerations are prescribed.
     pub fn degrees_of_freedom(&self) -> usize {
         self.mass.len().saturating_sub(self.constraints.len())
     }
@@ -194,7 +252,7 @@ impl Model {
         let with = |conditions: &Constraints| Constraints([&self.constraints.0[..], &conditions.0[..]].concat());
         let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
         positions.assemble(t, &mut q)?;
-        if let Some(constraint) = self.constraints.first_dependent(&self.constraints.jacobian_transposed(&q)) {
+        if let Some(constraint) = self.deciding().first_dependent(&self.deciding_gradients(&q)) {
             return Err(format!(
                 "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
                  position",

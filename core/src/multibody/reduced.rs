@@ -13,17 +13,26 @@
 //! Everything but the velocities in `Q` is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
 //! for the partition of coordinates; Shabana: *Computational Dynamics*, chapter 5, for the quadratic velocity terms).
 //!
+//! A driver may give the acceleration of one of these coordinates: `sdd_d = a(s, sd, u)` then is its row, the other rows are as they stand,
+//! and nothing is singular where the driven coordinate has no mass of its own:
+//!
+//! ```text
+//! M_ff sdd_f = Q_f - h_f - M_fd a
+//! ```
+//!
 //! Multipliers follow from accelerations without the inverse of `M`: with the forces `mu` along the independent coordinates that
 //! accelerations other than those of the equations would need,
 //!
 //! ```text
 //! J^T [lambda; mu] = F_a(s, sd, u) - M_q (T sdd + sum over j, k of dT_j/ds_k sd_j sd_k)
 //! ```
+//!
+//! which are zero but for driven coordinates: there `-mu` is the driver's effort.
 
 use super::{
-    constraint::{Slot, Target, independence},
+    constraint::{Formula, Slot, Target, independence},
     coordinate::{Coordinate, Point},
-    model::Model,
+    model::{Model, Prescribed},
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::RefCell;
@@ -46,6 +55,8 @@ const UNUSABLE: f64 = 1e-3;
 pub struct Reduced {
     model: Model,
     coordinates: Vec<Coordinate>,
+    /// The coordinate of each prescribed acceleration.
+    driven: Vec<usize>,
     start: Configuration,
     start_rates: DVector<f64>,
     /// Determinant of `J` at the start.
@@ -74,12 +85,12 @@ pub struct Terms {
     pub mass: DMatrix<f64>,
     /// `dM/ds_k` for each `k`.
     pub mass_gradient: Vec<DMatrix<f64>>,
-    /// `Q` at rest, all inputs zero: shape `[n]`, in N or N.m.
+    /// `Q` at rest, all inputs zero: shape `[n]`, in N or N.m; of a driven coordinate the acceleration there, in m/s² or rad/s².
     pub force: DVector<f64>,
     /// The part of it that gravity and springs have, `-dV/ds`.
     pub potential_force: DVector<f64>,
-    /// What each input adds to `Q` at rest for each unit of it, shape `[n, inputs]`. Forces are refused unless they are linear in
-    /// the inputs.
+    /// What each input adds to these at rest for each unit of it, shape `[n, inputs]`. They are refused unless they are linear in the
+    /// inputs.
     pub input_map: DMatrix<f64>,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,
@@ -108,18 +119,20 @@ impl Reduced {
     /// more.
     ///
     /// # Errors
-    /// A sentence: a motion is prescribed or a force depends on time, the mechanism cannot be assembled, or there are fewer
-    /// independent coordinates than degrees of freedom.
+    /// A sentence: a motion is prescribed, a force or prescribed acceleration depends on time, the mechanism cannot be assembled, there
+    /// are fewer independent coordinates than degrees of freedom, or the acceleration of another coordinate is prescribed.
     pub fn new(model: Model, candidates: &[Coordinate]) -> Result<Self, String> {
         refuse_time(&model)?;
         let (q, v) = model.initial_state(0.0)?;
         let coordinates = choose(&model, &q, candidates)?;
+        let driven = driven(&model, &coordinates)?;
         let s = DVector::from_iterator(coordinates.len(), coordinates.iter().map(|coordinate| coordinate.value(&q)));
         let rates = coordinates.iter().map(|coordinate| coordinate.rate(&q, &v));
         let start_rates = DVector::from_iterator(coordinates.len(), rates);
         let determinant = jacobian(&model, &coordinates, &q).determinant();
         let start = Configuration { s, q };
-        Ok(Self { model, coordinates, last: RefCell::new(start.clone()), start, start_rates, determinant })
+        let last = RefCell::new(start.clone());
+        Ok(Self { model, coordinates, driven, last, start, start_rates, determinant })
     }
 
     /// The mechanism.
@@ -130,6 +143,11 @@ impl Reduced {
     /// The independent coordinates.
     pub fn coordinates(&self) -> &[Coordinate] {
         &self.coordinates
+    }
+
+    /// Which of them a driver accelerates, in the order of the drivers.
+    pub fn driven(&self) -> &[usize] {
+        &self.driven
     }
 
     /// The independent coordinates and their rates at the start.
@@ -204,9 +222,24 @@ impl Reduced {
         })
     }
 
-    /// Generalized forces `Q` of the independent coordinates in a state with inputs `u`.
+    /// Generalized forces `Q` of the independent coordinates in a state with inputs `u`, and accelerations of driven ones.
     pub fn force(&self, terms: &Terms, rates: &DVector<f64>, u: &[f64]) -> DVector<f64> {
-        terms.velocities.tr_mul(&self.applied_forces(terms, rates, u))
+        self.forces_or_accelerations(&terms.q, &terms.velocities, rates, u)
+    }
+
+    fn forces_or_accelerations(
+        &self,
+        q: &DVector<f64>,
+        velocities: &DMatrix<f64>,
+        rates: &DVector<f64>,
+        u: &[f64],
+    ) -> DVector<f64> {
+        let v = velocities * rates;
+        let mut forces = velocities.tr_mul(&self.model.applied_forces(0.0, q, &v, u));
+        for (driver, &k) in self.model.prescribed.iter().zip(&self.driven) {
+            forces[k] = driver.formula.value(0.0, q, &v, u);
+        }
+        forces
     }
 
     /// Forces on all coordinates of the bodies in a state with inputs `u`.
@@ -229,8 +262,8 @@ impl Reduced {
         -self.weighted(&DMatrix::from_columns(&columns))
     }
 
-    /// The multipliers, and then the forces along the independent coordinates, that balance forces on all coordinates of the bodies:
-    /// `J^T [lambda; mu] = forces`, column by column.
+    /// The multipliers of the constraints, and then the forces along the independent coordinates, that balance forces on all coordinates of
+    /// the bodies: `J^T [lambda; mu] = forces`, column by column.
     ///
     /// # Errors
     /// A sentence that names the constraint that is singular there.
@@ -239,14 +272,34 @@ impl Reduced {
         factors.solve(forces).ok_or_else(|| self.singular(&terms.q))
     }
 
+    /// Of a column of these the multipliers as a [sample](super::simulate::Sample) has them: of the constraints and of the drivers.
+    pub fn multipliers(&self, balance: nalgebra::DVectorView<f64>) -> DVector<f64> {
+        let constraints = self.model.constraints.len();
+        let of_drivers = self.driven.iter().map(|k| balance[constraints + k]);
+        DVector::from_iterator(
+            constraints + self.driven.len(),
+            balance.iter().take(constraints).copied().chain(of_drivers),
+        )
+    }
+
     /// `sdd` in a state with inputs `u`.
     ///
     /// # Errors
     /// As [`Reduced::terms`]; the mass matrix is singular there.
     pub fn accelerations(&self, s: &DVector<f64>, rates: &DVector<f64>, u: &[f64]) -> Result<DVector<f64>, String> {
         let terms = self.terms(s)?;
-        let side = self.force(&terms, rates, u) - terms.quadratic_forces(rates);
-        let solved = terms.mass.cholesky().map(|factors| factors.solve(&side));
+        let (mut side, inertia) = (self.force(&terms, rates, u), terms.quadratic_forces(rates));
+        let mut mass = terms.mass.clone();
+        for row in (0..side.len()).filter(|row| !self.driven.contains(row)) {
+            let by_drivers: f64 = self.driven.iter().map(|&k| terms.mass[(row, k)] * side[k]).sum();
+            side[row] -= inertia[row] + by_drivers;
+        }
+        for &k in &self.driven {
+            mass.row_mut(k).fill(0.0);
+            mass.column_mut(k).fill(0.0);
+            mass[(k, k)] = 1.0;
+        }
+        let solved = mass.cholesky().map(|factors| factors.solve(&side));
         let solved = solved.filter(|accelerations| accelerations.iter().all(|value| value.is_finite()));
         solved.ok_or_else(|| "the mass matrix of the independent coordinates is not positive definite".into())
     }
@@ -255,7 +308,8 @@ impl Reduced {
     fn forces(&self, q: &DVector<f64>, velocities: &DMatrix<f64>) -> Result<(DVector<f64>, DMatrix<f64>), String> {
         let rest = DVector::zeros(q.len());
         let names = &self.model.inputs;
-        let at = |u: &[f64]| velocities.tr_mul(&self.model.applied_forces(0.0, q, &rest, u));
+        let still = DVector::zeros(velocities.ncols());
+        let at = |u: &[f64]| self.forces_or_accelerations(q, velocities, &still, u);
         let force = at(&vec![0.0; names.len()]);
         let mut input_map = DMatrix::zeros(velocities.ncols(), names.len());
         for (index, input) in names.iter().enumerate() {
@@ -265,10 +319,19 @@ impl Reduced {
                 u[index] = value;
                 (at(&u) - &force) / value
             });
-            // a maximum leaves out what is not a number, so that is looked for first
-            let is_finite = one.iter().chain(&other).all(|value| value.is_finite());
-            if !is_finite || (&one - &other).amax() > 1e-9 * one.amax().max(other.amax()) {
-                return Err(format!("the forces are not linear in the input `{}`", input.name));
+            let differ = |rows: &Vec<usize>| {
+                let (one, other) = (one.select_rows(rows), other.select_rows(rows));
+                // a maximum leaves out what is not a number, so that is looked for first
+                let is_finite = one.iter().chain(&other).all(|value| value.is_finite());
+                !is_finite || (&one - &other).amax() > 1e-9 * one.amax().max(other.amax())
+            };
+            let differing = self.alike().iter().position(differ);
+            if let Some(kind) = differing {
+                let what = match kind.checked_sub(1).map(|driver| &self.model.prescribed[driver].owner) {
+                    Some(owner) => format!("the acceleration of `{owner}` is"),
+                    None => "the forces are".into(),
+                };
+                return Err(format!("{what} not linear in the input `{}`", input.name));
             }
             input_map.set_column(index, &one);
         }
@@ -277,6 +340,12 @@ impl Reduced {
             return Err(message.unwrap_or_else(|| "a force is not finite".into()));
         }
         Ok((force, input_map))
+    }
+
+    /// Rows of the equations that are of one kind: all forces, then each prescribed acceleration.
+    pub fn alike(&self) -> Vec<Vec<usize>> {
+        let forces = (0..self.coordinates.len()).filter(|row| !self.driven.contains(row)).collect();
+        std::iter::once(forces).chain(self.driven.iter().map(|k| vec![*k])).collect()
     }
 
     /// `M_q` times a matrix.
@@ -375,7 +444,19 @@ fn choose(model: &Model, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<
     Ok(chosen)
 }
 
-/// Independent coordinates that are tried if none are named: those that the joints leave free, then those of the bodies.
+/// The independent coordinates that drivers accelerate.
+fn driven(model: &Model, coordinates: &[Coordinate]) -> Result<Vec<usize>, String> {
+    let find = |driver: &Prescribed| {
+        let position = coordinates.iter().position(|coordinate| *coordinate == driver.coordinate);
+        let Prescribed { name, owner, .. } = driver;
+        position
+            .ok_or_else(|| format!("`{owner}` gives the acceleration of `{name}`, expected that among the coordinates"))
+    };
+    model.prescribed.iter().map(find).collect()
+}
+
+/// Independent coordinates that are tried if none are named: those that drivers accelerate, those that the joints leave free, then those
+/// of the bodies.
 pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> Vec<Coordinate> {
     let of_body = |body: usize| {
         let centre = Point { frame: Some(body), ..Point::ORIGIN };
@@ -385,19 +466,25 @@ pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> 
             Coordinate::Angle { from: None, to: Some(body) },
         ]
     };
-    free.into_iter().chain((0..model.mass.len() / 3).flat_map(of_body)).collect()
+    let driven = model.prescribed.iter().map(|driver| driver.coordinate);
+    driven.chain(free).chain((0..model.mass.len() / 3).flat_map(of_body)).collect()
 }
 
 /// Refuses what depends on time: it would be another state.
 fn refuse_time(model: &Model) -> Result<(), String> {
     for constraint in &model.constraints.0 {
         if let Target::Motion(formula) = &constraint.target {
-            return Err(format!("`{}` prescribes the motion `{}`", constraint.owner, formula.expression));
+            let motion = &formula.expression;
+            return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));
         }
+    }
+    let is_timed = |formula: &Formula| formula.slots.iter().any(|slot| matches!(slot, Slot::Time));
+    if let Some(Prescribed { formula, owner, .. }) = model.prescribed.iter().find(|driver| is_timed(&driver.formula)) {
+        return Err(format!("the acceleration `{}` of `{owner}` depends on time", formula.expression));
     }
     let components = model.forces.iter().flat_map(|force| &force.components);
     let mut formulas = components.chain(model.actuators.iter().map(|actuator| &actuator.effort));
-    match formulas.find(|formula| formula.slots.iter().any(|slot| matches!(slot, Slot::Time))) {
+    match formulas.find(|formula| is_timed(formula)) {
         Some(formula) => Err(format!("the force `{}` depends on time", formula.expression)),
         None => Ok(()),
     }

@@ -31,7 +31,7 @@ pub fn oddities(description: &Description) -> Problems {
         note(format!("parameters.{name}"), "nothing depends on it");
     }
     for name in inputs.keys().filter(|name| !names.values.contains(name.as_str())) {
-        note(format!("inputs.{name}"), "no force and no effort depends on it");
+        note(format!("inputs.{name}"), "no force, effort or acceleration depends on it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
         note(format!("ground.points.{point}"), "nothing uses this point");
@@ -120,7 +120,7 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     for joint in joints.values() {
         all.extend(joint.axis.iter().flatten().chain(&joint.angle));
     }
-    all.extend(drivers.values().map(|driver| &driver.motion));
+    all.extend(drivers.values().flat_map(|driver| driver.motion.iter().chain(&driver.acceleration)));
     all.extend(springs.values().flat_map(|spring| [&spring.stiffness, &spring.damping, &spring.rest]));
     all.extend(forces.values().flat_map(|force| &force.force));
     all.extend(actuators.values().map(|actuator| &actuator.effort));

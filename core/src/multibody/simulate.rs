@@ -26,7 +26,7 @@ pub struct Sample {
     pub v: DVector<f64>,
     /// Accelerations.
     pub qdd: DVector<f64>,
-    /// Lagrange multipliers.
+    /// Lagrange multipliers of the constraints, then of the prescribed accelerations.
     pub multipliers: DVector<f64>,
 }
 
@@ -167,12 +167,11 @@ impl Stretch<'_> {
 
     /// Names the constraint that has come close to depending on others.
     fn singular(&self) -> Option<String> {
-        let constraints = &self.model.constraints;
         let (start, _) = self.model.initial_state(self.budget.start()).ok()?;
-        let here = constraints.jacobian_transposed(&self.guess.borrow());
-        let parts = [&constraints.jacobian_transposed(&start), &here].map(independence);
+        let here = self.model.deciding_gradients(&self.guess.borrow());
+        let parts = [&self.model.deciding_gradients(&start), &here].map(independence);
         let is_close = parts[0].iter().zip(&parts[1]).any(|(before, now)| *now < NEARLY_SINGULAR * before);
-        is_close.then(|| constraints.name_singular(self.budget.reached(), &here))
+        is_close.then(|| self.model.deciding().name_singular(self.budget.reached(), &here))
     }
 
     /// The spring that alone makes the fastest motion or decay, and its angular frequency or rate.

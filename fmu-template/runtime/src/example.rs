@@ -279,6 +279,14 @@ pub fn crane() -> Surrogate {
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
 }
 
+/// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.
+pub fn with_prescribed_trolley(crane: &Surrogate) -> Surrogate {
+    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let dynamics = motion.dynamics.clone().with_prescribed(&[0]).expect("the example is valid");
+    let motion = Motion { dynamics, ..(**motion).clone() };
+    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
 /// [`crane`] with two more outputs: the vertical force of the rope on the load, and a force with made-up numbers that has all parts.
 pub fn crane_with_reactions() -> Surrogate {
     let crane = crane();

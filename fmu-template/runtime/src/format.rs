@@ -53,11 +53,12 @@
 //! | `columns` | F64 | `[columns, 2]` | of an angle 0, 0; of a power the middle and the half of its range |
 //! | `law.exponents`, `positions.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
 //! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`](crate::Dynamics); positions |
+//! | `law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
 //! | `solver.step` | F64 | `[1]` | largest step, in seconds |
 //!
-//! If there are [`Reactions`](crate::Reactions), forces of joints and springs, a third dictionary gives them: `reactions.exponents` and
+//! If there are [`Reactions`](crate::Reactions), forces of joints, drivers and springs, a third dictionary gives them: `reactions.exponents` and
 //! `reactions.coefficients`, in the order of their functions.
 //!
 //! A network may add to the law, to the positions and to the forces: X is `law`, `positions` or `forces`. The columns of the last one

@@ -4,13 +4,17 @@
  * are type and names for jets of them.
  */
 
-/* M = L D L^T: L below the diagonal of factors, 1 / D on it; NaN where a pivot is not positive. */
+/*
+ * M = L D L^T: L below the diagonal of factors, 1 / D on it; NaN where a pivot is not positive. Rows and columns of what
+ * is prescribed are those of the identity.
+ */
 static void OF(factorise)(const NUMBER mass[], NUMBER factors[COORDINATE_COUNT * COORDINATE_COUNT])
 {
     const size_t n = COORDINATE_COUNT;
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j <= i; j++) {
-            NUMBER value = mass[entry(i, j)];
+            const int is_free = !model_prescribed[i] && !model_prescribed[j];
+            NUMBER value = is_free ? mass[entry(i, j)] : OF(constant)(i == j ? 1.0 : 0.0);
             for (size_t k = 0; k < j; k++) {
                 /* above the diagonal are the elements of L D */
                 value = OF(difference)(value, OF(product)(factors[i * n + k], factors[k * n + j]));
@@ -63,10 +67,15 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
     OF(dictionary)(&model_law, work->columns, work->law, work->gradient, n, work->atoms, work->slopes);
     OF(add_network)(&model_law_network, work->columns, work->law, work->gradient, n, work->network);
     for (size_t i = 0; i < n; i++) {
-        NUMBER side = OF(difference)(law[LAW_FORCE + i], gradient[LAW_POTENTIAL * COORDINATE_COUNT + i]);
+        /* inertia and potential do not act on what is prescribed */
+        const size_t inertial = model_prescribed[i] ? 0 : n;
+        NUMBER side = law[LAW_FORCE + i];
+        if (inertial > 0) {
+            side = OF(difference)(side, gradient[LAW_POTENTIAL * COORDINATE_COUNT + i]);
+        }
         for (size_t j = 0; j < n; j++) {
             side = OF(difference)(side, OF(product)(law[LAW_DAMPING + i * n + j], v[j]));
-            for (size_t k = 0; k < n; k++) {
+            for (size_t k = 0; k < inertial; k++) {
                 const NUMBER term = OF(product)(OF(velocity_term)(gradient, i, j, k), v[j]);
                 side = OF(difference)(side, OF(product)(term, v[k]));
             }
@@ -89,6 +98,14 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
             of_velocities[n + u - FIRST_DRIVEN] = columns[u];
         }
         OF(add_network)(&model_forces_network, work->force_columns, work->accelerations, NULL, 0, work->network);
+    }
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++) {
+            if (model_prescribed[j] && !model_prescribed[i]) {
+                const NUMBER force = OF(product)(law[entry(i, j)], work->accelerations[j]);
+                work->accelerations[i] = OF(difference)(work->accelerations[i], force);
+            }
+        }
     }
     OF(factorise)(law, work->factors);
     OF(substitute)(work->factors, work->accelerations);

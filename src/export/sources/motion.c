@@ -18,6 +18,8 @@
  *     d                    for a node, besides its activation: with its slope at most 70 operations of activation.c,
  *     3 + 2 d              for an output.
  *
+ * A prescribed acceleration takes less: 2 n for the other coordinates, instead of 5 n^2 + 1 for its own.
+ *
  * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
  * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
  * another stage, the positions with their derivatives, and the reactions.

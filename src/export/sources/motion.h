@@ -5,6 +5,9 @@
  *     M(q, p) vd + h = -dV/dq + F(q, p) - D(q, p) v + B(q, p) u
  *     h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
  *
+ * A driver may prescribe the acceleration of a coordinate: F - D v + B u then is its vd, and the equations of the others
+ * hold with it.
+ *
  * The inputs of a point are p, the starts of q and v, u; its states are q and v. A position is r(q, p) + w^T q with
  * whole numbers w, so that an angle may go around; its velocity and acceleration are exact derivatives. The functions
  * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary, to which a
@@ -62,6 +65,7 @@ extern const Dictionary model_reactions;
 extern const NetworkTerm model_law_network;
 extern const NetworkTerm model_positions_network;
 extern const NetworkTerm model_forces_network; /* of (q, p, v, u) */
+extern const int model_prescribed[COORDINATE_COUNT]; /* whether the acceleration of each coordinate is */
 extern const double model_windings[POSITION_SIZE * COORDINATE_COUNT]; /* w of each position */
 extern const Shown model_shown[OUTPUT_COUNT];
 

@@ -410,6 +410,8 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
     compare(&example::crane(), [1.0, 1.0], &["-O3", "-march=native"]);
     compare(&example::crane_with_networks(), [10.0, 1.0], &SANITIZERS);
     compare(&example::crane_with_reactions(), [1.0, 1.0], &SANITIZERS);
+    compare(&example::with_prescribed_trolley(&example::crane_with_reactions()), [1.0, 1.0], &SANITIZERS);
+    compare(&example::with_prescribed_trolley(&example::crane_with_networks()), [10.0, 1.0], &SANITIZERS);
     // no position, no input
     compare(&pushed_by_nothing(), [1.0, 1.0], &SANITIZERS);
 }

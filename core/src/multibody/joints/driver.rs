@@ -1,4 +1,5 @@
-//! The driver: any coordinate of the mechanism moves as a function of time prescribes.
+//! The driver: any coordinate of the mechanism moves as a function of time prescribes, or has a prescribed acceleration, which is no
+//! constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
 
 use super::{Coordinate, Measure, Measures};
 use crate::multibody::constraint::{Formula, Target};
@@ -18,7 +19,7 @@ impl Driver {
         (self.coordinate, Target::Motion(self.motion))
     }
 
-    /// What can be measured of a driver whose constraint is `row`.
+    /// What can be measured of a driver of either kind whose multiplier is `row`.
     pub fn measures(row: usize) -> Measures {
         vec![("effort", Measure::DriverEffort(row))]
     }

@@ -37,13 +37,29 @@ fn vector(values: &[f64]) -> DVector<f64> {
     DVector::from_column_slice(values)
 }
 
+/// The crane with the acceleration of its cart, and the slider crank with that of its crank, as inputs.
+fn accelerated() -> [String; 2] {
+    let crane = CRANE
+        .replace("actuators.motor = {", "drivers.motor = {")
+        .replace("effort = \"force\"", "acceleration = \"force * cos(rope.angle) - 0.2 * rope.angular_velocity\"");
+    let slider_crank = include_str!("../../../../examples/dynamics/slider-crank.toml");
+    let slider_crank = slider_crank.replace("[actuators.motor]", "[drivers.motor]");
+    [crane, slider_crank.replace("effort = \"torque\"", "acceleration = \"torque - 0.1*slider.vx\"")]
+}
+
 /// Mechanisms without prescribed motion, with closed loops and without, and states of them.
 fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
     let double = include_str!("../../../../examples/mechanisms/double-pendulum.toml");
     let four_bar = include_str!("../../../../examples/mechanisms/four-bar.toml");
     let car = include_str!("../../../../examples/mechanisms/quarter-car.toml");
     let andrews = include_str!("../../../../examples/dynamics/andrews.toml");
-    let mut states = vec![(reduced(CRANE, &[]).unwrap(), [vec![0.7, -0.4], vec![1.1, -2.3], vec![5.0]])];
+    let [driven_crane, slider_crank] = accelerated();
+    let of_crane = [vec![0.7, -0.4], vec![1.1, -2.3], vec![5.0]];
+    let mut states = vec![
+        (reduced(CRANE, &[]).unwrap(), of_crane.clone()),
+        (reduced(&driven_crane, &[]).unwrap(), of_crane),
+        (reduced(&slider_crank, &[]).unwrap(), [vec![1.9], vec![4.0], vec![0.8]]),
+    ];
     for (text, s, rates, u) in [
         (double, vec![0.9, -0.3], vec![1.3, 2.1], vec![]),
         (four_bar, vec![2.5], vec![3.0], vec![]),
@@ -54,7 +70,7 @@ fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
             states.push((reduced, [s, rates, u]));
         }
     }
-    assert!(states.len() >= 4, "{}", states.len());
+    assert!(states.len() >= 6, "{}", states.len());
     states
 }
 
@@ -87,11 +103,15 @@ fn multipliers_from_accelerations_are_those_of_the_augmented_formulation() {
         reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
         let expected = augmented(&reduced.model, 0.0, &terms.q, &(&terms.velocities * &rates)).unwrap().multipliers;
         let largest = expected.amax();
-        for (found, expected) in found.iter().zip(&expected) {
+        let multipliers = reduced.multipliers(found.column(0));
+        assert_eq!(multipliers.len(), expected.len());
+        for (found, expected) in multipliers.iter().zip(&expected) {
             assert!((found - expected).abs() < 1e-9 * (1.0 + largest), "{found} {expected}");
         }
         // accelerations are those of the equations, so that nothing else is needed
-        assert!(found.rows(expected.len(), s.len()).amax() < 1e-9 * (1.0 + largest), "{found}");
+        let rest = found.rows(reduced.model.constraints.len(), s.len());
+        let free = (0..s.len()).filter(|k| !reduced.driven().contains(k)).map(|k| rest[k].abs());
+        assert!(free.fold(0.0, f64::max) < 1e-9 * (1.0 + largest), "{found}");
     }
 }
 
@@ -201,7 +221,7 @@ fn what_has_no_such_equations_is_refused() {
         "[\"cart\", \"load.top\"] }\n    drivers.swing = { coordinate = \"rope.angle\", motion = \"sin(time)\" }",
         1,
     );
-    assert_eq!(refused(&driven, &[]), "`drivers.swing` prescribes the motion `sin(time)`");
+    assert_eq!(refused(&driven, &[]), "`drivers.swing` prescribes the motion `sin(time)`, expected an `acceleration`");
     let timed = CRANE.replace("\"-0.3 * rail.velocity\"", "\"sin(2 * time)\"");
     assert_eq!(refused(&timed, &[]), "the force `sin(2 * time)` depends on time");
     assert_eq!(refused(CRANE, &["rail.position"]), "1 coordinate, expected 2: one for each degree of freedom");
@@ -209,6 +229,22 @@ fn what_has_no_such_equations_is_refused() {
     assert_eq!(same, "only 1 of 2 coordinates are independent, expected 2: as many as there are degrees of freedom");
     let unknown = refused(CRANE, &["rail.position", "rope.force"]);
     assert!(unknown.starts_with("rope.force: `rope` has no `force`"), "{unknown}");
+    let [driven, _] = accelerated();
+    assert_eq!(
+        refused(&driven, &["cart.y", "rope.angle"]),
+        "only 1 of 2 coordinates are independent, expected 2: as many as there are degrees of freedom"
+    );
+    assert_eq!(
+        refused(&driven, &["load.x", "rope.angle"]),
+        "`drivers.motor` gives the acceleration of `rail.position`, expected that among the coordinates"
+    );
+    let timed = driven.replace("\"force * cos", "\"time * cos");
+    let expected =
+        "the acceleration `time * cos(rope.angle) - 0.2 * rope.angular_velocity` of `drivers.motor` depends on time";
+    assert_eq!(refused(&timed, &[]), expected);
+    let squared = reduced(&driven.replace("\"force * cos", "\"force^2 * cos"), &[]).unwrap();
+    let message = squared.terms(&vector(&[0.0, 0.1])).unwrap_err();
+    assert_eq!(message, "the acceleration of `drivers.motor` is not linear in the input `force`");
     let squared = reduced(&CRANE.replace("effort = \"force\"", "effort = \"force^2\""), &[]).unwrap();
     let message = squared.terms(&vector(&[0.0, 0.1])).unwrap_err();
     assert_eq!(message, "the forces are not linear in the input `force`");
@@ -238,7 +274,7 @@ fn inputs_are_checked_when_the_file_is_read() {
     let idle = parse(&CRANE.replacen("effort = \"force\"", "effort = \"3\"", 1));
     let warnings: Vec<String> = idle.warnings().iter().map(ToString::to_string).collect();
     assert!(
-        warnings.iter().any(|one| one.ends_with("inputs.force: no force and no effort depends on it")),
+        warnings.iter().any(|one| one.ends_with("inputs.force: no force, effort or acceleration depends on it")),
         "{warnings:?}"
     );
 }

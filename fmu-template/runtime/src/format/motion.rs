@@ -35,6 +35,13 @@ impl Motion {
             tensors.extend(of_dictionary(name, law.dictionary()));
             tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
         }
+        let prescribed =
+            (0..).zip(dynamics.prescribed()).filter_map(|(row, is_prescribed)| is_prescribed.then_some(row));
+        let prescribed: Vec<u32> = prescribed.collect();
+        if !prescribed.is_empty() {
+            let content = bytes(&prescribed, u32::to_le_bytes);
+            tensors.push(("law.prescribed".into(), Dtype::U32, vec![prescribed.len()], content));
+        }
         tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network("forces", network)));
         tensors.extend(reactions.iter().flat_map(|reactions| of_dictionary("reactions", reactions.functions())));
         tensors
@@ -68,7 +75,12 @@ impl Motion {
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
-        let dynamics = Dynamics::new(coordinates, inputs, law)?.with_forces(forces)?;
+        let prescribed = match tensors.contains_key("law.prescribed") {
+            true => elements(take(tensors, "law.prescribed", Dtype::U32, 1)?.data(), u32::from_le_bytes),
+            false => Vec::new(),
+        };
+        let prescribed: Vec<usize> = prescribed.into_iter().map(|row| row as usize).collect();
+        let dynamics = Dynamics::new(coordinates, inputs, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let has_reactions = tensors.keys().any(|name| name.starts_with("reactions."));
         let reactions = has_reactions.then(|| dictionary(tensors, "reactions", &factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, inputs, functions)).transpose()?;

@@ -513,7 +513,8 @@ fn crane_with(change: impl Fn(&mut Motion)) -> String {
 
 #[test]
 fn a_motion_survives_the_round_trip_with_and_without_networks() {
-    for surrogate in [example::crane(), example::crane_with_networks(), example::crane_with_reactions()] {
+    let moved = example::with_prescribed_trolley(&example::crane());
+    for surrogate in [example::crane(), moved, example::crane_with_networks(), example::crane_with_reactions()] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
         assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
@@ -604,9 +605,16 @@ fn a_motion_that_makes_no_sense_is_refused() {
         let found = crane_with(change);
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
+    let mut bytes = example::with_prescribed_trolley(&example::crane()).to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    bytes[8 + length + header["law.prescribed"]["data_offsets"][0].as_u64().unwrap() as usize] = 2;
+    let found = Surrogate::from_bytes(&bytes).unwrap_err().to_string();
+    assert_eq!(found, "tensor `prescribed`, element 0: 2, expected less than 2");
     let bytes = example::crane().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
+    assert!(!header.contains("prescribed"), "{header}");
     for (from, to, expected) in [
         ("motion", "response", "a motion has dictionaries, and only a motion"),
         ("positions.windings", "positions.winding", "tensor `positions.windings` is missing"),

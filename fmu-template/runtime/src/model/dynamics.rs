@@ -10,6 +10,13 @@
 //! `h` has the exact derivatives of `M`, so that without `F`, `D` and `u` the energy `v^T M v / 2 + V` is conserved whatever the
 //! functions are. No velocity enters what was learned, so that none is ever extrapolated, unless forces are of another form, as
 //! friction is: a network of `(q, p, v, u)` then adds to the right side.
+//!
+//! Drivers may prescribe accelerations, of the coordinates `d`; the others, `f`, follow:
+//!
+//! ```text
+//! vd_d = F_d - D_d v + B_d u
+//! M_ff vd_f + h_f = -dV/dq_f + F_f - D_f v + B_f u - M_fd vd_d
+//! ```
 
 use crate::{
     FormatError,
@@ -29,6 +36,8 @@ pub struct Dynamics {
     law: Law,
     /// From `(q, p, v, u)` to forces that are of another form.
     forces: Option<NetworkTerm>,
+    /// Whether the acceleration of each coordinate is prescribed.
+    prescribed: Vec<bool>,
 }
 
 /// Working memory of one evaluation at a time.
@@ -89,7 +98,20 @@ impl Dynamics {
                 expected: vec![coordinates.max(1)],
             });
         }
-        Ok(Self { coordinates, inputs, law, forces: None })
+        Ok(Self { coordinates, inputs, law, forces: None, prescribed: vec![false; coordinates] })
+    }
+
+    /// The same with prescribed accelerations of some coordinates.
+    ///
+    /// # Errors
+    /// [`FormatError`] if there is no such coordinate.
+    pub fn with_prescribed(mut self, coordinates: &[usize]) -> Result<Self, FormatError> {
+        for (index, &found) in coordinates.iter().enumerate() {
+            let (found, limit) = (found as u64, self.coordinates as u64);
+            let is_prescribed = self.prescribed.get_mut(coordinates[index]);
+            *is_prescribed.ok_or(FormatError::Index { name: "prescribed".into(), index, found, limit })? = true;
+        }
+        Ok(self)
     }
 
     /// The same with a network of `(q, p, v, u)` that adds forces.
@@ -113,7 +135,8 @@ impl Dynamics {
     pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
         let range = self.coordinates..self.coordinates + parameters.len();
         let forces = self.forces.as_ref().map(|forces| forces.held(range, parameters)).transpose()?;
-        Ok(Self { law: self.law.held(self.coordinates, parameters)?, forces, ..*self })
+        let prescribed = self.prescribed.clone();
+        Ok(Self { law: self.law.held(self.coordinates, parameters)?, forces, prescribed, ..*self })
     }
 
     /// Number of generalized coordinates: half the number of states.
@@ -141,6 +164,11 @@ impl Dynamics {
         self.forces.as_ref()
     }
 
+    /// Whether the acceleration of each coordinate is prescribed.
+    pub fn prescribed(&self) -> &[bool] {
+        &self.prescribed
+    }
+
     /// Whether a function depends on a coordinate or parameter, by its position among both.
     pub fn depends_on(&self, column: usize) -> bool {
         self.law.depends_on(column) || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
@@ -165,7 +193,9 @@ impl Dynamics {
     pub fn is_conservative(&self) -> bool {
         let (n, m) = (self.coordinates, self.inputs);
         let forces = n * (n + 1) / 2 + 1..Self::functions(n, m) - n * m;
-        self.forces.is_none() && forces.into_iter().all(|function| self.law.is_zero(function))
+        self.forces.is_none()
+            && !self.prescribed.contains(&true)
+            && forces.into_iter().all(|function| self.law.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.
@@ -292,7 +322,8 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs, self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`, from the columns of the working memory.
+    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`, from the columns of the working memory; rows and columns of
+    /// prescribed accelerations are those of the identity.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
         let Work { columns, law, gradient, of_law, force_columns, of_forces, factors, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs);
@@ -302,10 +333,15 @@ impl Dynamics {
         let (force, damping) = (potential + 1, potential + 1 + n);
         let input_map = damping + n * n;
         for i in 0..n {
-            let mut side = law[force + i] - of(potential, i);
+            // inertia and potential do not act on what is prescribed
+            let inertial = if self.prescribed[i] { 0 } else { n };
+            let mut side = law[force + i];
+            if inertial > 0 {
+                side = side - of(potential, i);
+            }
             for j in 0..n {
                 side = side - law[damping + i * n + j] * v(j);
-                for k in 0..n {
+                for k in 0..inertial {
                     let christoffel = of(entry(i, j), k) - of(entry(j, k), i).scaled(0.5);
                     side = side - christoffel * v(j) * v(k);
                 }
@@ -323,7 +359,12 @@ impl Dynamics {
             of_u.iter_mut().enumerate().for_each(|(k, column)| *column = u(k));
             forces.add(force_columns, accelerations, &mut [], 0, work);
         }
-        factorise(n, law, factors);
+        for i in 0..n {
+            for j in (0..n).filter(|&j| self.prescribed[j] && !self.prescribed[i]) {
+                accelerations[i] = accelerations[i] - law[entry(i, j)] * accelerations[j];
+            }
+        }
+        factorise(&self.prescribed, law, factors);
         substitute(n, factors, accelerations);
     }
 }
@@ -334,11 +375,14 @@ fn entry(i: usize, j: usize) -> usize {
     row * (row + 1) / 2 + column
 }
 
-/// `M = L D L^T`: `L` below the diagonal of `factors`, `1 / D` on it; NaN where a pivot is not positive.
-fn factorise<T: Number>(n: usize, mass: &[T], factors: &mut [T]) {
+/// `M = L D L^T`: `L` below the diagonal of `factors`, `1 / D` on it; NaN where a pivot is not positive. Rows and columns of what is
+/// prescribed are those of the identity.
+fn factorise<T: Number>(prescribed: &[bool], mass: &[T], factors: &mut [T]) {
+    let n = prescribed.len();
     for i in 0..n {
         for j in 0..=i {
-            let mut value = mass[entry(i, j)];
+            let is_free = !prescribed[i] && !prescribed[j];
+            let mut value = if is_free { mass[entry(i, j)] } else { T::from(f64::from(u8::from(i == j))) };
             for k in 0..j {
                 // above the diagonal are the elements of L D
                 value = value - factors[i * n + k] * factors[k * n + j];
@@ -425,6 +469,54 @@ mod tests {
             let expected = (after[k] - before[k]) / 2e-5;
             assert!((derivative[k] - expected).abs() < 1e-8, "{k}: {} {expected}", derivative[k]);
         }
+    }
+
+    #[test]
+    fn a_bead_on_an_arm_that_is_turned_feels_the_centrifugal_force() {
+        // columns: the arm's angle, the bead's radius; M = [0.1 + m r²; 0, m], V = m g r sin
+        let factors = [Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+        let functions = Dynamics::functions(2, 1);
+        let term = |exponents: [i16; 2], values: &[(usize, f64)]| {
+            let mut coefficients = vec![0.0; functions];
+            values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+            Term { exponents: exponents.to_vec(), coefficients }
+        };
+        // the input is the arm's acceleration, less twice its velocity and plus 0.5 cos; the last of D is damping along the arm
+        let terms = [
+            term([0, 0], &[(0, 0.1), (2, 0.5), (6, 2.0), (9, 0.3), (10, 1.0)]),
+            term([0, 2], &[(0, 0.5)]),
+            term([-1, 1], &[(3, 0.5 * 9.81)]),
+            term([1, 0], &[(4, 0.5)]),
+        ];
+        let free = Dynamics::new(2, 1, Dictionary::new(&factors, functions, &terms).unwrap()).unwrap();
+        let arm = free.clone().with_prescribed(&[0]).unwrap();
+        let ([angle, r], [omega, rate], u): ([f64; 2], [f64; 2], f64) = ([0.7, 1.3], [2.0, -0.4], 1.7);
+        let mut found = [0.0; 2];
+        arm.accelerations(Point { q: &[angle, r], v: &[omega, rate], u: &[u], p: &[] }, &mut found, &mut arm.scratch());
+        let expected = [u - 2.0 * omega + 0.5 * angle.cos(), r * omega * omega - 9.81 * angle.sin() - 0.3 * rate / 0.5];
+        assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-13), "{found:?} {expected:?}");
+        // without any mass of the arm, and with both prescribed, too
+        let massless: Vec<Term> = terms[..1]
+            .iter()
+            .map(|term| {
+                let mut term = term.clone();
+                term.coefficients[0] = 0.0;
+                term
+            })
+            .collect();
+        let both = Dynamics::new(2, 1, Dictionary::new(&factors, functions, &massless).unwrap()).unwrap();
+        for (prescribed, is_finite) in [(&[][..], false), (&[0][..], true), (&[0, 1][..], true)] {
+            let both = both.clone().with_prescribed(prescribed).unwrap();
+            both.accelerations(
+                Point { q: &[angle, r], v: &[omega, rate], u: &[u], p: &[] },
+                &mut found,
+                &mut both.scratch(),
+            );
+            assert_eq!(found.iter().all(|value| value.is_finite()), is_finite, "{prescribed:?}: {found:?}");
+        }
+        assert_eq!(found, [u - 2.0 * omega, -0.3 * rate]);
+        let refused = free.with_prescribed(&[1, 2]).unwrap_err().to_string();
+        assert_eq!(refused, "tensor `prescribed`, element 1: 2, expected less than 2");
     }
 
     #[test]

@@ -383,6 +383,27 @@ mod tests {
             check_derivatives::<11>(&Evaluator::new(&surrogate));
         }
         check_derivatives::<13>(&Evaluator::new(&example::crane_with_reactions()));
+        for surrogate in [example::crane(), example::crane_with_networks()] {
+            check_derivatives::<11>(&Evaluator::new(&example::with_prescribed_trolley(&surrogate)));
+        }
+    }
+
+    #[test]
+    fn the_load_of_a_trolley_with_a_prescribed_acceleration_is_a_pendulum_whose_pivot_moves() {
+        let surrogate = example::with_prescribed_trolley(&example::crane());
+        let [l, .., input, _, theta, v, omega] = POINT;
+        let a = input - 0.3 * v;
+        let alpha = -(9.81 * theta.sin() + a * theta.cos()) / l;
+        for evaluator in [Evaluator::new(&surrogate), Evaluator::new(&surrogate).held(&POINT[..1])] {
+            let found = results::<11>(&evaluator, &POINT);
+            assert_eq!(found[7..10], [v, omega, a]);
+            assert!((found[10] - alpha).abs() < 1e-13, "{} {alpha}", found[10]);
+            // energies are those of both bodies
+            let kinetic = 1.5 * v * v + l * theta.cos() * v * omega + 0.5 * l * l * omega * omega;
+            assert!((found[5] - kinetic).abs() < 1e-13, "{} {kinetic}", found[5]);
+        }
+        let Model::Motion(motion) = surrogate.model() else { panic!("the crane moves") };
+        assert!(!motion.dynamics.is_conservative() && motion.dynamics.is_driven_by(0));
     }
 
     fn check_derivatives<const COUNT: usize>(evaluator: &Evaluator) {

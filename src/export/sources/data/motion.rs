@@ -8,12 +8,13 @@ use super::{
 };
 use metafmu_runtime::{Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
 
-const NAMES: [&str; 8] = [
+const NAMES: [&str; 9] = [
     "model_forces_network",
     "model_law",
     "model_law_network",
     "model_positions",
     "model_positions_network",
+    "model_prescribed",
     "model_reactions",
     "model_shown",
     "model_windings",
@@ -77,6 +78,9 @@ fn data(motion: &Motion, dictionaries: [(&str, &Laid); 3], networks: &[Option<Te
     // C has no empty arrays
     windings.resize(windings.len().max(motion.dynamics.coordinates()), 0.0);
     array(&mut text, "const double model_windings", &windings);
+    let prescribed: Vec<&str> =
+        motion.dynamics.prescribed().iter().map(|is_prescribed| if *is_prescribed { "1" } else { "0" }).collect();
+    push(&mut text, format_args!("\nconst int model_prescribed[COORDINATE_COUNT] = {{{}}};\n", prescribed.join(", ")));
     text.push_str("\nconst Shown model_shown[OUTPUT_COUNT] = {\n");
     for shown in &motion.outputs {
         let (kind, position) = match *shown {
