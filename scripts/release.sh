@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes what is given away, into dist/, and tries it: archives of the command, wheels, crates, a bill of materials, checksums.
-# Usage: scripts/release.sh [--allow-dirty] [PART]...
+# Usage: scripts/release.sh [--allow-dirty] [--only TUPLE]... [PART]...
 #   libraries   the FMU's library for each platform, by scripts/build-runtimes.sh
 #   archives    the command with licences, completions and man pages, for each platform
 #   wheels      the Python package, for each platform
@@ -8,7 +8,7 @@
 #   sbom        the bill of materials
 #   checksums   SHA-256 of all of them
 #   try         installs and runs them: here, 64-bit ARM in QEMU, Windows in Wine
-# Without PART all of them, in this order. docs/release.md says what it needs and what comes after.
+# Without PART all of them, in this order; with --only, archives and wheels for some platforms. docs/release.md says what it needs and what comes after.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -24,16 +24,19 @@ PARTS=(libraries archives wheels crates sbom checksums try)
 number=$(sed -n '/^\[workspace.package\]/,/^$/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 dist=$root/dist
 
-dirty='' parts=()
+dirty='' parts=() only=()
 while [ $# -gt 0 ]; do
   case $1 in
     --allow-dirty) dirty=--allow-dirty ;;
+    --only) only+=("${2:?--only wants a TUPLE}"); shift ;;
     -h | --help) sed -n '2,11s/^# //p' "$0"; exit ;;
     *) [[ " ${PARTS[*]} " = *" $1 "* ]] || fail "unknown part $1, expected one of ${PARTS[*]}"; parts+=("$1") ;;
   esac
   shift
 done
 [ ${#parts[@]} != 0 ] || parts=("${PARTS[@]}")
+[ ${#only[@]} != 0 ] || only=("${TUPLES[@]}")
+for tuple in "${only[@]}"; do [ -n "${TARGETS[$tuple]:-}" ] || fail "unknown platform $tuple, expected one of ${TUPLES[*]}"; done
 
 need git "the version that is released is a commit"
 need python3 "zig and maturin come as Python packages"
@@ -46,9 +49,9 @@ export METAFMU_RUNTIMES=$root/target/runtimes
 mkdir -p "$dist"
 
 libraries() {
-  local tuple only=()
-  for tuple in "${TUPLES[@]}"; do only+=(--only "$tuple"); done
-  scripts/build-runtimes.sh "${only[@]}" --std source
+  local tuple options=()
+  for tuple in "${TUPLES[@]}"; do options+=(--only "$tuple"); done
+  scripts/build-runtimes.sh "${options[@]}" --std source
 }
 
 have_libraries() {
@@ -86,7 +89,7 @@ program() { # TUPLE
 archives() {
   local tuple target stage own
   have_libraries
-  for tuple in "${TUPLES[@]}"; do
+  for tuple in "${only[@]}"; do
     target=${TARGETS[$tuple]}
     case $tuple in
       *-linux) compile "$tuple" zigbuild --release --locked --package metafmu --target-dir "$work/cargo" --target "$target.$GLIBC" ;;
@@ -94,8 +97,9 @@ archives() {
     esac
   done
   own=$(program x86_64-linux)
+  [ -e "$own" ] || fail "completions and man pages come from the command for x86_64-linux: scripts/release.sh --only x86_64-linux archives"
   python3 scripts/sbom.py --licences "$work/THIRD-PARTY.txt" >/dev/null
-  for tuple in "${TUPLES[@]}"; do
+  for tuple in "${only[@]}"; do
     stage=$work/stage/metafmu-$number-$tuple
     rm -rf "$stage"
     mkdir -p "$stage/completions"
@@ -149,8 +153,11 @@ maturin() {
 wheels() {
   local tuple options
   have_libraries
-  rm -f "$dist"/*.whl
-  for tuple in "${TUPLES[@]}"; do
+  rm -rf python/licences
+  mkdir python/licences
+  cp LICENSE-APACHE LICENSE-MIT python/licences
+  python3 scripts/sbom.py --licences python/licences/THIRD-PARTY.txt >/dev/null
+  for tuple in "${only[@]}"; do
     options=(build --release --locked --manifest-path python/Cargo.toml --target-dir "$work/cargo" --out "$dist" --target "${TARGETS[$tuple]}")
     # 2014 is that of glibc 2.17
     if [[ $tuple = *-linux ]]; then options+=(--zig --compatibility manylinux2014); fi
@@ -181,6 +188,10 @@ checksums() {
 
 # ---- Trying ---------------------------------------------------------------------------------------------------------
 
-try() { scripts/try-release.sh; }
+try() {
+  local tuple options=()
+  for tuple in "${only[@]}"; do options+=(--only "$tuple"); done
+  scripts/try-release.sh "${options[@]}"
+}
 
 for part in "${parts[@]}"; do "$part"; done

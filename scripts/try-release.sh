@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Tries what scripts/release.sh made in dist/: installs and runs it where there is neither cargo nor a C compiler, 64-bit ARM in QEMU,
 # Windows in Wine, and builds the crates outside the repository. Prints sizes and times.
-# Usage: scripts/try-release.sh [archives | wheels | crates]...
+# Usage: scripts/try-release.sh [--only TUPLE]... [archives | wheels | crates]...
 # docs/release.md says what is tried and what is not. Needs an x86_64 Linux with Debian's packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -18,7 +18,18 @@ PYTHON=3.11
 ARM_PACKAGES=(python3.11-minimal libpython3.11-minimal libpython3.11-stdlib libc6 zlib1g libexpat1 libstdc++6 libgcc-s1 libffi8
   libbz2-1.0 liblzma5 libssl3 libuuid1)
 
-parts=("$@")
+parts=() only=()
+while [ $# -gt 0 ]; do
+  case $1 in
+    --only) only+=("${2:?--only wants a TUPLE}"); shift ;;
+    *) parts+=("$1") ;;
+  esac
+  shift
+done
+[ ${#only[@]} != 0 ] || only=("${TUPLES[@]}")
+# x86_64-linux is what the others are compared with
+[[ " ${only[*]} " = *" x86_64-linux "* ]] || only=(x86_64-linux "${only[@]}")
+has() { [[ " ${only[*]} " = *" $1 "* ]]; }
 [ ${#parts[@]} != 0 ] || parts=(archives wheels crates)
 for part in "${parts[@]}"; do [[ $part =~ ^(archives|wheels|crates)$ ]] || fail "unknown part $part, expected archives, wheels or crates"; done
 install_emulators
@@ -103,7 +114,7 @@ agree() { # WHAT FILE
 archives() {
   local tuple folder program
   attempt "checksums" env -C "$dist" sha256sum --check --quiet SHA256SUMS || true
-  for tuple in "${TUPLES[@]}"; do
+  for tuple in "${only[@]}"; do
     folder=$scratch/metafmu-$number-$tuple
     case $tuple in
       *-windows) python3 -m zipfile -e "$dist/metafmu-$number-$tuple.zip" "$scratch"; program=$folder/metafmu.exe ;;
@@ -117,23 +128,30 @@ archives() {
   attempt "x86_64-linux builds" alone /nonexistent "$folder-x86_64-linux/metafmu" build study.toml || return 0
   check "x86_64-linux exports for every platform" "$(platforms out/pendulum/pendulum.fmu)"
   alone /nonexistent "$folder-x86_64-linux/metafmu" predict out/pendulum/pendulum.fmu designs.csv >predictions.csv
+  if has aarch64-linux; then archive_of_arm "$folder-aarch64-linux"; fi
+  if has x86_64-windows; then archive_of_windows "$folder-x86_64-windows"; fi
+  cd "$root"
+}
 
+archive_of_arm() { # FOLDER
   # worker processes, which run FMUs, would need QEMU in the kernel: what is tried needs none
-  local arm=(qemu-aarch64 -L /usr/aarch64-linux-gnu "$folder-aarch64-linux/metafmu")
+  local arm=(qemu-aarch64 -L /usr/aarch64-linux-gnu "$1/metafmu")
   attempt "aarch64-linux samples" "${arm[@]}" sample study.toml --out arm || true
   attempt "aarch64-linux trains" "${arm[@]}" train study.toml --out arm || true
-  attempt "aarch64-linux exports" "${arm[@]}" export study.toml --out arm || true
+  attempt "aarch64-linux exports" "${arm[@]}" export study.toml --out arm || return 0
   check "aarch64-linux exports for every platform" "$(platforms arm/pendulum.fmu)"
   "${arm[@]}" predict out/pendulum/pendulum.fmu designs.csv >arm.csv || true
   agree aarch64-linux arm.csv
+}
 
-  start_wine "$folder-x86_64-windows"
-  local windows=("$(wine)" "$folder-x86_64-windows/metafmu.exe")
-  attempt "x86_64-windows builds and validates" "${windows[@]}" build study.toml --out windows || true
+archive_of_windows() { # FOLDER
+  local windows
+  start_wine "$1"
+  windows=("$(wine)" "$1/metafmu.exe")
+  attempt "x86_64-windows builds and validates" "${windows[@]}" build study.toml --out windows || return 0
   check "x86_64-windows exports for every platform" "$(platforms windows/pendulum.fmu)"
   "${windows[@]}" predict out/pendulum/pendulum.fmu designs.csv >windows.csv || true
   agree x86_64-windows windows.csv
-  cd "$root"
 }
 
 # ---- The wheels -----------------------------------------------------------------------------------------------------
@@ -176,41 +194,54 @@ arm_python() {
   arm=(qemu-aarch64 -L "$folder" "$folder/usr/bin/python$PYTHON")
 }
 
-wheels() {
-  local venv=$scratch/venv begin arm wheel tuple packages=$scratch/arm-packages
-  local own=("$dist"/metafmu-"$number"-*manylinux*x86_64.whl) other=("$dist"/metafmu-"$number"-*manylinux*aarch64.whl)
-  local windows=("$dist"/metafmu-"$number"-*win_amd64.whl)
-  for wheel in "${own[0]}" "${other[0]}" "${windows[0]}"; do [ -e "$wheel" ] || fail "no ${wheel##*/}: scripts/release.sh wheels"; done
+# Prints the wheel of a platform.
+wheel_of() { # TUPLE
+  local file tag
+  case $1 in
+    x86_64-linux) tag="manylinux*x86_64" ;;
+    aarch64-linux) tag="manylinux*aarch64" ;;
+    x86_64-windows) tag=win_amd64 ;;
+  esac
+  # shellcheck disable=SC2086 # a pattern
+  file=$(ls "$dist"/metafmu-"$number"-*$tag.whl 2>/dev/null) || fail "no wheel for $1: scripts/release.sh wheels"
+  echo "$file"
+}
 
+wheels() {
+  local venv=$scratch/venv tuple wheel begin
+  for tuple in "${only[@]}"; do
+    wheel=$(wheel_of "$tuple")
+    rm -rf "$scratch/wheel-files"
+    python3 -m zipfile -e "$wheel" "$scratch/wheel-files"
+    check "the wheel of $tuple needs nothing but the system" "$(requirements "$tuple" "$scratch"/wheel-files/metafmu/_metafmu.*)"
+  done
+
+  wheel=$(wheel_of x86_64-linux)
   begin=$EPOCHREALTIME
   python3 -m venv "$venv"
   say "virtual environment after $(seconds "$begin") s"
   begin=$EPOCHREALTIME
-  attempt "pip installs without cargo and C compiler" env "PATH=$venv/bin" "$venv/bin/pip" install --no-cache-dir --only-binary :all: "${own[0]}" || return 0
+  attempt "pip installs without cargo and C compiler" env "PATH=$venv/bin" "$venv/bin/pip" install --no-cache-dir --only-binary :all: "$wheel" || return 0
   say "installed after $(seconds "$begin") s"
   attempt "Python makes an FMU" alone "$venv/bin" "$venv/bin/python" "$scratch/first.py" "$scratch/first.fmu" || return 0
   say "first FMU after $(seconds "$begin") s; $(cat "$scratch/output")"
   check "Python exports for every platform" "$(platforms "$scratch/first.fmu")"
   attempt "its FMU is valid" alone "$venv/bin" "$venv/bin/metafmu" validate "$scratch/first.fmu" || true
   begin=$EPOCHREALTIME
-  attempt "the wheel's command builds" alone "$venv/bin" "$venv/bin/metafmu" build "$scratch/study.toml" --out "$scratch/wheel" || true
+  attempt "the wheel's command builds" alone "$venv/bin" "$venv/bin/metafmu" build "$scratch/study.toml" --out "$scratch/wheel" || return 0
   say "study built in $(seconds "$begin") s"
   check "the wheel's command exports for every platform" "$(platforms "$scratch/wheel/pendulum.fmu")"
+  if has aarch64-linux; then wheel_of_arm; fi
+}
 
-  tuple=("${TUPLES[@]}")
-  for wheel in "${own[0]}" "${other[0]}" "${windows[0]}"; do
-    rm -rf "$scratch/wheel-files"
-    python3 -m zipfile -e "$wheel" "$scratch/wheel-files"
-    check "${wheel##*/} needs nothing but the system" "$(requirements "${tuple[0]}" "$scratch"/wheel-files/metafmu/_metafmu.*)"
-    tuple=("${tuple[@]:1}")
-  done
-
+wheel_of_arm() {
+  local arm wheel packages=$scratch/arm-packages
   arm_python
   python3 -m pip download --quiet --no-deps --only-binary :all: --platform manylinux2014_aarch64 --python-version $PYTHON --dest "$packages" numpy
-  for wheel in "$packages"/*.whl "${other[0]}"; do python3 -m zipfile -e "$wheel" "$packages"; done
+  for wheel in "$packages"/*.whl "$(wheel_of aarch64-linux)"; do python3 -m zipfile -e "$wheel" "$packages"; done
   attempt "aarch64-linux: Python makes an FMU" env "PYTHONPATH=$packages" "${arm[@]}" "$scratch/first.py" "$scratch/arm-first.fmu" || return 0
   check "aarch64-linux: Python exports for every platform" "$(platforms "$scratch/arm-first.fmu")"
-  attempt "the FMU of aarch64-linux is valid" alone "$venv/bin" "$venv/bin/metafmu" validate "$scratch/arm-first.fmu" || true
+  attempt "the FMU of aarch64-linux is valid" alone "$scratch/venv/bin" "$scratch/venv/bin/metafmu" validate "$scratch/arm-first.fmu" || true
 }
 
 # ---- The crates -----------------------------------------------------------------------------------------------------

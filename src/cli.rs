@@ -26,9 +26,9 @@ use std::{path::PathBuf, time::Duration};
   metafmu new my-study --system single-pendulum      nothing yet: a built-in system
 
 Review the file that this writes, then:
-  metafmu build my-study.toml                           of a study: out/my-study/my-study.fmu
-  metafmu import net.onnx --interface interface.toml    of an interface: NAME.safetensors,
-  metafmu export NAME.safetensors                       and its FMU
+  metafmu build my-study.toml                        everything, into out/my-study/
+  metafmu import net.onnx --interface interface.toml
+  metafmu export NAME.safetensors                    an FMU of what `import` wrote
 
 `metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, \
 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."

@@ -23,8 +23,7 @@ fn main() {
     let package = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
     let out = PathBuf::from(variable("OUT_DIR"));
     // what cargo packs lies alone
-    let workspace =
-        package.ancestors().nth(2).filter(|folder| folder.join("fmu-template/runtime/Cargo.toml").is_file());
+    let workspace = package.ancestors().nth(2).filter(|folder| folder.join("fmu-template/src/lib.rs").is_file());
 
     let packed = package.join("prebuilt");
     let mut libraries = match workspace {

@@ -14,6 +14,8 @@ VERBS = {
 # what Bash does when somebody presses Tab after the words
 COMPLETE = """
 source "$1"; shift
+# how the offers are shown, which only Bash itself may ask for
+compopt() { :; }
 COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMP_LINE="$*"; COMP_POINT=${#COMP_LINE}
 read -r _ _ function _ <<<"$(complete -p metafmu | sed 's/.*-F/complete -F/')"
 "$function" metafmu "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD - 1]}"
