@@ -19,19 +19,19 @@ use std::{path::PathBuf, time::Duration};
     version,
     arg_required_else_help = true,
     after_help = "Begin with what you have:
-  metafmu import net.onnx --new interface.toml       a trained network of another tool
+  metafmu import net.onnx --new interface.toml       a trained network
   metafmu new my-study --table runs.csv              recorded runs
   metafmu new my-study --fmu model.fmu               an FMU of another tool
   metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
-  metafmu new my-study --system single-pendulum      nothing yet: a built-in system
+  metafmu new my-study --system single-pendulum      a built-in system
 
 Review the file that this writes, then:
   metafmu build my-study.toml                        everything, into out/my-study/
   metafmu import net.onnx --interface interface.toml
   metafmu export NAME.safetensors                    an FMU of what `import` wrote
 
-`metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, \
-2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
+`metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr.
+Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
 )]
 pub struct Cli {
     #[command(subcommand)]
