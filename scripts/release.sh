@@ -24,10 +24,10 @@ PARTS=(libraries archives wheels crates sbom checksums try)
 number=$(sed -n '/^\[workspace.package\]/,/^$/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 dist=$root/dist
 
-dirty='' parts=() only=()
+clean=yes parts=() only=()
 while [ $# -gt 0 ]; do
   case $1 in
-    --allow-dirty) dirty=--allow-dirty ;;
+    --allow-dirty) clean=no ;;
     --only) only+=("${2:?--only wants a TUPLE}"); shift ;;
     -h | --help) sed -n '2,11s/^# //p' "$0"; exit ;;
     *) [[ " ${PARTS[*]} " = *" $1 "* ]] || fail "unknown part $1, expected one of ${PARTS[*]}"; parts+=("$1") ;;
@@ -41,7 +41,7 @@ for tuple in "${only[@]}"; do [ -n "${TARGETS[$tuple]:-}" ] || fail "unknown pla
 need git "the version that is released is a commit"
 need python3 "zig and maturin come as Python packages"
 need sha256sum "install coreutils"
-[ -n "$dirty" ] || [ -z "$(git status --porcelain --untracked-files=no)" ] || fail "there are changes that are not committed (--allow-dirty)"
+[ $clean = no ] || [ -z "$(git status --porcelain --untracked-files=no)" ] || fail "there are changes that are not committed (--allow-dirty)"
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
 # what was built for all platforms goes into every program
@@ -171,8 +171,8 @@ crates() {
   rm -rf "$prebuilt" "$work/package"
   mkdir "$prebuilt"
   for tuple in "${TUPLES[@]}"; do cp -R "target/runtimes/$tuple" "$prebuilt/"; done
-  # what they hold is tried below, outside the repository
-  cargo package --workspace --exclude metafmu-python --exclude metafmu-benches --no-verify --locked $dirty --target-dir "$work/package"
+  # cargo takes the libraries, which are not in the repository, for changes; what packages hold is tried below
+  cargo package --workspace --exclude metafmu-python --exclude metafmu-benches --no-verify --locked --allow-dirty --target-dir "$work/package"
   rm -f "$dist"/*.crate
   cp "$work"/package/package/*.crate "$dist/"
 }
