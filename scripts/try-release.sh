@@ -146,7 +146,9 @@ archive_of_arm() { # FOLDER
 
 archive_of_windows() { # FOLDER
   local windows
+  cd "$root"
   start_wine "$1"
+  cd "$scratch"
   windows=("$(wine)" "$1/metafmu.exe")
   attempt "x86_64-windows builds and validates" "${windows[@]}" build study.toml --out windows || return 0
   check "x86_64-windows exports for every platform" "$(platforms windows/pendulum.fmu)"
