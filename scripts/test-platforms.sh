@@ -20,44 +20,16 @@ check() {
   if [ -z "$2" ]; then passed=$((passed + 1)); say "ok: $1"; else failed=$((failed + 1)); say "FAILED: $1: $2"; fi
 }
 
-# ---- Tools --------------------------------------------------------------------------------------------------------
-
-wine() {
-  local program
-  for program in wine64 /usr/lib/wine/wine64 wine; do
-    # only `wine` itself would find this function
-    if program=$(type -P "$program"); then echo "$program"; return; fi
-  done
-  return 1
-}
-
-missing=()
-type -P x86_64-w64-mingw32-gcc >/dev/null || missing+=(gcc-mingw-w64-x86-64-win32)
-wine >/dev/null || missing+=(wine64)
-type -P qemu-aarch64 >/dev/null || missing+=(qemu-user)
-[ -e /usr/aarch64-linux-gnu/lib/ld-linux-aarch64.so.1 ] || missing+=(libc6-arm64-cross)
-type -P objdump >/dev/null || missing+=(binutils)
-python3 -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
-if [ ${#missing[@]} != 0 ]; then
-  if [ "$(id -u)" != 0 ] || ! type -P apt-get >/dev/null; then fail "install ${missing[*]}"; fi
-  say "installing ${missing[*]}"
-  # others may be installing as well
-  apt-get -qq -o DPkg::Lock::Timeout=300 update
-  DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=300 install -y --no-install-recommends "${missing[@]}" >/dev/null
-fi
+. scripts/emulators.sh
+install_emulators
 
 # --std source: the same bytes whatever the toolchain has, and nothing but packages is downloaded
 for tuple in "${TUPLES[@]}"; do only+=(--only "$tuple"); done
 scripts/build-runtimes.sh "${only[@]}" --std source
 
 scratch=$(mktemp -d)
-export WINEPREFIX=$scratch/wine WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml='
 clean_up() {
-  local server
-  for server in wineserver /usr/lib/wine/wineserver64; do
-    # ends what runs in this prefix, and only that
-    if server=$(type -P "$server"); then "$server" -k 2>/dev/null || true; break; fi
-  done
+  stop_wine
   rm -rf "$scratch" 2>/dev/null || true
 }
 trap clean_up EXIT
@@ -112,11 +84,7 @@ cc "${options[@]}" -ldl -o "$scratch/step-x86_64-linux"
 x86_64-w64-mingw32-gcc "${options[@]}" -o "$scratch/step.exe"
 ZIG_GLOBAL_CACHE_DIR=$PWD/target/runtimes-build/zig-cache \
   "$zig" -m ziglang cc -target "aarch64-linux-gnu.$GLIBC" "${options[@]}" -ldl -o "$scratch/step-aarch64-linux"
-"$(wine)" wineboot --init >/dev/null 2>&1 || true
-if [ ! -e "$WINEPREFIX/drive_c/windows/system32/bcryptprimitives.dll" ]; then
-  say "this Wine has no bcryptprimitives.dll, which every Windows since 10 has: using a stand-in"
-  x86_64-w64-mingw32-gcc -shared -O1 -Wall tests/platforms/bcryptprimitives.c -ladvapi32 -o "$scratch/bcryptprimitives.dll"
-fi
+start_wine "$scratch"
 
 step() { # TUPLE TOKEN
   local windows

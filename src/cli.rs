@@ -1,21 +1,37 @@
 //! The command line: definitions only.
 
-use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use metafmu::{baseline::BaselineKind, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format};
+use clap::{
+    ArgGroup, Args, Parser, Subcommand, ValueEnum, ValueHint,
+    builder::{PossibleValue, PossibleValuesParser},
+};
+use clap_complete::Shell;
+use metafmu::{
+    baseline::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format,
+};
 use std::{path::PathBuf, time::Duration};
 
-/// Turns a multibody model into a small, fast, trustworthy FMU.
+/// Makes FMUs of multibody models, recorded runs, other FMUs and trained networks
+///
+/// A surrogate is sampled and trained, measured on runs that it has not seen, and packaged as a Functional Mock-up Unit, which runs
+/// in every tool that knows FMI 2.0 or 3.0 and needs nothing else there.
 #[derive(Debug, Parser)]
 #[command(
     version,
     arg_required_else_help = true,
-    after_help = "Examples:
-  metafmu new my-pendulum --system single-pendulum   write a commented study file
-  metafmu build my-pendulum.toml                     sample, train, evaluate, report, export, validate
-  metafmu simulate out/my-pendulum/my-pendulum.fmu --start L=0.12 --plot pendulum.svg
+    after_help = "Begin with what you have:
+  metafmu import net.onnx --new interface.toml       a trained network
+  metafmu new my-study --table runs.csv              recorded runs
+  metafmu new my-study --fmu model.fmu               an FMU of another tool
+  metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
+  metafmu new my-study --system single-pendulum      a built-in system
 
-Results go to stdout, progress to stderr. Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where
-the stages after a training that it shortened were done."
+Review the file that this writes, then:
+  metafmu build my-study.toml                        everything, into out/my-study/
+  metafmu import net.onnx --interface interface.toml
+  metafmu export NAME.safetensors                    an FMU of what `import` wrote
+
+`metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr.
+Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -37,7 +53,7 @@ pub enum Command {
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
   metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
 
-With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an
+With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an \
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
 Of a table, columns with one value in each run become parameters, the others outputs, or inputs of the structure discrete.")]
     New(NewArgs),
@@ -45,9 +61,9 @@ Of a table, columns with one value in each run become parameters, the others out
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
 Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
-Exit code 1 if the surrogate is rejected: the training diverged, an output is worse than its mean or than simpler models. `[accept]`
+Exit code 1 if the surrogate is rejected: the training diverged, an output is worse than its mean or than simpler models. `[accept]` \
 in the study has the limits.
-Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the
+Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the \
 training. Pressed again, it ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
@@ -57,7 +73,7 @@ training. Pressed again, it ends the program.")]
   metafmu sample study.toml --out DIR --shard 3/8    # on one of eight machines that share DIR, or copy their files to it
   metafmu sample study.toml --out DIR --merge        # when all are done: the tables are as if there had been no shards
 
-The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are
+The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are \
 the shorter plan; the first column of a printed plan says what a run is for.")]
     Sample(SampleArgs),
     /// Train the network on train.csv and write NAME.safetensors and history.csv
@@ -80,8 +96,8 @@ The study says what to try, for instance:
   \"training.optimizer\" = [\"adam\", \"soap\"]
   \"network.hidden\" = [[64, 64], [128, 128]]
 
-Every value is checked when the study is read. Trials are compared by 1 - R² on held-out runs; one that fails is a row of the
-table. With `model = \"svr\"` they fit that
+Every value is checked when the study is read. Trials are compared by 1 - R² on held-out runs; one that fails is a row of the \
+table. With `model = \"svr\"` they fit that \
 baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10.0, 100.0].")]
     Search(SearchArgs),
     /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
@@ -92,7 +108,7 @@ baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10
   metafmu compare examples/single-pendulum.toml
   metafmu compare examples/single-pendulum.toml --model ridge --model random-forest
 
-The table has accuracy on the unseen runs, time and memory of the network and of each model. `[baselines]` in the study has
+The table has accuracy on the unseen runs, time and memory of the network and of each model. `[baselines]` in the study has \
 their options, for instance:
 
   [baselines]
@@ -112,11 +128,12 @@ A model that fails or takes too long has a row that says so. `metafmu export STU
   metafmu report examples/single-pendulum.toml --plots plots/                    # each plot as an SVG file, too
   metafmu report examples/single-pendulum.toml --beside examples/paper/single-pendulum.toml --beside-out out/paper
 
-The page is one file that loads nothing: summary, label against prediction, time responses of the median and the worst run,
-phase plots, paths of points, errors over time and parameters, sensitivities, training, provenance. With --beside, another
+The page is one file that loads nothing: summary, label against prediction, time responses of the median and the worst run, \
+phase plots, paths of points, errors over time and parameters, sensitivities, training, provenance. With --beside, another \
 study's surrogate of the same variables is measured on the same test runs.")]
     Report(ReportArgs),
     /// Package NAME.safetensors as NAME.fmu
+    #[command(mut_arg("study", |arg| arg.help("Study, model file NAME.safetensors, or an FMU made by metafmu")))]
     #[command(after_help = "Examples:
   metafmu export examples/single-pendulum.toml
   metafmu export out/single-pendulum/single-pendulum.safetensors --fmi 3 --sources
@@ -124,18 +141,18 @@ study's surrogate of the same variables is measured on the same test runs.")]
   metafmu export examples/single-pendulum.toml --model ridge
   metafmu export examples/single-pendulum.toml --onnx single-pendulum.onnx    # for other tools: no states
 
-The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model
-file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards
+The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model \
+file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards \
 do not say what was measured.")]
     Export(ExportModelArgs),
-    /// Make a model file of a trained network of another tool
+    /// Read a trained network of another tool and write NAME.safetensors, which `export` takes
     #[command(after_help = "Examples:
   metafmu import model.onnx --new interface.toml --data training.csv    # write a starter for the interface
   metafmu import model.onnx --interface interface.toml --data training.csv --check expected.csv
   metafmu export model.safetensors --fmi both
 
-The interface says which column of the model is which variable: names, units, ranges, causality. Ranges that it does not have are those of
---data. With --check, rows of inputs and of the outputs that the model gave for them are compared, and nothing is written if they
+The interface says which column of the model is which variable: names, units, ranges, causality. Ranges that it does not have are those of \
+--data. With --check, rows of inputs and of the outputs that the model gave for them are compared, and nothing is written if they \
 differ: exit code 1. docs/import.md lists the operators of ONNX that are known, and every key of an interface.")]
     Import(ImportArgs),
     /// Print the JSON schema of study, mechanism or interface files, with which editors complete and check them
@@ -143,13 +160,13 @@ differ: exit code 1. docs/import.md lists the operators of ONNX that are known, 
   metafmu schema study > study.schema.json
   metafmu schema mechanism > mechanism.schema.json
 
-With the line `#:schema ./study.schema.json` at its beginning, a study is completed and checked by editors with Taplo, such as
+With the line `#:schema ./study.schema.json` at its beginning, a study is completed and checked by editors with Taplo, such as \
 Visual Studio Code with Even Better TOML. docs/study-file.md and docs/mechanism-file.md have every key.")]
     Schema(SchemaArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
-Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: an FMU that
+Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: an FMU that \
 crashes, exits or hangs is reported as a problem. What it prints goes to stderr. Exit code 1 if there are problems.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV
@@ -165,9 +182,9 @@ The FMU runs in a process of its own; what it prints goes to stderr.")]
   metafmu predict examples/single-pendulum.toml designs.parquet --out predictions.parquet
   metafmu predict out/crane/crane.fmu out/crane/test.csv --out roll-outs.csv --outputs x,theta
 
-Columns of TABLE are found by the names of the surrogate's parameters, inputs and `time`; of one with states also by those of the
-values at the start, NAME_start. The result has a row for each row, in the same order: `run` and `time` if TABLE has them, the outputs,
-`in_domain` and `domain_distance`. Without states each row is a point; with states the rows of a `run` are one roll-out, whose inputs are
+Columns of TABLE are found by the names of the surrogate's parameters, inputs and `time`; of one with states also by those of the \
+values at the start, NAME_start. The result has a row for each row, in the same order: `run` and `time` if TABLE has them, the outputs, \
+`in_domain` and `domain_distance`. Without states each row is a point; with states the rows of a `run` are one roll-out, whose inputs are \
 linear between two rows. Exit code 1 if there are rows that cannot be computed.")]
     Predict(PredictArgs),
     /// Simulate a system with a component's source and with a surrogate in its place
@@ -175,11 +192,23 @@ linear between two rows. Exit code 1 if there are rows that cannot be computed."
   metafmu swap crane.ssp --component crane --with out/crane/crane.fmu --plot crane.svg
   metafmu swap system/SystemStructure.ssd --component plant --with surrogate.fmu --step-size 0.01 --json
 
-SYSTEM is an SSP archive, or a SystemStructure.ssd beside its FMUs (SSP 1.0). The surrogate's connectors and parameters are those of the
-component by their names; parameters have the values that the system sets, else the source's start values, and `NAME_start` takes
-that of the source's variable NAME. The table has the difference of each output of the system, or of the component if the system has
+SYSTEM is an SSP archive, or a SystemStructure.ssd beside its FMUs (SSP 1.0). The surrogate's connectors and parameters are those of the \
+component by their names; parameters have the values that the system sets, else the source's start values, and `NAME_start` takes \
+that of the source's variable NAME. The table has the difference of each output of the system, or of the component if the system has \
 none, and the time of a step.")]
     Swap(SwapArgs),
+    /// Print a script with which a shell completes this command
+    #[command(after_help = "Examples:
+  metafmu completions bash > ~/.local/share/bash-completion/completions/metafmu    # with the package bash-completion
+  metafmu completions zsh > ~/.zfunc/_metafmu    # with `fpath+=~/.zfunc` before `compinit` in ~/.zshrc
+  metafmu completions fish > ~/.config/fish/completions/metafmu.fish
+  metafmu completions powershell >> $PROFILE
+
+They take effect in the next shell.")]
+    Completions(CompletionsArgs),
+    /// Write the man pages of this command and of its verbs
+    #[command(hide = true, after_help = "Example:\n  metafmu man ~/.local/share/man/man1")]
+    Man(ManArgs),
     /// Run an FMU for another process of this program
     #[command(name = worker::ARGUMENT, hide = true)]
     FmuWorker,
@@ -197,11 +226,9 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is: "response" plays back runs, "dynamics" has states and is driven by inputs, those of a system or mechanism,
-    /// of an FMU for model exchange or of a table of motions, "discrete" goes on from sample to sample, driven by inputs of an FMU for co-simulation
-    /// or by columns of a table
+    /// What the surrogate is
     #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "samples"))]
-    #[arg(value_parser = PossibleValuesParser::new(["response", "dynamics", "discrete"]))]
+    #[arg(value_parser = PossibleValuesParser::new(structures()))]
     pub structure: String,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
@@ -220,10 +247,21 @@ pub struct NewArgs {
     pub inputs: Vec<String>,
 }
 
+fn structures() -> [PossibleValue; 3] {
+    [
+        PossibleValue::new("response").help("Plays back runs: outputs are functions of parameters and time"),
+        PossibleValue::new("dynamics")
+            .help("Has states and inputs: of a system or mechanism, an FMU for model exchange, or a table of motions"),
+        PossibleValue::new("discrete").help(
+            "Goes on from sample to sample, driven by inputs of an FMU for co-simulation or by columns of a table",
+        ),
+    ]
+}
+
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").required(true)))]
 pub struct ImportArgs {
-    /// Trained model: an ONNX file
+    /// Trained model: an ONNX file, or tensors by name in an .npz or .safetensors file
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
     /// Interface file: what the model's columns are
@@ -265,6 +303,20 @@ pub enum SchemaOf {
     Mechanism,
     /// The interface of a trained model of another tool
     Interface,
+}
+
+#[derive(Debug, Args)]
+pub struct CompletionsArgs {
+    /// Shell that is to complete
+    #[arg(value_name = "SHELL")]
+    pub shell: Shell,
+}
+
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// Folder for the pages; it is made
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
 }
 
 #[derive(Debug, Args)]
@@ -365,8 +417,7 @@ pub struct ExportArgs {
     /// Version of FMI: 2.0 is NAME.fmu, 3.0 is NAME-fmi3.fmu [default: the study's, else 2]
     #[arg(long, value_name = "VERSION")]
     pub fmi: Option<FmiArg>,
-    /// Platforms with a binary in the FMU, of those embedded in this program, for instance x86_64-linux
-    #[arg(long, value_name = "TUPLE,...", value_delimiter = ',')]
+    #[arg(long, value_name = "TUPLE,...", value_delimiter = ',', help = platforms())]
     pub platform: Vec<String>,
     /// Adds the library for a platform; may be given several times
     #[arg(long, value_name = "TUPLE=FILE", value_parser = tuple_and_file)]
@@ -374,6 +425,12 @@ pub struct ExportArgs {
     /// Adds the surrogate as portable C99 source code, for targets without a binary
     #[arg(long)]
     pub sources: bool,
+}
+
+fn platforms() -> String {
+    let embedded: Vec<String> =
+        Binary::embedded().into_iter().map(|binary| binary.platform.tuple.to_string()).collect();
+    format!("Platforms with a binary in the FMU [default: all that this program has, {}]", embedded.join(", "))
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -439,7 +496,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "FILE.csv")]
     pub output: Option<PathBuf>,
     /// Plot over time of every output that changes
-    #[arg(long, value_name = "FILE.svg", value_parser = svg_file)]
+    #[arg(long, value_name = "FILE.svg", value_parser = svg_file, value_hint = ValueHint::FilePath)]
     pub plot: Option<PathBuf>,
 }
 
@@ -452,7 +509,7 @@ pub struct PredictArgs {
     #[arg(value_name = "TABLE")]
     pub table: PathBuf,
     /// File to write: Parquet if it ends in .parquet, else CSV [default: CSV on stdout]
-    #[arg(long, value_name = "FILE", value_parser = table_file)]
+    #[arg(long, value_name = "FILE", value_parser = table_file, value_hint = ValueHint::FilePath)]
     pub out: Option<(PathBuf, Format)>,
     /// Outputs to compute [default: all]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
@@ -494,7 +551,7 @@ pub struct SwapArgs {
     #[arg(long, value_name = "SECONDS", value_parser = duration)]
     pub time_limit: Option<Duration>,
     /// Plot over time of every output in both simulations
-    #[arg(long, value_name = "FILE.svg", value_parser = svg_file)]
+    #[arg(long, value_name = "FILE.svg", value_parser = svg_file, value_hint = ValueHint::FilePath)]
     pub plot: Option<PathBuf>,
     /// Print the comparison as JSON
     #[arg(long)]

@@ -1,25 +1,84 @@
-//! Builds what goes into every FMU, the `fmu-template` library. Libraries for other platforms, made by
-//! scripts/build-runtimes.sh, are embedded as well if METAFMU_RUNTIMES names their folder.
+//! Collects what goes into every FMU: the `fmu-template` library for each platform.
+//!
+//! In a checkout the one for the target is built here. The package that is published has no sources of it, and holds what
+//! scripts/build-runtimes.sh made for each platform instead, in `prebuilt/TUPLE/`: whoever installs it builds nothing but the tool.
+//! In both, libraries in the folder that METAFMU_RUNTIMES names go before.
 //!
 //! The library is built by a cargo of its own, with the profile `fmu`, into a target directory of its own, which all profiles
 //! share: it is the same library for all of them. The cargo that runs this script has another one and holds no lock of it.
 
 use std::{
+    collections::BTreeMap,
     env, fs,
     path::{Path, PathBuf},
     process::{Command, exit},
 };
 
+/// Paths of libraries by the tuple of their platform.
+type Libraries = BTreeMap<String, PathBuf>;
+
 fn main() {
-    let package = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
-    let workspace = package.ancestors().nth(2).unwrap_or(&package);
     println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-env-changed=METAFMU_RUNTIMES");
+    let package = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
+    let out = PathBuf::from(variable("OUT_DIR"));
+    // what cargo packs lies alone
+    let workspace = package.ancestors().nth(2).filter(|folder| folder.join("fmu-template/src/lib.rs").is_file());
+
+    let packed = package.join("prebuilt");
+    let mut libraries = match workspace {
+        None if packed.is_dir() => in_folder(&packed),
+        _ => Libraries::new(),
+    };
+    if let Some(folder) = env::var_os("METAFMU_RUNTIMES").filter(|folder| !folder.is_empty()) {
+        let folder = PathBuf::from(folder);
+        if workspace.is_none() && folder.is_relative() {
+            fail(&format!("METAFMU_RUNTIMES: {} is relative, expected an absolute path", folder.display()));
+        }
+        libraries.extend(in_folder(&workspace.unwrap_or(&package).join(folder)));
+    }
+    let own = own_tuple();
+    match workspace {
+        _ if libraries.contains_key(&own) => {}
+        Some(workspace) => {
+            libraries.insert(own, build(workspace, &out));
+        }
+        None if libraries.is_empty() => fail(
+            "this package holds no FMU libraries: `scripts/release.sh crates`, in the repository, packs it with them",
+        ),
+        None => println!(
+            "cargo::warning=no FMU library for {own}, this platform: FMUs will be for {}. METAFMU_RUNTIMES names a folder with \
+             {own}/{}, which scripts/build-runtimes.sh makes",
+            libraries.keys().cloned().collect::<Vec<_>>().join(", "),
+            library_name(),
+        ),
+    }
+    embed(&libraries, &out);
+}
+
+/// The libraries in a folder, each as TUPLE/NAME.
+fn in_folder(folder: &Path) -> Libraries {
+    println!("cargo::rerun-if-changed={}", folder.display());
+    let library = |platform: PathBuf| {
+        let is_library = |path: &PathBuf| path.extension().is_some_and(|e| e == "so" || e == "dll" || e == "dylib");
+        let files: Vec<PathBuf> = entries(&platform).into_iter().filter(is_library).collect();
+        let [file] = files.as_slice() else {
+            fail(&format!("{} has {} libraries, expected one", platform.display(), files.len()));
+        };
+        println!("cargo::rerun-if-changed={}", file.display());
+        let tuple = platform.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        (tuple, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))
+    };
+    entries(folder).into_iter().filter(|entry| entry.is_dir()).map(library).collect()
+}
+
+/// Builds the library for the target of this build, and gives the path of a copy in `out`.
+fn build(workspace: &Path, out: &Path) -> PathBuf {
     for path in ["fmu-template/Cargo.toml", "fmu-template/src", "fmu-template/runtime", "Cargo.toml", "Cargo.lock"] {
         println!("cargo::rerun-if-changed={}", workspace.join(path).display());
     }
-    let out = PathBuf::from(variable("OUT_DIR"));
     // OUT_DIR is `<target directory>/<profile>/build/<package>/out`
-    let target_dir = out.ancestors().nth(4).unwrap_or(&out).join("fmu-library");
+    let target_dir = out.ancestors().nth(4).unwrap_or(out).join("fmu-library");
     let mut cargo = Command::new(variable("CARGO"));
     cargo.current_dir(workspace);
     cargo.args(["build", "--package", "fmu-template", "--profile", "fmu", "--color", "never", "--target-dir"]);
@@ -50,32 +109,12 @@ fn main() {
     if let Err(reason) = fs::copy(&library, &copy) {
         fail(&format!("cannot copy {} to {}: {reason}", library.display(), copy.display()));
     }
-    embed(copy, workspace, &out);
+    copy
 }
 
-/// Writes `libraries.rs`, a list of platforms and their libraries: the one just built, and those in the folder that
-/// METAFMU_RUNTIMES names, each as TUPLE/NAME. One for the host's own platform in there goes before the one just built:
-/// it was made to be given away, against an older C library for instance.
-fn embed(own: PathBuf, workspace: &Path, out: &Path) {
-    println!("cargo::rerun-if-env-changed=METAFMU_RUNTIMES");
-    let mut libraries = vec![(own_tuple(), own)];
-    if let Some(folder) = env::var_os("METAFMU_RUNTIMES").filter(|folder| !folder.is_empty()) {
-        let folder = workspace.join(folder);
-        println!("cargo::rerun-if-changed={}", folder.display());
-        for platform in entries(&folder).into_iter().filter(|entry| entry.is_dir()) {
-            let tuple = platform.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let is_library = |path: &PathBuf| path.extension().is_some_and(|e| e == "so" || e == "dll" || e == "dylib");
-            let files: Vec<PathBuf> = entries(&platform).into_iter().filter(is_library).collect();
-            let [file] = files.as_slice() else {
-                fail(&format!("{} has {} libraries, expected one", platform.display(), files.len()));
-            };
-            println!("cargo::rerun-if-changed={}", file.display());
-            libraries.retain(|(known, _)| *known != tuple);
-            libraries.push((tuple, fs::canonicalize(file).unwrap_or_else(|_| file.clone())));
-        }
-    }
-    libraries.sort();
-    let item = |(tuple, path): &(String, PathBuf)| format!("    ({tuple:?}, include_bytes!({path:?})),\n");
+/// Writes `libraries.rs`, a list of platforms and their libraries.
+fn embed(libraries: &Libraries, out: &Path) {
+    let item = |(tuple, path): (&String, &PathBuf)| format!("    ({tuple:?}, include_bytes!({path:?})),\n");
     let list: String = libraries.iter().map(item).collect();
     let file = out.join("libraries.rs");
     if let Err(reason) = fs::write(&file, format!("&[\n{list}]\n")) {
@@ -102,7 +141,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
             paths.sort();
             paths
         }
-        Err(reason) => fail(&format!("METAFMU_RUNTIMES: cannot read {}: {reason}", folder.display())),
+        Err(reason) => fail(&format!("FMU libraries: cannot read {}: {reason}", folder.display())),
     }
 }
 

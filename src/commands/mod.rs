@@ -2,10 +2,12 @@
 
 pub mod build;
 pub mod compare;
+pub mod completions;
 pub mod evaluate;
 pub mod export;
 pub mod import;
 mod interrupt;
+pub mod man;
 pub mod new;
 pub mod predict;
 pub mod report;
@@ -77,6 +79,8 @@ fn run(command: Command) -> Result<Outcome> {
         Command::Predict(args) => predict::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Swap(args) => swap::run(&args),
+        Command::Completions(args) => completions::run(&args),
+        Command::Man(args) => man::run(&args),
         Command::FmuWorker => serve_worker().map(|()| Outcome::Fine),
     }
 }

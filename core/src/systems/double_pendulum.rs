@@ -41,8 +41,8 @@ pub(super) static SYSTEM: System = System {
             position: |q, angles| end(end([0.0, 0.0], q[0], angles[0]), q[1], angles[1]),
         },
     ],
-    mechanism: include_str!("../../../examples/mechanisms/double-pendulum.toml"),
-    study: include_str!("../../../examples/double-pendulum.toml"),
+    mechanism: include_str!("double-pendulum.toml"),
+    study: include_str!("double-pendulum-study.toml"),
     simulate,
 };
 

@@ -28,8 +28,8 @@ pub(super) static SYSTEM: System = System {
         outputs: &["theta"],
         position: |quantities, outputs| [quantities[0] * outputs[0].sin(), -quantities[0] * outputs[0].cos()],
     }],
-    mechanism: include_str!("../../../examples/mechanisms/single-pendulum.toml"),
-    study: include_str!("../../../examples/single-pendulum.toml"),
+    mechanism: include_str!("single-pendulum.toml"),
+    study: include_str!("single-pendulum-study.toml"),
     simulate,
 };
 

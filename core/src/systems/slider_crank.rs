@@ -51,8 +51,8 @@ pub(super) static SYSTEM: System = System {
             },
         },
     ],
-    mechanism: include_str!("../../../examples/mechanisms/slider-crank.toml"),
-    study: include_str!("../../../examples/slider-crank.toml"),
+    mechanism: include_str!("slider-crank.toml"),
+    study: include_str!("slider-crank-study.toml"),
     simulate,
 };
 

@@ -61,3 +61,20 @@ fn the_slider_crank_is_its_mechanism() {
     let largest = difference("slider-crank", &points, &["tau", "r", "L_over_r"], 5.0, 500);
     assert!(largest < 1e-11, "{largest:e}");
 }
+
+/// What is packed with this crate are copies of what people find in the repository.
+#[test]
+fn the_files_of_systems_are_those_among_the_examples() {
+    let examples = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples"));
+    for system in super::SYSTEMS {
+        for (text, folder) in [(system.study, examples.to_owned()), (system.mechanism, examples.join("mechanisms"))] {
+            let path = folder.join(system.name).with_extension("toml");
+            assert_eq!(
+                text,
+                std::fs::read_to_string(&path).unwrap(),
+                "{}: copy it to core/src/systems/",
+                path.display()
+            );
+        }
+    }
+}

@@ -104,7 +104,7 @@ impl Instance<'_> {
                 self.set_2("fmi2SetBoolean", functions.set_boolean, references, &numbers)
             }
             Functions::V3(functions) => {
-                let numbers: Vec<u8> = values.iter().map(|&value| value.into()).collect();
+                let numbers: Vec<u8> = values.iter().map(|&value| u8::from(value)).collect();
                 self.set_3("fmi3SetBoolean", Some(functions.set_boolean), references, &numbers)
             }
         }
