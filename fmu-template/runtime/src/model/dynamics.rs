@@ -38,6 +38,8 @@ pub struct Dynamics {
     forces: Option<NetworkTerm>,
     /// Whether the acceleration of each coordinate is prescribed.
     prescribed: Vec<bool>,
+    /// Whether one of them is.
+    is_driven: bool,
 }
 
 /// Working memory of one evaluation at a time.
@@ -98,7 +100,7 @@ impl Dynamics {
                 expected: vec![coordinates.max(1)],
             });
         }
-        Ok(Self { coordinates, inputs, law, forces: None, prescribed: vec![false; coordinates] })
+        Ok(Self { coordinates, inputs, law, forces: None, prescribed: vec![false; coordinates], is_driven: false })
     }
 
     /// The same with prescribed accelerations of some coordinates.
@@ -111,6 +113,7 @@ impl Dynamics {
             let is_prescribed = self.prescribed.get_mut(coordinates[index]);
             *is_prescribed.ok_or(FormatError::Index { name: "prescribed".into(), index, found, limit })? = true;
         }
+        self.is_driven = self.prescribed.contains(&true);
         Ok(self)
     }
 
@@ -193,9 +196,7 @@ impl Dynamics {
     pub fn is_conservative(&self) -> bool {
         let (n, m) = (self.coordinates, self.inputs);
         let forces = n * (n + 1) / 2 + 1..Self::functions(n, m) - n * m;
-        self.forces.is_none()
-            && !self.prescribed.contains(&true)
-            && forces.into_iter().all(|function| self.law.is_zero(function))
+        self.forces.is_none() && !self.is_driven && forces.into_iter().all(|function| self.law.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.
@@ -332,16 +333,14 @@ impl Dynamics {
         let potential = n * (n + 1) / 2;
         let (force, damping) = (potential + 1, potential + 1 + n);
         let input_map = damping + n * n;
+        let is_prescribed = |row: usize| self.is_driven && self.prescribed[row];
         for i in 0..n {
             // inertia and potential do not act on what is prescribed
-            let inertial = if self.prescribed[i] { 0 } else { n };
-            let mut side = law[force + i];
-            if inertial > 0 {
-                side = side - of(potential, i);
-            }
+            let is_free = !is_prescribed(i);
+            let mut side = if is_free { law[force + i] - of(potential, i) } else { law[force + i] };
             for j in 0..n {
                 side = side - law[damping + i * n + j] * v(j);
-                for k in 0..inertial {
+                for k in 0..if is_free { n } else { 0 } {
                     let christoffel = of(entry(i, j), k) - of(entry(j, k), i).scaled(0.5);
                     side = side - christoffel * v(j) * v(k);
                 }
@@ -359,12 +358,14 @@ impl Dynamics {
             of_u.iter_mut().enumerate().for_each(|(k, column)| *column = u(k));
             forces.add(force_columns, accelerations, &mut [], 0, work);
         }
-        for i in 0..n {
-            for j in (0..n).filter(|&j| self.prescribed[j] && !self.prescribed[i]) {
-                accelerations[i] = accelerations[i] - law[entry(i, j)] * accelerations[j];
+        if self.is_driven {
+            for i in (0..n).filter(|&i| !is_prescribed(i)) {
+                for j in (0..n).filter(|&j| is_prescribed(j)) {
+                    accelerations[i] = accelerations[i] - law[entry(i, j)] * accelerations[j];
+                }
             }
         }
-        factorise(&self.prescribed, law, factors);
+        factorise(n, law, is_prescribed, factors);
         substitute(n, factors, accelerations);
     }
 }
@@ -377,12 +378,13 @@ fn entry(i: usize, j: usize) -> usize {
 
 /// `M = L D L^T`: `L` below the diagonal of `factors`, `1 / D` on it; NaN where a pivot is not positive. Rows and columns of what is
 /// prescribed are those of the identity.
-fn factorise<T: Number>(prescribed: &[bool], mass: &[T], factors: &mut [T]) {
-    let n = prescribed.len();
+fn factorise<T: Number>(n: usize, mass: &[T], is_prescribed: impl Fn(usize) -> bool, factors: &mut [T]) {
     for i in 0..n {
         for j in 0..=i {
-            let is_free = !prescribed[i] && !prescribed[j];
-            let mut value = if is_free { mass[entry(i, j)] } else { T::from(f64::from(u8::from(i == j))) };
+            let mut value = match is_prescribed(i) || is_prescribed(j) {
+                true => T::from(if i == j { 1.0 } else { 0.0 }),
+                false => mass[entry(i, j)],
+            };
             for k in 0..j {
                 // above the diagonal are the elements of L D
                 value = value - factors[i * n + k] * factors[k * n + j];
