@@ -28,15 +28,15 @@ enum {
 enum { REGRESSOR_COUNT = FED_BACK + PAST_INPUTS + PARAMETER_COUNT };
 
 extern const double model_sample_time; /* s */
-extern const double model_weights[OUTPUT_COUNT * REGRESSOR_COUNT]; /* W, row by row */
-extern const double model_constants[OUTPUT_COUNT];                 /* c */
+extern const Real model_weights[OUTPUT_COUNT * REGRESSOR_COUNT]; /* W, row by row */
+extern const Real model_constants[OUTPUT_COUNT];                 /* c */
 extern const NetworkTerm model_samples_network;                    /* N */
 
 /* Working memory of one evaluation at a time. */
 typedef struct {
-    double regressors[REGRESSOR_COUNT];
-    double added[OUTPUT_COUNT]; /* by the network */
-    double network[2 * NETWORK_WIDTH];
+    Real regressors[REGRESSOR_COUNT];
+    Real added[OUTPUT_COUNT]; /* by the network */
+    Real network[2 * NETWORK_WIDTH];
     double before[MEMORY_COUNT];
 } Scratch;
 

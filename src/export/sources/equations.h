@@ -19,7 +19,7 @@ static void OF(factorise)(const NUMBER mass[], NUMBER factors[COORDINATE_COUNT *
                 factors[j * n + i] = value;
                 factors[i * n + j] = OF(product)(value, factors[j * n + j]);
             } else {
-                factors[i * n + i] = OF(reciprocal)(OF(value)(value) > 0.0 ? value : OF(constant)(NAN));
+                factors[i * n + i] = OF(reciprocal)(OF(value)(value) > R(0.0) ? value : OF(constant)(NAN));
             }
         }
     }
@@ -46,7 +46,7 @@ static void OF(substitute)(const NUMBER factors[COORDINATE_COUNT * COORDINATE_CO
 static NUMBER OF(velocity_term)(const NUMBER gradient[], size_t i, size_t j, size_t k)
 {
     const NUMBER changed = gradient[entry(i, j) * COORDINATE_COUNT + k];
-    const NUMBER half = OF(scaled)(gradient[entry(j, k) * COORDINATE_COUNT + i], 0.5);
+    const NUMBER half = OF(scaled)(gradient[entry(j, k) * COORDINATE_COUNT + i], R(0.5));
     return OF(difference)(changed, half);
 }
 
@@ -97,13 +97,13 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
 /* v^T M v / 2, once the law was computed. */
 static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const NUMBER law[])
 {
-    NUMBER energy = OF(constant)(0.0);
+    NUMBER energy = OF(constant)(R(0.0));
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {
         for (size_t j = 0; j < COORDINATE_COUNT; j++) {
             energy = OF(sum)(energy, OF(product)(OF(product)(v[i], law[entry(i, j)]), v[j]));
         }
     }
-    return OF(scaled)(energy, 0.5);
+    return OF(scaled)(energy, R(0.5));
 }
 
 /* A reaction from its functions, with velocities, the columns of the inputs and accelerations. */
@@ -131,7 +131,7 @@ static void OF(respond)(WORK *work)
     const size_t n = COORDINATE_COUNT;
     const NUMBER *q = work->point + INPUT_COUNT;
     const NUMBER *v = q + COORDINATE_COUNT;
-    const NUMBER zero = OF(constant)(0.0);
+    const NUMBER zero = OF(constant)(R(0.0));
     OF(accelerate)(work->point, work);
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         work->along[i] = i < n ? (ALONG){q[i], v[i], work->accelerations[i]} : (ALONG){work->point[i - n], zero, zero};
@@ -140,7 +140,7 @@ static void OF(respond)(WORK *work)
                          work->along_slopes);
     OF_ALONG(add_network)(&model_positions_network, work->along, work->positions, NULL, 0, work->along_network);
     for (size_t i = 0; i < model_positions.outputs * COORDINATE_COUNT; i++) {
-        if (fabs(model_windings[i]) > 0.0) {
+        if (MATH(fabs)(model_windings[i]) > R(0.0)) {
             ALONG *to = &work->positions[i / n];
             *to = OF_ALONG(sum)(*to, OF_ALONG(scaled)(work->along[i % n], model_windings[i]));
         }

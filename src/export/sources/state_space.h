@@ -38,7 +38,7 @@ extern const Given model_given[RESULT_COUNT];
         Number functions[FUNCTION_SIZE];    \
     } Name
 
-STATE_SPACE_WORK(RealWork, double);
+STATE_SPACE_WORK(RealWork, Real);
 STATE_SPACE_WORK(JetWork, Jet);
 
 /* Working memory of one evaluation at a time. */

@@ -1,10 +1,9 @@
 //! Sizes and weights of a model of samples.
 
 use super::{
-    Part, array,
+    Part, array, double,
     functions::{Cost, Term, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
-    real,
 };
 use metafmu_runtime::{
     Discrete, Surrogate,
@@ -66,9 +65,9 @@ fn network(discrete: &Discrete) -> Option<Term<'_>> {
 }
 
 fn data(discrete: &Discrete, network: Option<&Term>) -> String {
-    let mut text = format!("\nconst double model_sample_time = {};\n", real(discrete.step));
-    array(&mut text, "const double model_weights", &discrete.weights);
-    array(&mut text, "const double model_constants", &discrete.constants);
+    let mut text = format!("\nconst double model_sample_time = {};\n", double(discrete.step));
+    array(&mut text, "const Real model_weights", &discrete.weights);
+    array(&mut text, "const Real model_constants", &discrete.constants);
     write_network(&mut text, "samples", network);
     text
 }

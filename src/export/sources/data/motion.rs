@@ -76,7 +76,7 @@ fn data(motion: &Motion, dictionaries: [(&str, &Laid); 3], networks: &[Option<Te
     let mut windings = motion.windings.clone();
     // C has no empty arrays
     windings.resize(windings.len().max(motion.dynamics.coordinates()), 0.0);
-    array(&mut text, "const double model_windings", &windings);
+    array(&mut text, "const Real model_windings", &windings);
     text.push_str("\nconst Shown model_shown[OUTPUT_COUNT] = {\n");
     for shown in &motion.outputs {
         let (kind, position) = match *shown {
