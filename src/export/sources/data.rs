@@ -1,8 +1,8 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, State, Surrogate,
-    Variability, Variable,
+    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, Scaling, State,
+    Surrogate, Variability, Variable,
 };
 use std::fmt::Write;
 
@@ -176,38 +176,21 @@ pub fn source(surrogate: &Surrogate) -> String {
     doubles(&mut text, "const double model_bound_times", &times);
     doubles(&mut text, "const double model_bounds", &half_widths);
     let data = Part::of(surrogate).data;
-    if let Some(reason) = refusal_of_single(surrogate.model(), &data) {
+    if let Some(reason) = refusal_of_single(surrogate, &data) {
         push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));
     }
     text + &data
 }
 
 /// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
-fn refusal_of_single(model: &Model, data: &str) -> Option<String> {
-    if data.contains(BEYOND_SINGLE.trim_end()) {
-        return Some(
-            "METAFMU_SINGLE: the model has numbers that single precision has not; a comment below marks them".into(),
-        );
+fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
+    let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
+    let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
+    let of_states = surrogate.states().iter().flat_map(|state| state.range.unwrap_or_default());
+    if data.contains(BEYOND_SINGLE.trim_end()) || of_inputs.chain(of_states).any(is_beyond) {
+        return Some("METAFMU_SINGLE: the model has numbers, or ranges, that single precision has not".into());
     }
-    let networks: Vec<&ScaledNetwork> = match model {
-        Model::Response(Map::Network(network)) => vec![network],
-        Model::Response(_) => Vec::new(),
-        Model::PerInstant { networks, .. } => networks.iter().collect(),
-        Model::Motion(motion) => {
-            [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()]
-                .into_iter()
-                .flatten()
-                .map(|term| term.network())
-                .collect()
-        }
-        Model::StateSpace(space) => space.network.iter().collect(),
-        Model::Discrete(discrete) => discrete.network.iter().collect(),
-    };
-    let sum = match model {
-        Model::Response(Map::Regression(regression)) => regression::largest_sum(regression),
-        _ => networks.into_iter().map(network::largest_sum).fold(0.0, f64::max),
-    };
-    let rounding = 0.5 * f64::from(f32::EPSILON) * sum;
+    let rounding = 0.5 * f64::from(f32::EPSILON) * largest_sum(surrogate);
     (rounding > ROUNDING_IN_SINGLE).then(|| {
         format!(
             "METAFMU_SINGLE: the terms of a sum nearly cancel, so that rounding would be up to {rounding:.0e} of the standard deviation of \
@@ -218,6 +201,43 @@ fn refusal_of_single(model: &Model, data: &str) -> Option<String> {
 
 /// Rounding of the terms of an output, relative to its standard deviation, that makes single precision meaningless.
 const ROUNDING_IN_SINGLE: f64 = 0.01;
+
+/// The largest sum of magnitudes of the terms of an output of the model or of one of its networks, relative to its standard deviation.
+fn largest_sum(surrogate: &Surrogate) -> f64 {
+    let networks: Vec<&ScaledNetwork> = match surrogate.model() {
+        Model::Response(Map::Network(network)) => {
+            return of_outputs(surrogate, &network.scaling, network::sums(network));
+        }
+        Model::Response(Map::Regression(regression)) => {
+            return of_outputs(surrogate, &regression.scaling, regression::sums(regression));
+        }
+        Model::Response(Map::Graph(_)) => Vec::new(),
+        Model::PerInstant { networks, .. } => {
+            let sums = networks.iter().map(|network| of_outputs(surrogate, &network.scaling, network::sums(network)));
+            return sums.fold(0.0, f64::max);
+        }
+        Model::Motion(motion) => {
+            [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()]
+                .into_iter()
+                .flatten()
+                .map(|term| term.network())
+                .collect()
+        }
+        Model::StateSpace(space) => space.network.iter().collect(),
+        Model::Discrete(discrete) => discrete.network.iter().collect(),
+    };
+    networks.into_iter().flat_map(network::sums).fold(0.0, f64::max)
+}
+
+/// The largest of an output, from sums relative to scales: the standard deviation is about a quarter of the range.
+fn of_outputs(surrogate: &Surrogate, scaling: &Scaling, sums: Vec<f64>) -> f64 {
+    let outputs = surrogate.outputs().iter().zip(scaling.output_mean.iter().zip(&scaling.output_scale)).zip(sums);
+    outputs
+        .map(|((output, (mean, scale)), sum)| (mean.abs() + scale * sum, 0.25 * (output.max - output.min)))
+        .filter(|(_, deviation)| *deviation > 0.0)
+        .map(|(sum, deviation)| sum / deviation)
+        .fold(0.0, f64::max)
+}
 
 /// Times and error bounds; zeros if there are none.
 fn bounds(surrogate: &Surrogate) -> (Vec<f64>, Vec<f64>) {

@@ -849,11 +849,16 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
         last.weight =
             (0..last.weight.len()).map(|index| if index % 2 == 0 { 3e6 } else { -3e6 }).collect::<Vec<f64>>().into();
     });
-    assert!(
-        refused(&cancelling).contains("rounding would be up to 4e0 of the standard deviation"),
-        "{}",
-        refused(&cancelling)
-    );
+    assert!(refused(&cancelling).contains("the terms of a sum nearly cancel"), "{}", refused(&cancelling));
+    // which is not a matter of units
+    let mut metadata = cancelling.metadata().clone();
+    metadata.outputs.iter_mut().for_each(|output| (output.min, output.max) = (-1e6, 1e6));
+    let large = Surrogate::new(metadata.clone(), cancelling.model().clone()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    write_sources(folder.path(), &large, FmiVersion::V2);
+    compile(folder.path(), &["model_data.c"], &["-c", SINGLE], "data.o");
+    metadata.inputs[0].max = 1e200;
+    let wide = Surrogate::new(metadata, cancelling.model().clone()).unwrap();
     let [.., kernels] = regressions(&example::surrogate());
     let Model::Response(Map::Regression(mut regression)) = kernels.model().clone() else {
         panic!("it is a regression")
@@ -865,8 +870,9 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
     for huge in [
         with(&|network| network.scaling.output_mean[0] = 1e300),
         with(&|network| network.scaling.input_scale[0] = 1e-60),
+        wide,
     ] {
-        assert!(refused(&huge).contains("the model has numbers that single precision has not"));
+        assert!(refused(&huge).contains("the model has numbers, or ranges, that single precision has not"));
     }
 }
 

@@ -50,11 +50,14 @@ fn operations(network: &ScaledNetwork, outputs: usize) -> Operations {
     }
 }
 
-/// The largest sum of magnitudes that an output can have, relative to its scale, nodes before the last layer being at most about one.
-pub(super) fn largest_sum(network: &ScaledNetwork) -> f64 {
+/// Sums of the magnitudes of the terms of each output, relative to its scale, nodes before the last layer being at most about one.
+pub(super) fn sums(network: &ScaledNetwork) -> Vec<f64> {
     let (last, _) = split(network);
-    let of_row = |row: usize| (0..last.inputs).map(|column| last.weight.get(row * last.inputs + column).abs()).sum();
-    (0..last.outputs).map(of_row).fold(0.0, f64::max)
+    let of_row = |row: usize| {
+        let products = (0..last.inputs).map(|column| last.weight.get(row * last.inputs + column).abs());
+        products.sum::<f64>() + last.bias.get(row).abs()
+    };
+    (0..last.outputs).map(of_row).collect()
 }
 
 /// Means and scales of columns.

@@ -26,16 +26,18 @@ pub fn map(regression: &Regression) -> MapPart {
     }
 }
 
-/// The largest sum of magnitudes that an output can have, relative to its scale: Legendre polynomials and kernels are at most one. Of trees
+/// Sums of the magnitudes of the terms of each output, relative to its scale: Legendre polynomials and kernels are at most one. Of trees
 /// nothing cancels.
-pub(super) fn largest_sum(regression: &Regression) -> f64 {
+pub(super) fn sums(regression: &Regression) -> Vec<f64> {
     let sum = |numbers: &[f64]| numbers.iter().map(|number| number.abs()).sum::<f64>();
     match &regression.function {
         Function::Polynomial(Polynomial { coefficients, .. }) => {
-            coefficients.chunks((coefficients.len() / regression.outputs()).max(1)).map(sum).fold(0.0, f64::max)
+            coefficients.chunks((coefficients.len() / regression.outputs()).max(1)).map(sum).collect()
         }
-        Function::Forest(_) => 0.0,
-        Function::Kernel(machines) => machines.machines.iter().map(|machine| sum(&machine.weights)).fold(0.0, f64::max),
+        Function::Forest(_) => vec![0.0; regression.outputs()],
+        Function::Kernel(machines) => {
+            machines.machines.iter().map(|machine| sum(&machine.weights) + machine.bias.abs()).collect()
+        }
     }
 }
 
