@@ -49,8 +49,9 @@ def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model)
         np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [None, "polynomial", "svr"])
-def test_maps_in_single_precision(pendulum, tmp_path, monkeypatch, model):
+# thousands of kernels cancel in part
+@pytest.mark.parametrize("model, limit", [(None, SINGLE_ERROR), ("polynomial", SINGLE_ERROR), ("svr", 10 * SINGLE_ERROR)])
+def test_maps_in_single_precision(pendulum, tmp_path, monkeypatch, model, limit):
     """The network and formulas; where a tree's columns are split, rounding may decide."""
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
     metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", 2, *(["--model", model] if model else []))
@@ -58,14 +59,14 @@ def test_maps_in_single_precision(pendulum, tmp_path, monkeypatch, model):
     unpacked = compiled_from_sources(packed, monkeypatch, SINGLE)
     assert validate_fmu(str(unpacked)) == []
     found, expected = (fmpy.simulate_fmu(fmu, stop_time=2, step_size=0.01, output_interval=0.01) for fmu in (str(unpacked), packed))
-    assert_single(found, expected, ["theta", "thetad", "thetadd"])
+    assert_single(found, expected, ["theta", "thetad", "thetadd"], limit)
 
 
-def assert_single(found, expected, names):
+def assert_single(found, expected, names, limit=SINGLE_ERROR):
     """Close, but not the very same: it was computed in single precision."""
     for name in names:
         difference = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert 1e-10 < difference < SINGLE_ERROR, (name, difference)
+        assert 1e-10 < difference < limit, (name, difference)
 
 
 @pytest.fixture(scope="module")
