@@ -50,7 +50,7 @@ def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model)
 
 
 # thousands of kernels cancel in part
-@pytest.mark.parametrize("model, limit", [(None, SINGLE_ERROR), ("polynomial", SINGLE_ERROR), ("svr", 10 * SINGLE_ERROR)])
+@pytest.mark.parametrize("model, limit", [(None, SINGLE_ERROR), ("polynomial", SINGLE_ERROR), ("svr", 30 * SINGLE_ERROR)])
 def test_maps_in_single_precision(pendulum, tmp_path, monkeypatch, model, limit):
     """The network and formulas; where a tree's columns are split, rounding may decide."""
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
