@@ -245,7 +245,7 @@ fn model(surrogate: &Surrogate) -> String {
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
-        Precision::Single => "single precision (source code in double)",
+        Precision::Single => "single precision (source code in double, or single by METAFMU_SINGLE)",
     };
     let each = if count > 1 {
         format!(" in each of {count} networks, one an instant, between which outputs are interpolated in time")

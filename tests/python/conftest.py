@@ -46,17 +46,16 @@ def fmu_of(folder, name, version):
     return folder / (f"{name}-fmi3.fmu" if int(version) == 3 else f"{name}.fmu")
 
 
-def compiled_from_sources(packed, monkeypatch):
-    """The unpacked folder of an FMU with a library of its own sources and nothing else it could read."""
+def compiled_from_sources(packed, monkeypatch, flags=""):
+    """The unpacked folder of an FMU with a library of its own sources, compiled with these flags, and nothing else it could read."""
     # fmpy calls the cmake that was installed beside it
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     unpacked = Path(fmpy.extract(str(packed)))
     # the weights are compiled in: neither library nor model file is needed
     shutil.rmtree(unpacked / "binaries")
     shutil.rmtree(unpacked / "resources")
-    build_platform_binary(unpacked, all_warnings=True)
+    build_platform_binary(unpacked, all_warnings=True, cmake_options={"CMAKE_C_FLAGS": flags})
     return unpacked
-
 
 
 @dataclass

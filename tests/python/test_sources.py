@@ -12,6 +12,12 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 
+# what the compiler says of single precision is an error
+SINGLE = "-DMETAFMU_SINGLE -std=c99 -Wall -Wextra -pedantic -Wconversion -Wdouble-promotion -Werror"
+# and what it changes, of an output's range
+SINGLE_ERROR = 1e-5
+
+
 @pytest.mark.parametrize("version", ["2", "3"])
 def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
@@ -43,6 +49,26 @@ def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model)
         np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
 
 
+# thousands of kernels cancel in part
+@pytest.mark.parametrize("model, limit", [(None, SINGLE_ERROR), ("polynomial", SINGLE_ERROR), ("svr", 30 * SINGLE_ERROR)])
+def test_maps_in_single_precision(pendulum, tmp_path, monkeypatch, model, limit):
+    """The network and formulas; where a tree's columns are split, rounding may decide."""
+    folder = shutil.copytree(pendulum.folder, tmp_path / "out")
+    metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", 2, *(["--model", model] if model else []))
+    packed = str(folder / (f"single-pendulum-{model}.fmu" if model else "single-pendulum.fmu"))
+    unpacked = compiled_from_sources(packed, monkeypatch, SINGLE)
+    assert validate_fmu(str(unpacked)) == []
+    found, expected = (fmpy.simulate_fmu(fmu, stop_time=2, step_size=0.01, output_interval=0.01) for fmu in (str(unpacked), packed))
+    assert_single(found, expected, ["theta", "thetad", "thetadd"], limit)
+
+
+def assert_single(found, expected, names, limit=SINGLE_ERROR):
+    """Close, but not the very same: it was computed in single precision."""
+    for name in names:
+        difference = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
+        assert 1e-10 < difference < limit, (name, difference)
+
+
 @pytest.fixture(scope="module")
 def crane(tmp_path_factory):
     folder = tmp_path_factory.mktemp("crane")
@@ -68,6 +94,31 @@ def test_equations_of_motion_are_integrated_by_the_sources(crane, tmp_path, monk
         assert np.ptp(expected["theta"]) > 0.1
         for name in expected.dtype.names:
             np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_equations_of_motion_in_single_precision(crane, tmp_path, monkeypatch, version):
+    """For a minute, by steps of fixed size, with a tolerance below the least one, which is 1e-6, and in model exchange."""
+    folder = shutil.copytree(crane, tmp_path / "out")
+    metafmu("export", "examples/dynamics/crane-study.toml", "--out", folder, "--sources", "--fmi", version)
+    packed = str(fmu_of(folder, "crane", version))
+    unpacked = compiled_from_sources(packed, monkeypatch, SINGLE)
+    times = np.arange(0, 60.5, 0.5)
+    force = np.array([(time, 5 * np.sin(0.7 * time)) for time in times], dtype=[("time", float), ("force", float)])
+    options = {"stop_time": 60, "step_size": 0.05, "output_interval": 0.05, "input": force, "start_values": {"rope.angle_start": 0.4}}
+    for tolerance in [None, 1e-10]:
+        found, expected = (
+            fmpy.simulate_fmu(fmu, fmi_type="CoSimulation", relative_tolerance=tolerance, **options) for fmu in (str(unpacked), packed)
+        )
+        assert np.ptp(expected["theta"]) > 0.1
+        assert_single(found, expected, ["x", "theta"])
+    # what fmpy's solver is off by with its tolerance is much more, and no more in single precision
+    by_solver = [
+        fmpy.simulate_fmu(fmu, fmi_type="ModelExchange", relative_tolerance=1e-6, **options) for fmu in (str(unpacked), packed)
+    ]
+    for name in ["x", "theta"]:
+        single, double = (np.abs(result[name] - expected[name]).max() for result in by_solver)
+        assert single < 2 * double
 
 
 def test_the_host_may_look_and_push_within_a_step(crane, tmp_path, monkeypatch):

@@ -1,170 +1,199 @@
 #include "activation.h"
-#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
 /*
- * Magnitudes below it become zero in hidden values: products of what is left are never denormal, which processors
- * compute at a fraction of the speed.
+ * NEGLIGIBLE: magnitudes below it become zero in hidden values: products of what is left are never denormal, which
+ * processors compute at a fraction of the speed. From TANH_ONE on tanh rounds to one; exp of twice EXP_HALF_MAX is still
+ * finite. A number to which ROUND, 1.5 times the power of two of the last of FRACTION bits, is added is rounded to an
+ * integer.
  */
-static const double NEGLIGIBLE = 1e-100;
-static const double TANH_ONE = 22.0;      /* from here on tanh rounds to one */
-static const double EXP_HALF_MAX = 350.0; /* exp of twice this is still finite */
-static const double GELU_LINEAR = 0.7978845608028654;  /* sqrt(2 / pi) */
-static const double GELU_CUBIC = 0.03567740813630013; /* 0.044715 sqrt(2 / pi) */
+#ifdef METAFMU_SINGLE
+typedef uint32_t Bits;
+enum { FRACTION = 23, BIAS = 127 };
+static const Real ROUND = 12582912.0f;
+static const Real NEGLIGIBLE = 1e-18f;
+static const Real TANH_ONE = 10.0f;
+static const Real EXP_HALF_MAX = 43.0f;
+#else
+typedef uint64_t Bits;
+enum { FRACTION = 52, BIAS = 1023 };
+static const Real ROUND = 6755399441055744.0;
+static const Real NEGLIGIBLE = 1e-100;
+static const Real TANH_ONE = 22.0;
+static const Real EXP_HALF_MAX = 350.0;
+#endif
 
-/* 2^k of the integer k in the low bits of 1.5 * 2^52 + k: they become the exponent. */
-static inline double two_to_the(double shifted)
+static const Real GELU_LINEAR = R(0.7978845608028654);  /* sqrt(2 / pi) */
+static const Real GELU_CUBIC = R(0.03567740813630013); /* 0.044715 sqrt(2 / pi) */
+
+/* 2^k of the integer k in the low bits of ROUND + k: they become the exponent. */
+static inline Real two_to_the(Real shifted)
 {
-    uint64_t bits;
-    double power;
+    Bits bits;
+    Real power;
     memcpy(&bits, &shifted, sizeof bits);
-    bits = (bits << 52) + ((uint64_t)1023 << 52);
+    bits = (bits << FRACTION) + ((Bits)BIAS << FRACTION);
     memcpy(&power, &bits, sizeof power);
     return power;
 }
 
 /*
  * exp(2 x) - 1 for 0 <= x <= EXP_HALF_MAX: 2 x = k ln 2 + r with |r| <= ln(2) / 2, a Taylor polynomial in r, scaled by
- * 2^k. The first omitted term is below 1e-18 of the sum. To be inlined, or the loops around it become no SIMD code.
+ * 2^k. The first omitted term is below 1e-18 of the sum, in single precision below 1e-9. To be inlined, or the loops around it become no SIMD code.
  */
-static inline double exp_minus_one(double x)
+static inline Real exp_minus_one(Real x)
 {
-    const double round = 6755399441055744.0; /* 1.5 * 2^52: a number added to it is rounded to an integer */
-    const double shifted = x * (2.0 * 1.4426950408889634) + round;
-    const double k = shifted - round;
-    const double two_to_k = two_to_the(shifted);
+    const Real shifted = x * (R(2.0) * R(1.4426950408889634)) + ROUND;
+    const Real k = shifted - ROUND;
+    const Real two_to_k = two_to_the(shifted);
     /* ln 2 in two parts, the first with so few bits that its small multiples are exact */
-    const double r = ((x + x) - k * 0.6931471803691238) - k * 1.9082149292705877e-10;
-    double sum = 1.0 / 87178291200.0; /* 1 / 14! */
+#ifdef METAFMU_SINGLE
+    const Real r = ((x + x) - k * 0.693359375f) + k * 2.12194440e-4f;
+    Real sum = 1.0f / 40320.0f; /* 1 / 8! */
+#else
+    const Real r = ((x + x) - k * 0.6931471803691238) - k * 1.9082149292705877e-10;
+    Real sum = 1.0 / 87178291200.0; /* 1 / 14! */
     sum = sum * r + 1.0 / 6227020800.0;
     sum = sum * r + 1.0 / 479001600.0;
     sum = sum * r + 1.0 / 39916800.0;
     sum = sum * r + 1.0 / 3628800.0;
     sum = sum * r + 1.0 / 362880.0;
     sum = sum * r + 1.0 / 40320.0;
-    sum = sum * r + 1.0 / 5040.0;
-    sum = sum * r + 1.0 / 720.0;
-    sum = sum * r + 1.0 / 120.0;
-    sum = sum * r + 1.0 / 24.0;
-    sum = sum * r + 1.0 / 6.0;
-    sum = sum * r + 1.0 / 2.0;
-    return two_to_k * (r * r * sum + r) + (two_to_k - 1.0);
+#endif
+    sum = sum * r + R(1.0) / R(5040.0);
+    sum = sum * r + R(1.0) / R(720.0);
+    sum = sum * r + R(1.0) / R(120.0);
+    sum = sum * r + R(1.0) / R(24.0);
+    sum = sum * r + R(1.0) / R(6.0);
+    sum = sum * r + R(1.0) / R(2.0);
+    return two_to_k * (r * r * sum + r) + (two_to_k - R(1.0));
 }
 
 /*
  * x - k pi for the integer k nearest to x / pi; sign becomes 1, or -1 where k is odd. The sine of x is sign times that of
  * the result.
  */
-static inline double reduced(double x, double *sign)
+static inline Real reduced(Real x, Real *sign)
 {
-    const double round = 6755399441055744.0;
-    const double shifted = x * 0.3183098861837907 + round;
-    const double k = shifted - round;
-    uint64_t bits;
+    const Real shifted = x * R(0.3183098861837907) + ROUND;
+    const Real k = shifted - ROUND;
+    Bits bits;
     memcpy(&bits, &shifted, sizeof bits);
-    bits = (bits << 63) | ((uint64_t)1023 << 52);
+    bits = (bits << (sizeof bits * 8 - 1)) | ((Bits)BIAS << FRACTION);
     memcpy(sign, &bits, sizeof bits);
     /* pi in three parts, the first with so few bits that its small multiples are exact */
+#ifdef METAFMU_SINGLE
+    return ((x - k * 3.140625f) - k * 9.67502593994140625e-4f) - k * 1.509957990978376432e-7f;
+#else
     return ((x - k * 3.1415926218032837) - k * 3.1786509424591713e-8) - k * 1.2246467864107189e-16;
+#endif
 }
 
-/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-18. */
-static inline double sine_of_reduced(double r)
+/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-18, in single precision below 1e-9. */
+static inline Real sine_of_reduced(Real r)
 {
-    const double square = r * r;
-    double sum = 1.0 / 51090942171709440000.0; /* 1 / 21! */
+    const Real square = r * r;
+#ifdef METAFMU_SINGLE
+    Real sum = 1.0f / 6227020800.0f; /* 1 / 13! */
+#else
+    Real sum = 1.0 / 51090942171709440000.0; /* 1 / 21! */
     sum = sum * square - 1.0 / 121645100408832000.0;
     sum = sum * square + 1.0 / 355687428096000.0;
     sum = sum * square - 1.0 / 1307674368000.0;
     sum = sum * square + 1.0 / 6227020800.0;
-    sum = sum * square - 1.0 / 39916800.0;
-    sum = sum * square + 1.0 / 362880.0;
-    sum = sum * square - 1.0 / 5040.0;
-    sum = sum * square + 1.0 / 120.0;
-    sum = sum * square - 1.0 / 6.0;
+#endif
+    sum = sum * square - R(1.0) / R(39916800.0);
+    sum = sum * square + R(1.0) / R(362880.0);
+    sum = sum * square - R(1.0) / R(5040.0);
+    sum = sum * square + R(1.0) / R(120.0);
+    sum = sum * square - R(1.0) / R(6.0);
     return r * square * sum + r;
 }
 
-/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-17. */
-static inline double cosine_of_reduced(double r)
+/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-17, in single precision below 7e-9. */
+static inline Real cosine_of_reduced(Real r)
 {
-    const double square = r * r;
-    double sum = 1.0 / 2432902008176640000.0; /* 1 / 20! */
+    const Real square = r * r;
+#ifdef METAFMU_SINGLE
+    Real sum = 1.0f / 479001600.0f; /* 1 / 12! */
+#else
+    Real sum = 1.0 / 2432902008176640000.0; /* 1 / 20! */
     sum = sum * square - 1.0 / 6402373705728000.0;
     sum = sum * square + 1.0 / 20922789888000.0;
     sum = sum * square - 1.0 / 87178291200.0;
     sum = sum * square + 1.0 / 479001600.0;
-    sum = sum * square - 1.0 / 3628800.0;
-    sum = sum * square + 1.0 / 40320.0;
-    sum = sum * square - 1.0 / 720.0;
-    sum = sum * square + 1.0 / 24.0;
-    sum = sum * square - 1.0 / 2.0;
-    return sum * square + 1.0;
+#endif
+    sum = sum * square - R(1.0) / R(3628800.0);
+    sum = sum * square + R(1.0) / R(40320.0);
+    sum = sum * square - R(1.0) / R(720.0);
+    sum = sum * square + R(1.0) / R(24.0);
+    sum = sum * square - R(1.0) / R(2.0);
+    return sum * square + R(1.0);
 }
 
 /* Magnitudes, limited; in a loop of its own, since compilers make a branch of the limit otherwise. NaN stays NaN. */
-static void limit_magnitudes(const double x[BLOCK], double limit, double magnitude[BLOCK])
+static void limit_magnitudes(const Real x[BLOCK], Real limit, Real magnitude[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        const double absolute = fabs(x[i]);
+        const Real absolute = MATH(fabs)(x[i]);
         magnitude[i] = absolute > limit ? limit : absolute;
     }
 }
 
-/* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2), which loses nothing near zero. Absolute error below 3e-16. */
-static void tanh_block(double x[BLOCK])
+/* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2), which loses nothing near zero. Absolute error below 3e-16, in single precision 2e-7. */
+static void tanh_block(Real x[BLOCK])
 {
-    double magnitude[BLOCK];
+    Real magnitude[BLOCK];
     limit_magnitudes(x, TANH_ONE, magnitude);
     for (size_t i = 0; i < BLOCK; i++) {
-        const double e = exp_minus_one(magnitude[i]);
-        const double y = copysign(e / (e + 2.0), x[i]);
-        x[i] = fabs(y) < NEGLIGIBLE ? 0.0 : y;
+        const Real e = exp_minus_one(magnitude[i]);
+        const Real y = MATH(copysign)(e / (e + R(2.0)), x[i]);
+        x[i] = MATH(fabs)(y) < NEGLIGIBLE ? R(0.0) : y;
     }
 }
 
 /* 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2 */
-static void sigmoid_block(double x[BLOCK])
+static void sigmoid_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] *= 0.5;
+        x[i] *= R(0.5);
     }
     tanh_block(x);
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = 0.5 * x[i] + 0.5;
+        x[i] = R(0.5) * x[i] + R(0.5);
     }
 }
 
-static void relu_block(double x[BLOCK])
+static void relu_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = x[i] < NEGLIGIBLE ? 0.0 : x[i];
+        x[i] = x[i] < NEGLIGIBLE ? R(0.0) : x[i];
     }
 }
 
 /* u of gelu(x) = x (1 + tanh u) / 2 */
-static inline double gelu_argument(double x)
+static inline Real gelu_argument(Real x)
 {
     return x * (x * x * GELU_CUBIC + GELU_LINEAR);
 }
 
-static void gelu_block(double x[BLOCK])
+static void gelu_block(Real x[BLOCK])
 {
-    double y[BLOCK];
+    Real y[BLOCK];
     for (size_t i = 0; i < BLOCK; i++) {
         y[i] = gelu_argument(x[i]);
     }
     tanh_block(y);
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = 0.5 * x[i] * y[i] + 0.5 * x[i];
+        x[i] = R(0.5) * x[i] * y[i] + R(0.5) * x[i];
     }
 }
 
 /* x / (1 + exp(-x)) */
-static void silu_block(double x[BLOCK])
+static void silu_block(Real x[BLOCK])
 {
-    double y[BLOCK];
+    Real y[BLOCK];
     memcpy(y, x, sizeof y);
     sigmoid_block(y);
     for (size_t i = 0; i < BLOCK; i++) {
@@ -172,67 +201,67 @@ static void silu_block(double x[BLOCK])
     }
 }
 
-/* Absolute error below 3e-16 for |x| up to 8192, beyond which it grows with x. */
-static void sine_block(double x[BLOCK])
+/* Absolute error below 3e-16, in single precision 2e-7, for |x| up to 8192, beyond which it grows with x. */
+static void sine_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        double sign;
-        const double r = reduced(x[i], &sign);
+        Real sign;
+        const Real r = reduced(x[i], &sign);
         x[i] = sign * sine_of_reduced(r);
     }
 }
 
 /* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x it keeps its digits where tanh saturates. */
-static void tanh_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
-    double magnitude[BLOCK];
+    Real magnitude[BLOCK];
     limit_magnitudes(x, EXP_HALF_MAX, magnitude);
     for (size_t i = 0; i < BLOCK; i++) {
-        const double e = exp_minus_one(magnitude[i]);
-        x[i] = copysign(e / (e + 2.0), x[i]);
-        slope[i] = 4.0 * ((e + 1.0) / (e + 2.0)) / (e + 2.0);
-        curvature[i] = -2.0 * x[i] * slope[i];
+        const Real e = exp_minus_one(magnitude[i]);
+        x[i] = MATH(copysign)(e / (e + R(2.0)), x[i]);
+        slope[i] = R(4.0) * ((e + R(1.0)) / (e + R(2.0))) / (e + R(2.0));
+        curvature[i] = -R(2.0) * x[i] * slope[i];
     }
 }
 
-static void sigmoid_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void sigmoid_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] *= 0.5;
+        x[i] *= R(0.5);
     }
     tanh_series(x, slope, curvature);
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = 0.5 * x[i] + 0.5;
-        slope[i] *= 0.25;
-        curvature[i] *= 0.125;
+        x[i] = R(0.5) * x[i] + R(0.5);
+        slope[i] *= R(0.25);
+        curvature[i] *= R(0.125);
     }
 }
 
 /* The slope is zero at the kink. */
-static void relu_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        slope[i] = x[i] > 0.0 ? 1.0 : 0.0;
-        x[i] = x[i] < 0.0 ? 0.0 : x[i];
-        curvature[i] = 0.0;
+        slope[i] = x[i] > R(0.0) ? R(1.0) : R(0.0);
+        x[i] = x[i] < R(0.0) ? R(0.0) : x[i];
+        curvature[i] = R(0.0);
     }
 }
 
 /* From the derivatives of tanh u. */
-static void gelu_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
-    double y[BLOCK];
+    Real y[BLOCK];
     for (size_t i = 0; i < BLOCK; i++) {
         y[i] = gelu_argument(x[i]);
     }
     tanh_series(y, slope, curvature);
     for (size_t i = 0; i < BLOCK; i++) {
-        const double u1 = 3.0 * x[i] * x[i] * GELU_CUBIC + GELU_LINEAR;
-        const double u2 = 6.0 * x[i] * GELU_CUBIC;
-        const double inner = 0.5 * x[i];
-        const double outer = 0.5 * y[i] + 0.5;
-        const double first = slope[i] * u1;
-        const double second = curvature[i] * u1 * u1 + slope[i] * u2;
+        const Real u1 = R(3.0) * x[i] * x[i] * GELU_CUBIC + GELU_LINEAR;
+        const Real u2 = R(6.0) * x[i] * GELU_CUBIC;
+        const Real inner = R(0.5) * x[i];
+        const Real outer = R(0.5) * y[i] + R(0.5);
+        const Real first = slope[i] * u1;
+        const Real second = curvature[i] * u1 * u1 + slope[i] * u2;
         x[i] *= outer;
         slope[i] = inner * first + outer;
         curvature[i] = inner * second + first;
@@ -240,39 +269,39 @@ static void gelu_series(double x[BLOCK], double slope[BLOCK], double curvature[B
 }
 
 /* From the derivatives of the sigmoid. */
-static void silu_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
-    double y[BLOCK];
+    Real y[BLOCK];
     memcpy(y, x, sizeof y);
     sigmoid_series(y, slope, curvature);
     for (size_t i = 0; i < BLOCK; i++) {
-        const double first = slope[i];
+        const Real first = slope[i];
         slope[i] = x[i] * first + y[i];
-        curvature[i] = x[i] * curvature[i] + 2.0 * first;
+        curvature[i] = x[i] * curvature[i] + R(2.0) * first;
         x[i] *= y[i];
     }
 }
 
-static void sine_series(double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+static void sine_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        double sign;
-        const double r = reduced(x[i], &sign);
+        Real sign;
+        const Real r = reduced(x[i], &sign);
         x[i] = sign * sine_of_reduced(r);
         slope[i] = sign * cosine_of_reduced(r);
         curvature[i] = -x[i];
     }
 }
 
-static void identity_series(double slope[BLOCK], double curvature[BLOCK])
+static void identity_series(Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
-        slope[i] = 1.0;
-        curvature[i] = 0.0;
+        slope[i] = R(1.0);
+        curvature[i] = R(0.0);
     }
 }
 
-void activate(Activation activation, double x[BLOCK])
+void activate(Activation activation, Real x[BLOCK])
 {
     switch (activation) {
     case ACTIVATION_TANH:
@@ -298,7 +327,7 @@ void activate(Activation activation, double x[BLOCK])
     }
 }
 
-void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK], double curvature[BLOCK])
+void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     switch (activation) {
     case ACTIVATION_TANH:
@@ -325,13 +354,13 @@ void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK]
     }
 }
 
-void real_activate(Activation activation, double x[], double *slopes, size_t count)
+void real_activate(Activation activation, Real x[], Real *slopes, size_t count)
 {
     for (size_t block = 0; block < count; block += BLOCK) {
         if (slopes == NULL) {
             activate(activation, x + block);
         } else {
-            double curvature[BLOCK];
+            Real curvature[BLOCK];
             activate_series(activation, x + block, slopes + block, curvature);
         }
     }

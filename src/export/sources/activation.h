@@ -8,6 +8,7 @@
 #define ACTIVATION_H
 
 #include "model_data.h"
+#include "real.h"
 #include <stddef.h>
 
 typedef enum {
@@ -21,15 +22,15 @@ typedef enum {
 } Activation;
 
 /* x becomes the activation of x. */
-void activate(Activation activation, double x[BLOCK]);
+void activate(Activation activation, Real x[BLOCK]);
 
 /* x becomes the activation of x; its first and second derivative go to slope and curvature. */
-void activate_series(Activation activation, double x[BLOCK], double slope[BLOCK], double curvature[BLOCK]);
+void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK]);
 
 /*
  * x becomes the activation of x, and unless the pointer is null, their slopes go there: so many numbers, in whole
  * blocks. As the template jet_activation.h does of jets.
  */
-void real_activate(Activation activation, double x[], double *slopes, size_t count);
+void real_activate(Activation activation, Real x[], Real *slopes, size_t count);
 
 #endif

@@ -1,8 +1,8 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, State, Surrogate, Variability, Variable,
-    graph::Graph,
+    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, Scaling, State,
+    Surrogate, Variability, Variable, graph::Graph,
 };
 use std::fmt::Write;
 
@@ -187,14 +187,83 @@ pub fn source(surrogate: &Surrogate) -> String {
          const double model_time_step = {};\n",
         string(&surrogate.instantiation_token()),
         string(&description),
-        real(*time_step),
+        double(*time_step),
     );
     variables(&mut text, surrogate);
     columns(&mut text, surrogate);
     let (times, half_widths) = bounds(surrogate);
-    array(&mut text, "const double model_bound_times", &times);
-    array(&mut text, "const double model_bounds", &half_widths);
-    text + &Part::of(surrogate).data
+    doubles(&mut text, "const double model_bound_times", &times);
+    doubles(&mut text, "const double model_bounds", &half_widths);
+    let data = Part::of(surrogate).data;
+    if let Some(reason) = refusal_of_single(surrogate, &data) {
+        push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));
+    }
+    text + &data
+}
+
+/// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
+fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
+    let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
+    let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
+    let of_states = surrogate.states().iter().flat_map(|state| state.range.unwrap_or_default());
+    if data.contains(BEYOND_SINGLE.trim_end()) || of_inputs.chain(of_states).any(is_beyond) {
+        return Some("METAFMU_SINGLE: the model has numbers, or ranges, that single precision has not".into());
+    }
+    let rounding = 0.5 * f64::from(f32::EPSILON) * largest_sum(surrogate);
+    (rounding > ROUNDING_IN_SINGLE).then(|| {
+        format!(
+            "METAFMU_SINGLE: the terms of a sum nearly cancel, so that rounding would be up to {rounding:.0e} of the standard deviation of \
+             what it gives: compile in double precision, or export another model"
+        )
+    })
+}
+
+/// Rounding of the terms of an output, relative to its standard deviation, that makes single precision meaningless.
+const ROUNDING_IN_SINGLE: f64 = 0.01;
+
+/// The largest sum of magnitudes of the terms of an output of the model or of one of its networks, relative to its standard deviation.
+fn largest_sum(surrogate: &Surrogate) -> f64 {
+    let networks: Vec<&ScaledNetwork> = match surrogate.model() {
+        Model::Response(Map::Network(network)) => {
+            return of_outputs(surrogate, &network.scaling, network::sums(network));
+        }
+        Model::Response(Map::Regression(regression)) => {
+            return of_outputs(surrogate, &regression.scaling, regression::sums(regression));
+        }
+        Model::Response(Map::Graph(_)) => Vec::new(),
+        Model::PerInstant { networks, .. } => {
+            let sums = networks.iter().map(|network| of_outputs(surrogate, &network.scaling, network::sums(network)));
+            return sums.fold(0.0, f64::max);
+        }
+        Model::Motion(motion) => {
+            [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()]
+                .into_iter()
+                .flatten()
+                .map(|term| term.network())
+                .collect()
+        }
+        Model::StateSpace(space) => added(&space.map).into_iter().collect(),
+        Model::Discrete(discrete) => added(&discrete.map).into_iter().collect(),
+    };
+    networks.into_iter().flat_map(network::sums).fold(0.0, f64::max)
+}
+
+/// The network beside a model's other functions, if there is one.
+fn added(map: &Option<Map>) -> Option<&ScaledNetwork> {
+    match map {
+        Some(Map::Network(network)) => Some(network),
+        _ => None,
+    }
+}
+
+/// The largest of an output, from sums relative to scales: the standard deviation is about a quarter of the range.
+fn of_outputs(surrogate: &Surrogate, scaling: &Scaling, sums: Vec<f64>) -> f64 {
+    let outputs = surrogate.outputs().iter().zip(scaling.output_mean.iter().zip(&scaling.output_scale)).zip(sums);
+    outputs
+        .map(|((output, (mean, scale)), sum)| (mean.abs() + scale * sum, 0.25 * (output.max - output.min)))
+        .filter(|(_, deviation)| *deviation > 0.0)
+        .map(|(sum, deviation)| sum / deviation)
+        .fold(0.0, f64::max)
 }
 
 /// Times and error bounds; zeros if there are none.
@@ -228,7 +297,7 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
 fn columns(text: &mut String, surrogate: &Surrogate) {
     for (index, input) in surrogate.inputs().iter().enumerate() {
         if let Some(values) = input.nominal_values() {
-            array(text, &format!("static const double values_{index}"), values);
+            doubles(text, &format!("static const double values_{index}"), values);
         }
     }
     text.push_str("\nconst Column model_columns[NAMED_COUNT] = {\n");
@@ -236,7 +305,7 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
     let valid = |[min, max]: [f64; 2]| [min, max, range_width(min, max)];
     let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64, values: &str| {
         let [min, max, width] = valid;
-        let numbers = [start, min, max, width, nominal].map(real).join(", ");
+        let numbers = [start, min, max, width, nominal].map(double).join(", ");
         push(text, format_args!("    {{{}, {role}, {numbers}, {values}}},\n", string(name)));
     };
     for (index, Input { name, min, max, start, role, encoding, .. }) in surrogate.inputs().iter().enumerate() {
@@ -270,16 +339,51 @@ fn role_name(role: Role) -> &'static str {
     }
 }
 
+/// An array of numbers that the model is computed with.
 fn array(text: &mut String, declaration: &str, values: &[f64]) {
+    list(text, declaration, values, real);
+}
+
+/// An array of numbers of the interface.
+fn doubles(text: &mut String, declaration: &str, values: &[f64]) {
+    list(text, declaration, values, double);
+}
+
+fn list(text: &mut String, declaration: &str, values: &[f64], written: fn(f64) -> String) {
     push(text, format_args!("\n{declaration}[{}] = {{\n", values.len()));
     for line in values.chunks(8) {
-        push(text, format_args!("    {},\n", line.iter().map(|&value| real(value)).collect::<Vec<_>>().join(", ")));
+        push(text, format_args!("    {},\n", line.iter().map(|&value| written(value)).collect::<Vec<_>>().join(", ")));
     }
     text.push_str("};\n");
 }
 
-/// An exact literal: an integer with a decimal point if it is short, else hexadecimal.
+/// Stands before numbers that single precision does not have.
+const BEYOND_SINGLE: &str = "/* beyond single precision */ ";
+
+/// A number of the type `Real` of the C code, which is single precision if the compiler is told so.
 fn real(value: f64) -> String {
+    if value.is_infinite() {
+        return if value > 0.0 { "REAL_HUGE" } else { "-REAL_HUGE" }.into();
+    }
+    let single = value as f32;
+    if single.is_infinite() {
+        return format!("{BEYOND_SINGLE}{}", double(value));
+    }
+    // compilers warn of literals that become zero
+    if value != 0.0 && single == 0.0 {
+        return format!("(Real){}", double(value));
+    }
+    format!("R({})", double(value))
+}
+
+/// The same for a number that others are divided by.
+fn divisor(value: f64) -> String {
+    let mark = if (value as f32).is_normal() { "" } else { BEYOND_SINGLE };
+    format!("{mark}{}", real(value))
+}
+
+/// An exact literal: an integer with a decimal point if it is short, else hexadecimal.
+fn double(value: f64) -> String {
     if value.is_infinite() {
         return if value > 0.0 { "HUGE_VAL" } else { "-HUGE_VAL" }.into();
     }
@@ -334,8 +438,23 @@ mod tests {
             (f64::MAX, "0x1.fffffffffffffp1023"),
             (f64::NEG_INFINITY, "-HUGE_VAL"),
         ] {
+            assert_eq!(double(value), text);
+        }
+    }
+
+    #[test]
+    fn numbers_that_single_precision_lacks_are_marked() {
+        for (value, text) in [
+            (12.0, "R(12.0)"),
+            (-0.1, "R(-0x1.999999999999ap-4)"),
+            (f64::INFINITY, "REAL_HUGE"),
+            (1e-60, "(Real)0x1.9b604aaaca626p-200"),
+            (-1e300, "/* beyond single precision */ -0x1.7e43c8800759cp996"),
+        ] {
             assert_eq!(real(value), text);
         }
+        assert_eq!(divisor(0.5), "R(0x1p-1)");
+        assert_eq!(divisor(1e-60), "/* beyond single precision */ (Real)0x1.9b604aaaca626p-200");
     }
 
     #[test]

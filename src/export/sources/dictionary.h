@@ -13,9 +13,9 @@ static void OF(atoms)(const DictionaryColumn *column, NUMBER x, NUMBER values[],
     }
     if (!column->angle) {
         const NUMBER z = OF(scaled)(OF(difference)(x, OF(constant)(column->middle)), column->scale);
-        NUMBER power = OF(constant)(1.0);
+        NUMBER power = OF(constant)(R(1.0));
         for (size_t i = 0; i < column->orders; i++) {
-            slopes[i] = OF(scaled)(power, (double)(i + 1) * column->scale);
+            slopes[i] = OF(scaled)(power, (Real)(i + 1) * column->scale);
             power = OF(product)(power, z);
             values[i] = power;
         }
@@ -23,10 +23,10 @@ static void OF(atoms)(const DictionaryColumn *column, NUMBER x, NUMBER values[],
     }
     OF(sine_and_cosine)(x, &sine, &cosine);
     /* of the multiple before */
-    NUMBER s = OF(constant)(0.0);
-    NUMBER c = OF(constant)(1.0);
+    NUMBER s = OF(constant)(R(0.0));
+    NUMBER c = OF(constant)(R(1.0));
     for (size_t i = 0; i < column->orders; i++) {
-        const double k = (double)(i + 1);
+        const Real k = (Real)(i + 1);
         const NUMBER next = OF(sum)(OF(product)(s, cosine), OF(product)(c, sine));
         c = OF(difference)(OF(product)(c, cosine), OF(product)(s, sine));
         s = next;
@@ -50,14 +50,14 @@ static void OF(dictionary)(const Dictionary *dictionary, const NUMBER *x, NUMBER
         atom += column->angle ? 2 * column->orders : column->orders;
     }
     for (size_t i = 0; i < dictionary->outputs; i++) {
-        y[i] = OF(constant)(0.0);
+        y[i] = OF(constant)(R(0.0));
         for (size_t k = 0; k < first; k++) {
-            gradient[i * first + k] = OF(constant)(0.0);
+            gradient[i * first + k] = OF(constant)(R(0.0));
         }
     }
     for (size_t p = 0; p < dictionary->product_count; p++) {
         const Product product = dictionary->products[p];
-        NUMBER value = OF(constant)(1.0);
+        NUMBER value = OF(constant)(R(1.0));
         for (size_t f = 0; f < product.factors; f++) {
             value = OF(product)(value, values[factors[f].atom]);
         }

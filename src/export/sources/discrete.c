@@ -19,7 +19,7 @@
 #include <string.h>
 
 #if !MODEL_HAS_GRAPH
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #include "network_term.h"
 #undef NUMBER
@@ -56,21 +56,22 @@ void model_start(double point[COLUMN_COUNT])
 /* ---- Outputs and their derivatives: they depend on what is remembered only ---- */
 
 /* The share of the next sample in the outputs. */
-static double share_of_next(const double point[COLUMN_COUNT])
+static Real share_of_next(const double point[COLUMN_COUNT])
 {
     const double phase = point[MEMORY_PHASE];
     /* a sample that was missed a little is that sample */
     if (phase <= SAME) {
-        return 0.0;
+        return R(0.0);
     }
-    return phase > 1.0 ? 1.0 : phase;
+    return phase > 1.0 ? R(1.0) : (Real)phase;
 }
 
-static void blend(double share, const double columns[COLUMN_COUNT], double outputs[OUTPUT_COUNT])
+static void blend(Real share, const double columns[COLUMN_COUNT], double outputs[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        const double now = columns[MEMORY + i];
-        outputs[i] = now + share * (columns[MEMORY_NEXT + i] - now);
+        const Real now = (Real)columns[MEMORY + i];
+        const Real next = (Real)columns[MEMORY_NEXT + i];
+        outputs[i] = (double)(now + share * (next - now));
     }
 }
 
@@ -99,14 +100,15 @@ void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const
 void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                    double gradient[COLUMN_COUNT])
 {
-    const double share = share_of_next(point);
+    const Real share = share_of_next(point);
     (void)scratch;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         gradient[i] = 0.0;
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        gradient[MEMORY + i] = (1.0 - share) * weights[i];
-        gradient[MEMORY_NEXT + i] = share * weights[i];
+        const Real weight = (Real)weights[i];
+        gradient[MEMORY + i] = (double)((R(1.0) - share) * weight);
+        gradient[MEMORY_NEXT + i] = (double)(share * weight);
     }
 }
 
@@ -119,38 +121,46 @@ static void take_inputs(double point[COLUMN_COUNT], const Step *step, double sin
     const size_t driven_count = DRIVEN_COUNT;
     memmove(past + DRIVEN_COUNT, past, (PAST_INPUTS - DRIVEN_COUNT) * sizeof *past);
     for (size_t i = 0; i < driven_count; i++) {
-        past[i] = driven(step, point, FIRST_DRIVEN + i, since);
+        const Drive drive = drive_of(step, point, FIRST_DRIVEN + i);
+        past[i] = (double)driven(&drive, (Real)since);
+    }
+}
+
+static void take(const double *values, size_t count, Real *to)
+{
+    for (size_t i = 0; i < count; i++) {
+        to[i] = (Real)values[i];
     }
 }
 
 /* The next sample from what is remembered; whether it is finite. */
 static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 {
-    double *z = scratch->regressors;
+    Real *z = scratch->regressors;
     const size_t linear_columns = LINEAR_COLUMNS;
     bool finite = true;
-    memcpy(z, point + MEMORY, FED_BACK * sizeof *z);
-    memcpy(z + FED_BACK, point + MEMORY_INPUTS, PAST_INPUTS * sizeof *z);
-    memcpy(z + FED_BACK + PAST_INPUTS, point, PARAMETER_COUNT * sizeof *z);
+    take(point + MEMORY, FED_BACK, z);
+    take(point + MEMORY_INPUTS, PAST_INPUTS, z + FED_BACK);
+    take(point, PARAMETER_COUNT, z + FED_BACK + PAST_INPUTS);
 #if MODEL_HAS_GRAPH
     memcpy(scratch->graph, z, REGRESSOR_COUNT * sizeof *z);
     real_graph(scratch->graph);
     memcpy(scratch->added, scratch->graph + NUMBER_COUNT - SAMPLE_SIZE, sizeof scratch->added);
 #else
     for (size_t i = 0; i < SAMPLE_SIZE; i++) {
-        scratch->added[i] = 0.0;
+        scratch->added[i] = R(0.0);
     }
     real_add_network(&model_samples_network, z, scratch->added, NULL, 0, scratch->network);
 #endif
     for (size_t i = 0; i < SAMPLE_SIZE; i++) {
-        const double *weights = model_weights + i * linear_columns;
-        double linear = 0.0;
+        const Real *weights = model_weights + i * linear_columns;
+        Real linear = R(0.0);
         for (size_t k = 0; k < linear_columns; k++) {
             linear += weights[k] * z[k];
         }
-        const double next = model_constants[i] + linear + scratch->added[i];
-        point[MEMORY_NEXT + i] = next;
-        finite = finite && fabs(next) < HUGE_VAL;
+        const Real next = model_constants[i] + linear + scratch->added[i];
+        point[MEMORY_NEXT + i] = (double)next;
+        finite = finite && MATH(fabs)(next) < REAL_HUGE;
     }
     return finite;
 }

@@ -33,18 +33,18 @@ enum {
 enum { REGRESSOR_COUNT = FED_BACK + PAST_INPUTS + PARAMETER_COUNT };
 
 extern const double model_sample_time; /* s */
-extern const double model_weights[]; /* W, row by row of LINEAR_COLUMNS, which are all or none */
-extern const double model_constants[SAMPLE_SIZE]; /* c */
-extern const double model_hidden[];  /* what is hidden, at the start */
+extern const Real model_weights[];             /* W, row by row of LINEAR_COLUMNS, which are all or none */
+extern const Real model_constants[SAMPLE_SIZE]; /* c */
+extern const Real model_hidden[];              /* what is hidden, at the start */
 extern const NetworkTerm model_samples_network;                    /* N */
 
 /* Working memory of one evaluation at a time. */
 typedef struct {
-    double regressors[REGRESSOR_COUNT];
-    double added[SAMPLE_SIZE]; /* by the network or the graph */
-    double network[2 * NETWORK_WIDTH];
+    Real regressors[REGRESSOR_COUNT];
+    Real added[SAMPLE_SIZE]; /* by the network or the graph */
+    Real network[2 * NETWORK_WIDTH];
 #if MODEL_HAS_GRAPH
-    double graph[NUMBER_COUNT];
+    Real graph[NUMBER_COUNT];
 #endif
     double before[MEMORY_COUNT];
 } Scratch;

@@ -14,7 +14,7 @@ static void OF(factorise)(const NUMBER mass[], NUMBER factors[COORDINATE_COUNT *
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j <= i; j++) {
             const int is_free = !model_prescribed[i] && !model_prescribed[j];
-            NUMBER value = is_free ? mass[entry(i, j)] : OF(constant)(i == j ? 1.0 : 0.0);
+            NUMBER value = is_free ? mass[entry(i, j)] : OF(constant)(i == j ? R(1.0) : R(0.0));
             for (size_t k = 0; k < j; k++) {
                 /* above the diagonal are the elements of L D */
                 value = OF(difference)(value, OF(product)(factors[i * n + k], factors[k * n + j]));
@@ -23,7 +23,7 @@ static void OF(factorise)(const NUMBER mass[], NUMBER factors[COORDINATE_COUNT *
                 factors[j * n + i] = value;
                 factors[i * n + j] = OF(product)(value, factors[j * n + j]);
             } else {
-                factors[i * n + i] = OF(reciprocal)(OF(value)(value) > 0.0 ? value : OF(constant)(NAN));
+                factors[i * n + i] = OF(reciprocal)(OF(value)(value) > R(0.0) ? value : OF(constant)(NAN));
             }
         }
     }
@@ -50,7 +50,7 @@ static void OF(substitute)(const NUMBER factors[COORDINATE_COUNT * COORDINATE_CO
 static NUMBER OF(velocity_term)(const NUMBER gradient[], size_t i, size_t j, size_t k)
 {
     const NUMBER changed = gradient[entry(i, j) * COORDINATE_COUNT + k];
-    const NUMBER half = OF(scaled)(gradient[entry(j, k) * COORDINATE_COUNT + i], 0.5);
+    const NUMBER half = OF(scaled)(gradient[entry(j, k) * COORDINATE_COUNT + i], R(0.5));
     return OF(difference)(changed, half);
 }
 
@@ -114,13 +114,13 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
 /* v^T M v / 2, once the law was computed. */
 static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const NUMBER law[])
 {
-    NUMBER energy = OF(constant)(0.0);
+    NUMBER energy = OF(constant)(R(0.0));
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {
         for (size_t j = 0; j < COORDINATE_COUNT; j++) {
             energy = OF(sum)(energy, OF(product)(OF(product)(v[i], law[entry(i, j)]), v[j]));
         }
     }
-    return OF(scaled)(energy, 0.5);
+    return OF(scaled)(energy, R(0.5));
 }
 
 /* A reaction from its functions, with velocities, the columns of the inputs and accelerations. */
@@ -148,7 +148,7 @@ static void OF(respond)(WORK *work)
     const size_t n = COORDINATE_COUNT;
     const NUMBER *q = work->point + INPUT_COUNT;
     const NUMBER *v = q + COORDINATE_COUNT;
-    const NUMBER zero = OF(constant)(0.0);
+    const NUMBER zero = OF(constant)(R(0.0));
     OF(accelerate)(work->point, work);
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         work->along[i] = i < n ? (ALONG){q[i], v[i], work->accelerations[i]} : (ALONG){work->point[i - n], zero, zero};
@@ -157,7 +157,7 @@ static void OF(respond)(WORK *work)
                          work->along_slopes);
     OF_ALONG(add_network)(&model_positions_network, work->along, work->positions, NULL, 0, work->along_network);
     for (size_t i = 0; i < model_positions.outputs * COORDINATE_COUNT; i++) {
-        if (fabs(model_windings[i]) > 0.0) {
+        if (MATH(fabs)(model_windings[i]) > R(0.0)) {
             ALONG *to = &work->positions[i / n];
             *to = OF_ALONG(sum)(*to, OF_ALONG(scaled)(work->along[i % n], model_windings[i]));
         }

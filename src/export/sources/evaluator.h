@@ -11,6 +11,11 @@
 
 #include MODEL_HEADER
 
+/*
+ * Points, results and rates are in double precision here, whatever the model is computed in: a state keeps what single
+ * precision would take off it between two steps.
+ */
+
 /* Results at a point. */
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT]);
 
@@ -58,16 +63,28 @@ typedef struct {
  */
 Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after);
 
-/* An input of a point, `since` seconds after the beginning of a step. */
-static inline double driven(const Step *step, const double point[COLUMN_COUNT], size_t input, double since)
+/* A driven input of a point. */
+static inline Drive drive_of(const Step *step, const double point[COLUMN_COUNT], size_t input)
 {
-    const double value = point[input] + since * (step->rates[input] + 0.5 * since * step->second_rates[input]);
-    return step->clamp ? clamped(&model_columns[input], value) : value;
+    const Column *column = &model_columns[input];
+    const Drive drive = {(Real)point[input], (Real)step->rates[input], (Real)step->second_rates[input],
+                         step->clamp ? (Real)column->min : -REAL_HUGE, step->clamp ? (Real)column->max : REAL_HUGE};
+    return drive;
 }
 
 #endif
 
 #if MODEL_HAS_EQUATIONS
+
+#ifdef METAFMU_SINGLE
+
+/* Whether a state is an angle, of which the functions are periodic. */
+bool model_goes_around(size_t state);
+
+/* What turns that are taken off the columns, in rad, take off a result. */
+double model_turned(size_t result, const double turns[COLUMN_COUNT]);
+
+#endif
 
 /* Puts the results at the point of scratch->real there. */
 void model_respond(Scratch *scratch);
@@ -80,7 +97,7 @@ void model_follow(Scratch *scratch);
 #if MODEL_HAS_STATES
 
 /* The rates of the states at a point. */
-void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT]);
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT]);
 
 #endif
 

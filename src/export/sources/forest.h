@@ -11,7 +11,7 @@
 /* A split looks at a column; a leaf has none, which is MAP_COLUMNS. */
 typedef struct {
     size_t column;
-    double number;   /* columns up to this one go to the first node below, others to the second; or the leaf's value */
+    Real number;   /* columns up to this one go to the first node below, others to the second; or the leaf's value */
     size_t below[2]; /* behind this one, so that a walk ends */
 } Node;
 
@@ -30,7 +30,7 @@ static void OF(function)(const NUMBER z[MAP_COLUMNS], NUMBER y[OUTPUT_COUNT], NU
 {
     (void)table;
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        y[i] = OF(constant)(0.0);
+        y[i] = OF(constant)(R(0.0));
     }
     for (size_t i = 0; i < model_tree_count; i++) {
         const Tree *tree = &model_trees[i];

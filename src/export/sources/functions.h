@@ -6,14 +6,15 @@
 #define FUNCTIONS_H
 
 #include "activation.h"
+#include "real.h"
 #include <stdbool.h>
 #include <stddef.h>
 
 /* A column of a dictionary: sines and cosines of its multiples, or powers of (x - middle) * scale. */
 typedef struct {
     bool angle;
-    double middle;
-    double scale;
+    Real middle;
+    Real scale;
     size_t orders; /* multiples or powers 1, 2, ..., orders */
 } DictionaryColumn;
 
@@ -30,7 +31,7 @@ typedef struct {
 
 typedef struct {
     size_t output;
-    double value;
+    Real value;
 } Coefficient;
 
 /* Factors and coefficients are listed product by product. */
@@ -49,8 +50,8 @@ typedef enum { TERM_PLAIN, TERM_OF_SINE, TERM_OF_COSINE } TermColumnKind;
 typedef struct {
     size_t of; /* which column */
     TermColumnKind kind;
-    double mean;
-    double scale; /* what a difference from the mean is multiplied by */
+    Real mean;
+    Real scale; /* what a difference from the mean is multiplied by */
 } TermColumn;
 
 /* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
@@ -63,15 +64,15 @@ enum { GROUP = 4 };
 typedef struct {
     size_t inputs;
     size_t rows;
-    const double *weights;
-    const double *bias;
+    const Real *weights;
+    const Real *bias;
     Activation activation;
 } TermLayer;
 
 typedef struct {
     size_t of; /* which function */
-    double mean;
-    double scale;
+    Real mean;
+    Real scale;
 } TermOutput;
 
 typedef struct {

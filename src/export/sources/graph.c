@@ -11,80 +11,79 @@
  * as many comparisons as it has levels of splits at worst.
  */
 #include "evaluator.h"
-#include <math.h>
 
 /* A function's value with its first and second derivative. */
 typedef struct {
-    double value;
-    double slope;
-    double curvature;
+    Real value;
+    Real slope;
+    Real curvature;
 } Series;
 
-static const double SQRT_HALF = 0.70710678118654752440;
-static const double TWO_BY_SQRT_PI = 1.12837916709551257390;
-static const double SQRT_2_BY_PI = 0.79788456080286535588;
+static const Real SQRT_HALF = R(0.70710678118654752440);
+static const Real TWO_BY_SQRT_PI = R(1.12837916709551257390);
+static const Real SQRT_2_BY_PI = R(0.79788456080286535588);
 
-static Series hyperbolic_tangent(double x)
+static Series hyperbolic_tangent(Real x)
 {
     /* where the cosine is infinite the slope is zero */
-    const double cosine = cosh(x);
-    const double y = tanh(x);
-    const double slope = 1.0 / cosine / cosine;
-    return (Series){y, slope, -2.0 * y * slope};
+    const Real cosine = MATH(cosh)(x);
+    const Real y = MATH(tanh)(x);
+    const Real slope = R(1.0) / cosine / cosine;
+    return (Series){y, slope, -R(2.0) * y * slope};
 }
 
-static Series sigmoid(double x)
+static Series sigmoid(Real x)
 {
-    const Series half = hyperbolic_tangent(0.5 * x);
-    return (Series){0.5 + 0.5 * half.value, 0.25 * half.slope, 0.125 * half.curvature};
+    const Series half = hyperbolic_tangent(R(0.5) * x);
+    return (Series){R(0.5) + R(0.5) * half.value, R(0.25) * half.slope, R(0.125) * half.curvature};
 }
 
-static Series error_function(double x)
+static Series error_function(Real x)
 {
-    const double slope = TWO_BY_SQRT_PI * exp(-x * x);
-    return (Series){erf(x), slope, -2.0 * x * slope};
+    const Real slope = TWO_BY_SQRT_PI * MATH(exp)(-x * x);
+    return (Series){MATH(erf)(x), slope, -R(2.0) * x * slope};
 }
 
-static Series gelu(double x)
+static Series gelu(Real x)
 {
-    const double u1 = SQRT_2_BY_PI * (1.0 + 3.0 * 0.044715 * x * x);
-    const double u2 = SQRT_2_BY_PI * 6.0 * 0.044715 * x;
-    const Series t = hyperbolic_tangent(SQRT_2_BY_PI * (x + 0.044715 * x * x * x));
-    const double outer = 0.5 * (1.0 + t.value);
-    const double second = t.curvature * u1 * u1 + t.slope * u2;
-    return (Series){x * outer, outer + 0.5 * x * t.slope * u1, t.slope * u1 + 0.5 * x * second};
+    const Real u1 = SQRT_2_BY_PI * (R(1.0) + R(3.0) * R(0.044715) * x * x);
+    const Real u2 = SQRT_2_BY_PI * R(6.0) * R(0.044715) * x;
+    const Series t = hyperbolic_tangent(SQRT_2_BY_PI * (x + R(0.044715) * x * x * x));
+    const Real outer = R(0.5) * (R(1.0) + t.value);
+    const Real second = t.curvature * u1 * u1 + t.slope * u2;
+    return (Series){x * outer, outer + R(0.5) * x * t.slope * u1, t.slope * u1 + R(0.5) * x * second};
 }
 
-static Series gelu_exact(double x)
+static Series gelu_exact(Real x)
 {
     const Series e = error_function(x * SQRT_HALF);
-    const double density = 0.5 * e.slope * SQRT_HALF;
-    const double integral = 0.5 * (1.0 + e.value);
-    return (Series){x * integral, integral + x * density, density * (2.0 - x * x)};
+    const Real density = R(0.5) * e.slope * SQRT_HALF;
+    const Real integral = R(0.5) * (R(1.0) + e.value);
+    return (Series){x * integral, integral + x * density, density * (R(2.0) - x * x)};
 }
 
-static double power_of(double x, double exponent)
+static Real power_of(Real x, Real exponent)
 {
-    if (exponent == 0.5) {
-        return sqrt(x);
+    if (exponent == R(0.5)) {
+        return MATH(sqrt)(x);
     }
-    return exponent == -0.5 ? 1.0 / sqrt(x) : pow(x, exponent);
+    return exponent == -R(0.5) ? R(1.0) / MATH(sqrt)(x) : MATH(pow)(x, exponent);
 }
 
-static Series power(double x, double exponent)
+static Series power(Real x, Real exponent)
 {
-    const double second = exponent * (exponent - 1.0);
+    const Real second = exponent * (exponent - R(1.0));
     /* a factor of 0 stands before what may be infinite at 0 */
-    return (Series){power_of(x, exponent), exponent == 0.0 ? 0.0 : exponent * power_of(x, exponent - 1.0),
-                    second == 0.0 ? 0.0 : second * power_of(x, exponent - 2.0)};
+    return (Series){power_of(x, exponent), exponent == R(0.0) ? R(0.0) : exponent * power_of(x, exponent - R(1.0)),
+                    second == R(0.0) ? R(0.0) : second * power_of(x, exponent - R(2.0))};
 }
 
-static Series line(double x, double slope)
+static Series line(Real x, Real slope)
 {
-    return (Series){slope * x, slope, 0.0};
+    return (Series){slope * x, slope, R(0.0)};
 }
 
-static Series series(Function function, double x, double p, double q)
+static Series series(Function function, Real x, Real p, Real q)
 {
     switch (function) {
     case FUNCTION_TANH:
@@ -92,68 +91,68 @@ static Series series(Function function, double x, double p, double q)
     case FUNCTION_SIGMOID:
         return sigmoid(x);
     case FUNCTION_RELU:
-        return line(x, x > 0.0 ? 1.0 : 0.0);
+        return line(x, x > R(0.0) ? R(1.0) : R(0.0));
     case FUNCTION_GELU:
         return gelu(x);
     case FUNCTION_SILU: {
         const Series s = sigmoid(x);
-        return (Series){x * s.value, s.value + x * s.slope, 2.0 * s.slope + x * s.curvature};
+        return (Series){x * s.value, s.value + x * s.slope, R(2.0) * s.slope + x * s.curvature};
     }
     case FUNCTION_SINE:
-        return (Series){sin(x), cos(x), -sin(x)};
+        return (Series){MATH(sin)(x), MATH(cos)(x), -MATH(sin)(x)};
     case FUNCTION_IDENTITY:
-        return line(x, 1.0);
+        return line(x, R(1.0));
     case FUNCTION_LINEAR:
-        return (Series){p * x + q, p, 0.0};
+        return (Series){p * x + q, p, R(0.0)};
     case FUNCTION_COSINE:
-        return (Series){cos(x), -sin(x), -cos(x)};
+        return (Series){MATH(cos)(x), -MATH(sin)(x), -MATH(cos)(x)};
     case FUNCTION_EXPONENTIAL:
-        return (Series){exp(x), exp(x), exp(x)};
+        return (Series){MATH(exp)(x), MATH(exp)(x), MATH(exp)(x)};
     case FUNCTION_LOGARITHM:
-        return (Series){log(x), 1.0 / x, -1.0 / (x * x)};
+        return (Series){MATH(log)(x), R(1.0) / x, -R(1.0) / (x * x)};
     case FUNCTION_RECIPROCAL: {
-        const double y = 1.0 / x;
-        return (Series){y, -y * y, 2.0 * y * y * y};
+        const Real y = R(1.0) / x;
+        return (Series){y, -y * y, R(2.0) * y * y * y};
     }
     case FUNCTION_POWER:
         return power(x, p);
     case FUNCTION_ABSOLUTE:
-        return (Series){fabs(x), x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : 0.0, 0.0};
+        return (Series){MATH(fabs)(x), x > R(0.0) ? R(1.0) : x < R(0.0) ? -R(1.0) : R(0.0), R(0.0)};
     case FUNCTION_ERF:
         return error_function(x);
     case FUNCTION_GELU_EXACT:
         return gelu_exact(x);
     case FUNCTION_LEAKY_RELU:
-        return line(x, x > 0.0 ? 1.0 : p);
+        return line(x, x > R(0.0) ? R(1.0) : p);
     case FUNCTION_ELU: {
-        const double slope = p * exp(x);
-        return x > 0.0 ? line(x, 1.0) : (Series){p * expm1(x), slope, slope};
+        const Real slope = p * MATH(exp)(x);
+        return x > R(0.0) ? line(x, R(1.0)) : (Series){p * MATH(expm1)(x), slope, slope};
     }
     case FUNCTION_SOFTPLUS: {
         const Series s = sigmoid(x);
-        return (Series){(x > 0.0 ? x : 0.0) + log1p(exp(-fabs(x))), s.value, s.slope};
+        return (Series){(x > R(0.0) ? x : R(0.0)) + MATH(log1p)(MATH(exp)(-MATH(fabs)(x))), s.value, s.slope};
     }
     case FUNCTION_SOFTSIGN: {
-        const double y = 1.0 / (1.0 + fabs(x));
-        return (Series){x * y, y * y, (x < 0.0 ? 2.0 : -2.0) * y * y * y};
+        const Real y = R(1.0) / (R(1.0) + MATH(fabs)(x));
+        return (Series){x * y, y * y, (x < R(0.0) ? R(2.0) : -R(2.0)) * y * y * y};
     }
     case FUNCTION_CLIP:
-        return x < p ? (Series){p, 0.0, 0.0} : x > q ? (Series){q, 0.0, 0.0} : line(x, 1.0);
+        return x < p ? (Series){p, R(0.0), R(0.0)} : x > q ? (Series){q, R(0.0), R(0.0)} : line(x, R(1.0));
     case FUNCTION_THRESHOLDED_RELU:
-        return line(x, x > p ? 1.0 : 0.0);
+        return line(x, x > p ? R(1.0) : R(0.0));
     case FUNCTION_ARCTANGENT: {
-        const double slope = 1.0 / (1.0 + x * x);
-        return (Series){atan(x), slope, -2.0 * x * slope * slope};
+        const Real slope = R(1.0) / (R(1.0) + x * x);
+        return (Series){MATH(atan)(x), slope, -R(2.0) * x * slope * slope};
     }
     case FUNCTION_SINGLE:
-        return (Series){(double)(float)x, 1.0, 0.0};
+        return (Series){(Real)(float)x, R(1.0), R(0.0)};
     case FUNCTION_POSITIVE:
     default:
-        return (Series){x > 0.0 ? 1.0 : 0.0, 0.0, 0.0};
+        return (Series){x > R(0.0) ? R(1.0) : R(0.0), R(0.0), R(0.0)};
     }
 }
 
-static double real_through(double a, Series f)
+static Real real_through(Real a, Series f)
 {
     (void)a;
     return f.value;
@@ -164,7 +163,7 @@ static Jet jet_through(Jet a, Series f)
     return (Jet){f.value, f.slope * a.first, f.slope * a.second + f.curvature * a.first * a.first};
 }
 
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #include "graph_steps.h"
 #undef NUMBER
@@ -178,7 +177,7 @@ static Jet jet_through(Jet a, Series f)
 
 #if MODEL_HAS_MAPS
 
-void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT])
+void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
 {
     (void)map; /* there is one */
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -191,19 +190,19 @@ void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLU
 }
 
 /* The outputs along a curve; without second rates where the pointer is null. */
-static const Jet *follow(Jet numbers[NUMBER_COUNT], const double columns[MAP_COLUMNS], const double rates[MAP_COLUMNS],
-                         const double *second_rates)
+static const Jet *follow(Jet numbers[NUMBER_COUNT], const Real columns[MAP_COLUMNS], const Real rates[MAP_COLUMNS],
+                         const Real *second_rates)
 {
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
-        numbers[i] = (Jet){columns[i], rates[i], second_rates == NULL ? 0.0 : second_rates[i]};
+        numbers[i] = (Jet){columns[i], rates[i], second_rates == NULL ? R(0.0) : second_rates[i]};
     }
     jet_graph(numbers);
     return &numbers[NUMBER_COUNT - OUTPUT_COUNT];
 }
 
-void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                     const double rates[MAP_COLUMNS], const double *second_rates, double first[OUTPUT_COUNT],
-                     double *second)
+void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                     const Real rates[MAP_COLUMNS], const Real *second_rates, Real first[OUTPUT_COUNT],
+                     Real *second)
 {
     const Jet *outputs = follow(scratch->jet, columns, rates, second_rates);
     (void)map;
@@ -215,16 +214,16 @@ void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_C
     }
 }
 
-void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                 const double weights[OUTPUT_COUNT], double gradient[MAP_COLUMNS])
+void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                 const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS])
 {
-    double rates[MAP_COLUMNS] = {0.0};
+    Real rates[MAP_COLUMNS] = {R(0.0)};
     (void)map;
     for (size_t column = 0; column < MAP_COLUMNS; column++) {
-        rates[column] = 1.0;
+        rates[column] = R(1.0);
         const Jet *outputs = follow(scratch->jet, columns, rates, NULL);
-        rates[column] = 0.0;
-        gradient[column] = 0.0;
+        rates[column] = R(0.0);
+        gradient[column] = R(0.0);
         for (size_t i = 0; i < OUTPUT_COUNT; i++) {
             gradient[column] += weights[i] * outputs[i].first;
         }

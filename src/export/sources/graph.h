@@ -60,9 +60,9 @@ typedef struct {
     size_t to;    /* where those that it makes begin */
     size_t count; /* how many of them */
     /* W, centres, or parameters: one p and one q for all numbers, or all p and then all q */
-    const double *numbers;
+    const Real *numbers;
     size_t parameter_step; /* 0 if there is one for all, else 1 */
-    const double *more;    /* b, one over the lengths, or epsilon */
+    const Real *more;    /* b, one over the lengths, or epsilon */
     const size_t *places;  /* of the columns */
     size_t first_tree;
     size_t tree_count;
@@ -71,7 +71,7 @@ typedef struct {
 /* A split looks at a number; a leaf has none, which is NO_COLUMN. */
 typedef struct {
     size_t column;
-    double number;   /* numbers up to this one go to the first node below, others to the second; or the leaf's value */
+    Real number;   /* numbers up to this one go to the first node below, others to the second; or the leaf's value */
     size_t below[2]; /* behind this one, so that a walk ends */
 } GraphNode;
 
@@ -87,14 +87,14 @@ extern const GraphNode model_graph_nodes[];
 extern const GraphTree model_graph_trees[];
 
 /* What all steps make, of the columns that are the first numbers; the outputs are the last ones. */
-void real_graph(double numbers[NUMBER_COUNT]);
+void real_graph(Real numbers[NUMBER_COUNT]);
 void jet_graph(Jet numbers[NUMBER_COUNT]);
 
 #if MODEL_HAS_MAPS
 
 /* Working memory of one evaluation at a time. */
 typedef struct {
-    double real[NUMBER_COUNT];
+    Real real[NUMBER_COUNT];
     Jet jet[NUMBER_COUNT];
 } MapScratch;
 

@@ -5,9 +5,9 @@
 
 static void OF(elementwise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    const double *p = step->numbers;
+    const Real *p = step->numbers;
     /* all second parameters are behind all first ones */
-    const double *q = step->parameter_step == 0 ? p + 1 : p + step->count;
+    const Real *q = step->parameter_step == 0 ? p + 1 : p + step->count;
     for (size_t i = 0; i < step->count; i++) {
         const size_t place = i * step->parameter_step;
         y[i] = OF(through)(x[i], series(step->function, OF(value)(x[i]), p[place], q[place]));
@@ -35,9 +35,9 @@ static NUMBER OF(combined)(Combination operation, NUMBER a, NUMBER b)
 
 static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    const double share = 1.0 / (double)step->width;
-    NUMBER mean = OF(constant)(0.0);
-    NUMBER variance = OF(constant)(0.0);
+    const Real share = R(1.0) / (Real)step->width;
+    NUMBER mean = OF(constant)(R(0.0));
+    NUMBER variance = OF(constant)(R(0.0));
     for (size_t i = 0; i < step->width; i++) {
         mean = OF(sum)(mean, x[i]);
     }
@@ -47,7 +47,7 @@ static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
         variance = OF(sum)(variance, OF(product)(away, away));
     }
     variance = OF(sum)(OF(scaled)(variance, share), OF(constant)(step->more[0]));
-    const NUMBER inverse = OF(through)(variance, series(FUNCTION_POWER, OF(value)(variance), -0.5, 0.0));
+    const NUMBER inverse = OF(through)(variance, series(FUNCTION_POWER, OF(value)(variance), -R(0.5), R(0.0)));
     for (size_t i = 0; i < step->width; i++) {
         y[i] = OF(product)(OF(difference)(x[i], mean), inverse);
     }
@@ -56,8 +56,8 @@ static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 static void OF(softmax)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
     /* the same for all, so that nothing overflows */
-    double largest = OF(value)(x[0]);
-    NUMBER sum = OF(constant)(0.0);
+    Real largest = OF(value)(x[0]);
+    NUMBER sum = OF(constant)(R(0.0));
     for (size_t i = 1; i < step->width; i++) {
         largest = OF(value)(x[i]) > largest ? OF(value)(x[i]) : largest;
     }
@@ -73,9 +73,9 @@ static void OF(softmax)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 
 static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    const double *centre = step->numbers;
+    const Real *centre = step->numbers;
     for (size_t c = 0; c < step->count; c++) {
-        y[c] = OF(constant)(0.0);
+        y[c] = OF(constant)(R(0.0));
         for (size_t i = 0; i < step->width; i++) {
             const NUMBER away = OF(scaled)(OF(difference)(x[i], OF(constant)(centre[i])), step->more[i]);
             y[c] = OF(sum)(y[c], OF(product)(away, away));
@@ -86,7 +86,7 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 
 static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    const double *row = step->numbers;
+    const Real *row = step->numbers;
     for (size_t i = 0; i < step->count; i++) {
         y[i] = OF(constant)(step->more[i]);
         for (size_t k = 0; k < step->width; k++) {
@@ -99,7 +99,7 @@ static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 static void OF(forest)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
     for (size_t i = 0; i < step->count; i++) {
-        y[i] = OF(constant)(0.0);
+        y[i] = OF(constant)(R(0.0));
     }
     for (size_t i = 0; i < step->tree_count; i++) {
         const GraphTree *tree = &model_graph_trees[step->first_tree + i];
@@ -134,7 +134,7 @@ void OF(graph)(NUMBER numbers[NUMBER_COUNT])
             break;
         case STEP_SELECT:
             for (size_t i = 0; i < step->count; i++) {
-                y[i] = OF(value)(x[i]) > 0.0 ? second[i] : third[i];
+                y[i] = OF(value)(x[i]) > R(0.0) ? second[i] : third[i];
             }
             break;
         case STEP_COLUMNS:

@@ -751,6 +751,12 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
         instance->now.stop_time = stop_defined ? stop : HUGE_VAL;
         instance->now.earliest = start;
         instance->now.tolerance = tolerance_defined ? tolerance : 0.0;
+#if MODEL_HAS_STATES
+        if (instance->now.tolerance > 0.0 && instance->now.tolerance < LEAST_TOLERANCE) {
+            instance_tell(instance, STATUS_OK, "the tolerance is %g: single precision has too few digits for %g",
+                          LEAST_TOLERANCE, tolerance);
+        }
+#endif
     }
     return status;
 }

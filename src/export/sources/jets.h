@@ -6,13 +6,13 @@
 #ifndef JETS_H
 #define JETS_H
 
-#include <math.h>
+#include "real.h"
 
 /* A value with its first and second derivative. */
 typedef struct {
-    double value;
-    double first;
-    double second;
+    Real value;
+    Real first;
+    Real second;
 } Jet;
 
 typedef struct {
@@ -23,65 +23,65 @@ typedef struct {
 
 /* ---- Real numbers ---- */
 
-static inline double real_constant(double value)
+static inline Real real_constant(Real value)
 {
     return value;
 }
 
-static inline double real_value(double a)
+static inline Real real_value(Real a)
 {
     return a;
 }
 
-static inline double real_sum(double a, double b)
+static inline Real real_sum(Real a, Real b)
 {
     return a + b;
 }
 
-static inline double real_difference(double a, double b)
+static inline Real real_difference(Real a, Real b)
 {
     return a - b;
 }
 
-static inline double real_product(double a, double b)
+static inline Real real_product(Real a, Real b)
 {
     return a * b;
 }
 
-static inline double real_scaled(double a, double by)
+static inline Real real_scaled(Real a, Real by)
 {
     return by * a;
 }
 
-static inline double real_reciprocal(double a)
+static inline Real real_reciprocal(Real a)
 {
-    return 1.0 / a;
+    return R(1.0) / a;
 }
 
-static inline double real_exponential(double a)
+static inline Real real_exponential(Real a)
 {
-    return exp(a);
+    return MATH(exp)(a);
 }
 
-static inline void real_sine_and_cosine(double a, double *sine, double *cosine)
+static inline void real_sine_and_cosine(Real a, Real *sine, Real *cosine)
 {
-    *sine = sin(a);
-    *cosine = cos(a);
+    *sine = MATH(sin)(a);
+    *cosine = MATH(cos)(a);
 }
 
-static inline double real_hyperbolic_tangent(double a)
+static inline Real real_hyperbolic_tangent(Real a)
 {
-    return tanh(a);
+    return MATH(tanh)(a);
 }
 
 /* ---- Jets ---- */
 
-static inline Jet jet_constant(double value)
+static inline Jet jet_constant(Real value)
 {
-    return (Jet){value, 0.0, 0.0};
+    return (Jet){value, R(0.0), R(0.0)};
 }
 
-static inline double jet_value(Jet a)
+static inline Real jet_value(Jet a)
 {
     return a.value;
 }
@@ -99,50 +99,50 @@ static inline Jet jet_difference(Jet a, Jet b)
 static inline Jet jet_product(Jet a, Jet b)
 {
     return (Jet){a.value * b.value, a.first * b.value + a.value * b.first,
-                 a.second * b.value + 2.0 * (a.first * b.first) + a.value * b.second};
+                 a.second * b.value + R(2.0) * (a.first * b.first) + a.value * b.second};
 }
 
-static inline Jet jet_scaled(Jet a, double by)
+static inline Jet jet_scaled(Jet a, Real by)
 {
     return (Jet){by * a.value, by * a.first, by * a.second};
 }
 
 static inline Jet jet_reciprocal(Jet a)
 {
-    const double value = 1.0 / a.value;
-    const double slope = -(value * value);
-    return (Jet){value, slope * a.first, slope * (a.second - 2.0 * (value * a.first * a.first))};
+    const Real value = R(1.0) / a.value;
+    const Real slope = -(value * value);
+    return (Jet){value, slope * a.first, slope * (a.second - R(2.0) * (value * a.first * a.first))};
 }
 
 static inline Jet jet_exponential(Jet a)
 {
-    const double value = exp(a.value);
+    const Real value = MATH(exp)(a.value);
     return (Jet){value, value * a.first, value * (a.second + a.first * a.first)};
 }
 
 static inline void jet_sine_and_cosine(Jet a, Jet *sine, Jet *cosine)
 {
-    const double s = sin(a.value);
-    const double c = cos(a.value);
+    const Real s = MATH(sin)(a.value);
+    const Real c = MATH(cos)(a.value);
     *sine = (Jet){s, c * a.first, c * a.second - s * a.first * a.first};
     *cosine = (Jet){c, -s * a.first, -s * a.second - c * a.first * a.first};
 }
 
 static inline Jet jet_hyperbolic_tangent(Jet a)
 {
-    const double value = tanh(a.value);
-    const double slope = 1.0 - value * value;
-    return (Jet){value, slope * a.first, slope * (a.second - 2.0 * (value * a.first * a.first))};
+    const Real value = MATH(tanh)(a.value);
+    const Real slope = R(1.0) - value * value;
+    return (Jet){value, slope * a.first, slope * (a.second - R(2.0) * (value * a.first * a.first))};
 }
 
 /* ---- Jets of jets ---- */
 
-static inline Nested nested_constant(double value)
+static inline Nested nested_constant(Real value)
 {
-    return (Nested){jet_constant(value), jet_constant(0.0), jet_constant(0.0)};
+    return (Nested){jet_constant(value), jet_constant(R(0.0)), jet_constant(R(0.0))};
 }
 
-static inline double nested_value(Nested a)
+static inline Real nested_value(Nested a)
 {
     return a.value.value;
 }
@@ -161,12 +161,12 @@ static inline Nested nested_difference(Nested a, Nested b)
 static inline Nested nested_product(Nested a, Nested b)
 {
     const Jet first = jet_sum(jet_product(a.first, b.value), jet_product(a.value, b.first));
-    const Jet mixed = jet_scaled(jet_product(a.first, b.first), 2.0);
+    const Jet mixed = jet_scaled(jet_product(a.first, b.first), R(2.0));
     const Jet second = jet_sum(jet_sum(jet_product(a.second, b.value), mixed), jet_product(a.value, b.second));
     return (Nested){jet_product(a.value, b.value), first, second};
 }
 
-static inline Nested nested_scaled(Nested a, double by)
+static inline Nested nested_scaled(Nested a, Real by)
 {
     return (Nested){jet_scaled(a.value, by), jet_scaled(a.first, by), jet_scaled(a.second, by)};
 }
@@ -178,7 +178,7 @@ static inline void nested_sine_and_cosine(Nested a, Nested *sine, Nested *cosine
     jet_sine_and_cosine(a.value, &s, &c);
     const Jet bent_sine = jet_product(jet_product(s, a.first), a.first);
     const Jet bent_cosine = jet_product(jet_product(c, a.first), a.first);
-    const Jet down = jet_scaled(s, -1.0);
+    const Jet down = jet_scaled(s, -R(1.0));
     *sine = (Nested){s, jet_product(c, a.first), jet_difference(jet_product(c, a.second), bent_sine)};
     *cosine = (Nested){c, jet_product(down, a.first), jet_difference(jet_product(down, a.second), bent_cosine)};
 }
@@ -186,10 +186,10 @@ static inline void nested_sine_and_cosine(Nested a, Nested *sine, Nested *cosine
 static inline Nested nested_hyperbolic_tangent(Nested a)
 {
     const Jet value = jet_hyperbolic_tangent(a.value);
-    const Jet slope = jet_difference(jet_constant(1.0), jet_product(value, value));
+    const Jet slope = jet_difference(jet_constant(R(1.0)), jet_product(value, value));
     const Jet bent = jet_product(jet_product(value, a.first), a.first);
     return (Nested){value, jet_product(slope, a.first),
-                    jet_product(slope, jet_difference(a.second, jet_scaled(bent, 2.0)))};
+                    jet_product(slope, jet_difference(a.second, jet_scaled(bent, R(2.0))))};
 }
 
 #endif

@@ -13,11 +13,11 @@
 #ifndef NUMBER
 
 typedef struct {
-    double bias;
-    const double *per_length; /* one over the length of each column */
+    Real bias;
+    const Real *per_length; /* one over the length of each column */
     size_t count;
-    const double *centres; /* one after the other */
-    const double *weights;
+    const Real *centres; /* one after the other */
+    const Real *weights;
 } Machine;
 
 extern const Machine model_machines[OUTPUT_COUNT];
@@ -29,16 +29,16 @@ static void OF(function)(const NUMBER z[MAP_COLUMNS], NUMBER y[OUTPUT_COUNT], NU
     (void)table;
     for (size_t output = 0; output < OUTPUT_COUNT; output++) {
         const Machine *machine = &model_machines[output];
-        const double *centre = machine->centres;
+        const Real *centre = machine->centres;
         NUMBER sum = OF(constant)(machine->bias);
         for (size_t c = 0; c < machine->count; c++) {
-            NUMBER square = OF(constant)(0.0);
+            NUMBER square = OF(constant)(R(0.0));
             for (size_t i = 0; i < MAP_COLUMNS; i++) {
                 const NUMBER away = OF(difference)(z[i], OF(constant)(centre[i]));
                 const NUMBER distance = OF(scaled)(away, machine->per_length[i]);
                 square = OF(sum)(square, OF(product)(distance, distance));
             }
-            sum = OF(sum)(sum, OF(scaled)(OF(exponential)(OF(scaled)(square, -0.5)), machine->weights[c]));
+            sum = OF(sum)(sum, OF(scaled)(OF(exponential)(OF(scaled)(square, -R(0.5))), machine->weights[c]));
             centre += MAP_COLUMNS;
         }
         y[output] = sum;

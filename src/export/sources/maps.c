@@ -13,60 +13,61 @@
  * model_data.h has the numbers. The step itself takes none of them: outputs are computed when a host asks for them, once.
  */
 #include "evaluator.h"
-#include <math.h>
 
 static const double TAU = 6.283185307179586476925286766559;
 
 /* ---- Columns ---- */
 
-static void encode(const double point[COLUMN_COUNT], double features[FEATURE_COUNT])
+/* Valid values and turns are found in double precision, so that no digits get lost far from zero. */
+static void encode(const double point[COLUMN_COUNT], Real features[FEATURE_COUNT])
 {
-    double *feature = features;
+    Real *feature = features;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         const Column *column = &model_columns[i];
         const Turn *turn = &model_turns[i];
         if (column->value_count > 0) {
             const size_t hot = nearest(column, point[i]);
             for (size_t k = 0; k < column->value_count; k++) {
-                *feature++ = k == hot ? 1.0 : 0.0;
+                *feature++ = k == hot ? R(1.0) : R(0.0);
             }
         } else if (turn->period > 0.0) {
             /* whole turns are taken off first, so that a period later the columns are the very same */
             const double turns = (point[i] - turn->start) / turn->period;
-            const double angle = TAU * (turns - floor(turns));
-            *feature++ = sin(angle);
-            *feature++ = cos(angle);
+            const Real angle = (Real)(TAU * (turns - floor(turns)));
+            *feature++ = MATH(sin)(angle);
+            *feature++ = MATH(cos)(angle);
         } else {
-            *feature++ = point[i];
+            *feature++ = (Real)point[i];
         }
     }
 }
 
 /* First and second derivatives of the columns along a curve of the inputs; second ones only if there are such rates. */
-static void encode_rates(const double features[FEATURE_COUNT], const double rates[COLUMN_COUNT],
-                         const double *second_rates, double first[FEATURE_COUNT], double second[FEATURE_COUNT])
+static void encode_rates(const Real features[FEATURE_COUNT], const double rates[COLUMN_COUNT],
+                         const double *second_rates, Real first[FEATURE_COUNT], Real second[FEATURE_COUNT])
 {
     size_t feature = 0;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        const double bend = second_rates == NULL ? 0.0 : second_rates[i];
+        const Real along = (Real)rates[i];
+        const Real bend = second_rates == NULL ? R(0.0) : (Real)second_rates[i];
         if (model_columns[i].value_count > 0) {
             /* constant nearly everywhere */
             for (size_t k = 0; k < model_columns[i].value_count; k++, feature++) {
-                first[feature] = 0.0;
-                second[feature] = 0.0;
+                first[feature] = R(0.0);
+                second[feature] = R(0.0);
             }
         } else if (model_turns[i].period > 0.0) {
-            const double sine = features[feature];
-            const double cosine = features[feature + 1];
-            const double rate = TAU / model_turns[i].period * rates[i];
-            const double change = TAU / model_turns[i].period * bend;
+            const Real sine = features[feature];
+            const Real cosine = features[feature + 1];
+            const Real rate = (Real)(TAU / model_turns[i].period) * along;
+            const Real change = (Real)(TAU / model_turns[i].period) * bend;
             first[feature] = cosine * rate;
             first[feature + 1] = -sine * rate;
             second[feature] = cosine * change - sine * rate * rate;
             second[feature + 1] = -sine * change - cosine * rate * rate;
             feature += 2;
         } else {
-            first[feature] = rates[i];
+            first[feature] = along;
             second[feature] = bend;
             feature++;
         }
@@ -74,7 +75,7 @@ static void encode_rates(const double features[FEATURE_COUNT], const double rate
 }
 
 /* Derivatives by the inputs from those by the columns. */
-static void by_inputs(const double features[FEATURE_COUNT], const double by_features[FEATURE_COUNT],
+static void by_inputs(const Real features[FEATURE_COUNT], const Real by_features[FEATURE_COUNT],
                       double gradient[COLUMN_COUNT])
 {
     size_t feature = 0;
@@ -83,11 +84,12 @@ static void by_inputs(const double features[FEATURE_COUNT], const double by_feat
             gradient[i] = 0.0;
             feature += model_columns[i].value_count;
         } else if (model_turns[i].period > 0.0) {
-            gradient[i] = TAU / model_turns[i].period *
-                          (features[feature + 1] * by_features[feature] - features[feature] * by_features[feature + 1]);
+            const Real turned =
+                features[feature + 1] * by_features[feature] - features[feature] * by_features[feature + 1];
+            gradient[i] = TAU / model_turns[i].period * (double)turned;
             feature += 2;
         } else {
-            gradient[i] = by_features[feature];
+            gradient[i] = (double)by_features[feature];
             feature++;
         }
     }
@@ -100,12 +102,12 @@ static void by_inputs(const double features[FEATURE_COUNT], const double by_feat
 /* Between instant `left` and the next one: y = (1 - weight) y_left + weight y_right. */
 typedef struct {
     size_t left;
-    double weight;
-    double slope; /* of the weight, per s */
+    Real weight;
+    Real slope; /* of the weight, per s */
 } Place;
 
 /* At an instant, the interval that begins there counts; at the last one, the one that ends there. */
-static Place place_of(double time)
+static Place place_of(Real time)
 {
     /* the last interval that begins no later, if one does */
     size_t left = 0;
@@ -118,31 +120,31 @@ static Place place_of(double time)
             end = middle;
         }
     }
-    const double size = model_instants[left + 1] - model_instants[left];
+    const Real size = model_instants[left + 1] - model_instants[left];
     const bool outside = time < model_instants[0] || time > model_instants[INSTANT_COUNT - 1];
-    double weight = (time - model_instants[left]) / size;
-    weight = weight < 0.0 ? 0.0 : weight > 1.0 ? 1.0 : weight;
-    const Place place = {left, weight, outside ? 0.0 : 1.0 / size};
+    Real weight = (time - model_instants[left]) / size;
+    weight = weight < R(0.0) ? R(0.0) : weight > R(1.0) ? R(1.0) : weight;
+    const Place place = {left, weight, outside ? R(0.0) : R(1.0) / size};
     return place;
 }
 
-static double between(const Place *place, double left, double right)
+static Real between(const Place *place, Real left, Real right)
 {
-    return (1.0 - place->weight) * left + place->weight * right;
+    return (R(1.0) - place->weight) * left + place->weight * right;
 }
 
 /* The columns other than the time. */
-static void others(const double features[FEATURE_COUNT], double columns[MAP_COLUMNS])
+static void others(const Real features[FEATURE_COUNT], Real columns[MAP_COLUMNS])
 {
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         columns[i] = features[i < TIME_FEATURE ? i : i + 1];
     }
 }
 
-static void evaluate(Scratch *scratch, const double features[FEATURE_COUNT], double outputs[OUTPUT_COUNT])
+static void evaluate(Scratch *scratch, const Real features[FEATURE_COUNT], Real outputs[OUTPUT_COUNT])
 {
-    double columns[MAP_COLUMNS];
-    double right[OUTPUT_COUNT];
+    Real columns[MAP_COLUMNS];
+    Real right[OUTPUT_COUNT];
     const Place place = place_of(features[TIME_FEATURE]);
     others(features, columns);
     map_evaluate(&scratch->map, place.left, columns, outputs);
@@ -152,18 +154,18 @@ static void evaluate(Scratch *scratch, const double features[FEATURE_COUNT], dou
     }
 }
 
-static void along_curve(Scratch *scratch, const double features[FEATURE_COUNT], const double rates[FEATURE_COUNT],
-                        const double *second_rates, double first[OUTPUT_COUNT], double *second)
+static void along_curve(Scratch *scratch, const Real features[FEATURE_COUNT], const Real rates[FEATURE_COUNT],
+                        const Real *second_rates, Real first[OUTPUT_COUNT], Real *second)
 {
-    double columns[MAP_COLUMNS];
-    double column_rates[2][MAP_COLUMNS];
-    double values[2][OUTPUT_COUNT];
-    double firsts[2][OUTPUT_COUNT];
-    double seconds[2][OUTPUT_COUNT];
+    Real columns[MAP_COLUMNS];
+    Real column_rates[2][MAP_COLUMNS];
+    Real values[2][OUTPUT_COUNT];
+    Real firsts[2][OUTPUT_COUNT];
+    Real seconds[2][OUTPUT_COUNT];
     const Place place = place_of(features[TIME_FEATURE]);
     /* of the weight along the curve */
-    const double rate = place.slope * rates[TIME_FEATURE];
-    const double acceleration = second == NULL ? 0.0 : place.slope * second_rates[TIME_FEATURE];
+    const Real rate = place.slope * rates[TIME_FEATURE];
+    const Real acceleration = second == NULL ? R(0.0) : place.slope * second_rates[TIME_FEATURE];
     others(features, columns);
     others(rates, column_rates[0]);
     if (second != NULL) {
@@ -177,19 +179,19 @@ static void along_curve(Scratch *scratch, const double features[FEATURE_COUNT], 
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
         first[i] = between(&place, firsts[0][i], firsts[1][i]) + rate * (values[1][i] - values[0][i]);
         if (second != NULL) {
-            second[i] = between(&place, seconds[0][i], seconds[1][i]) + 2.0 * rate * (firsts[1][i] - firsts[0][i]) +
+            second[i] = between(&place, seconds[0][i], seconds[1][i]) + R(2.0) * rate * (firsts[1][i] - firsts[0][i]) +
                         acceleration * (values[1][i] - values[0][i]);
         }
     }
 }
 
-static void adjoint(Scratch *scratch, const double features[FEATURE_COUNT], const double weights[OUTPUT_COUNT],
-                    double gradient[FEATURE_COUNT])
+static void adjoint(Scratch *scratch, const Real features[FEATURE_COUNT], const Real weights[OUTPUT_COUNT],
+                    Real gradient[FEATURE_COUNT])
 {
-    double columns[MAP_COLUMNS];
-    double values[2][OUTPUT_COUNT];
-    double by_columns[2][MAP_COLUMNS];
-    double by_time = 0.0;
+    Real columns[MAP_COLUMNS];
+    Real values[2][OUTPUT_COUNT];
+    Real by_columns[2][MAP_COLUMNS];
+    Real by_time = R(0.0);
     const Place place = place_of(features[TIME_FEATURE]);
     others(features, columns);
     for (size_t side = 0; side < 2; side++) {
@@ -209,19 +211,19 @@ static void adjoint(Scratch *scratch, const double features[FEATURE_COUNT], cons
 
 /* ---- One map ---- */
 
-static void evaluate(Scratch *scratch, const double features[FEATURE_COUNT], double outputs[OUTPUT_COUNT])
+static void evaluate(Scratch *scratch, const Real features[FEATURE_COUNT], Real outputs[OUTPUT_COUNT])
 {
     map_evaluate(&scratch->map, 0, features, outputs);
 }
 
-static void along_curve(Scratch *scratch, const double features[FEATURE_COUNT], const double rates[FEATURE_COUNT],
-                        const double *second_rates, double first[OUTPUT_COUNT], double *second)
+static void along_curve(Scratch *scratch, const Real features[FEATURE_COUNT], const Real rates[FEATURE_COUNT],
+                        const Real *second_rates, Real first[OUTPUT_COUNT], Real *second)
 {
     map_along_curve(&scratch->map, 0, features, rates, second_rates, first, second);
 }
 
-static void adjoint(Scratch *scratch, const double features[FEATURE_COUNT], const double weights[OUTPUT_COUNT],
-                    double gradient[FEATURE_COUNT])
+static void adjoint(Scratch *scratch, const Real features[FEATURE_COUNT], const Real weights[OUTPUT_COUNT],
+                    Real gradient[FEATURE_COUNT])
 {
     map_adjoint(&scratch->map, 0, features, weights, gradient);
 }
@@ -230,42 +232,60 @@ static void adjoint(Scratch *scratch, const double features[FEATURE_COUNT], cons
 
 /* ---- The model ---- */
 
+static void widen(const Real outputs[OUTPUT_COUNT], double results[RESULT_COUNT])
+{
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        results[i] = (double)outputs[i];
+    }
+}
+
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT])
 {
-    double features[FEATURE_COUNT];
+    Real features[FEATURE_COUNT];
+    Real outputs[OUTPUT_COUNT];
     encode(point, features);
-    evaluate(scratch, features, results);
+    evaluate(scratch, features, outputs);
+    widen(outputs, results);
 }
 
 void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
                        double derivative[RESULT_COUNT])
 {
-    double features[FEATURE_COUNT];
-    double first[FEATURE_COUNT];
-    double second[FEATURE_COUNT];
+    Real features[FEATURE_COUNT];
+    Real first[FEATURE_COUNT];
+    Real second[FEATURE_COUNT];
+    Real outputs[OUTPUT_COUNT];
     encode(point, features);
     encode_rates(features, direction, NULL, first, second);
-    along_curve(scratch, features, first, NULL, derivative, NULL);
+    along_curve(scratch, features, first, NULL, outputs, NULL);
+    widen(outputs, derivative);
 }
 
 void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
                        const double second_rates[COLUMN_COUNT], double first_derivative[RESULT_COUNT],
                        double second_derivative[RESULT_COUNT])
 {
-    double features[FEATURE_COUNT];
-    double first[FEATURE_COUNT];
-    double second[FEATURE_COUNT];
+    Real features[FEATURE_COUNT];
+    Real first[FEATURE_COUNT];
+    Real second[FEATURE_COUNT];
+    Real outputs[2][OUTPUT_COUNT];
     encode(point, features);
     encode_rates(features, rates, second_rates, first, second);
-    along_curve(scratch, features, first, second, first_derivative, second_derivative);
+    along_curve(scratch, features, first, second, outputs[0], outputs[1]);
+    widen(outputs[0], first_derivative);
+    widen(outputs[1], second_derivative);
 }
 
 void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                    double gradient[COLUMN_COUNT])
 {
-    double features[FEATURE_COUNT];
-    double by_features[FEATURE_COUNT];
+    Real features[FEATURE_COUNT];
+    Real by_features[FEATURE_COUNT];
+    Real of_outputs[OUTPUT_COUNT];
     encode(point, features);
-    adjoint(scratch, features, weights, by_features);
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        of_outputs[i] = (Real)weights[i];
+    }
+    adjoint(scratch, features, of_outputs, by_features);
     by_inputs(features, by_features, gradient);
 }

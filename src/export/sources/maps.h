@@ -22,7 +22,7 @@ typedef struct {
 extern const Turn model_turns[COLUMN_COUNT];
 
 #if MODEL_HAS_INSTANTS
-extern const double model_instants[INSTANT_COUNT]; /* s, ascending */
+extern const Real model_instants[INSTANT_COUNT]; /* s, ascending */
 #endif
 
 /* Working memory of one evaluation at a time. */
@@ -31,18 +31,18 @@ typedef struct {
 } Scratch;
 
 /* Outputs of a map at columns. */
-void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT]);
+void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT]);
 
 /*
  * First derivatives of the outputs, and second ones unless the pointers are null, along a curve on which the columns
  * have the given ones.
  */
-void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                     const double rates[MAP_COLUMNS], const double *second_rates, double first[OUTPUT_COUNT],
-                     double *second);
+void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                     const Real rates[MAP_COLUMNS], const Real *second_rates, Real first[OUTPUT_COUNT],
+                     Real *second);
 
 /* J^T weights */
-void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                 const double weights[OUTPUT_COUNT], double gradient[MAP_COLUMNS]);
+void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                 const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS]);
 
 #endif

@@ -5,9 +5,9 @@
 //! are embedded as they are; [`files`] adds two generated ones, `model_data.h` with sizes and `model_data.c` with the
 //! numbers.
 //!
-//! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals, and as
-//! doubles: widening singles at every use costs more than reading twice the memory. The C code computes in doubles
-//! whatever the surrogate's precision is.
+//! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals. Whatever the
+//! surrogate's precision is, the C code computes in doubles, or with `-DMETAFMU_SINGLE` in singles: all numbers of the
+//! model have the type `Real` of `real.h`. What a host gives and gets, and times, are doubles always.
 //!
 //! # What modelDescription.xml has to say
 //! - FMI 2.0: in each interface element (`CoSimulation`, `ModelExchange`), as its first child,
@@ -27,11 +27,12 @@ const DATA_HEADER: &str = "model_data.h";
 const DATA: &str = "model_data.c";
 
 /// Name and content of the files that do not depend on the surrogate and the version.
-const COMMON: [(&str, &str); 5] = [
+const COMMON: [(&str, &str); 6] = [
     ("evaluator.h", include_str!("evaluator.h")),
     ("instance.c", include_str!("instance.c")),
     ("instance.h", include_str!("instance.h")),
     ("model.h", include_str!("model.h")),
+    ("real.h", include_str!("real.h")),
     ("README.txt", include_str!("README.txt")),
 ];
 

@@ -7,6 +7,7 @@
 #define MODEL_H
 
 #include "model_data.h"
+#include "real.h"
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -105,6 +106,25 @@ static inline double clamped(const Column *column, double value)
         return min;
     }
     return value > max ? max : value;
+}
+
+/* An input in the course of a step. */
+typedef struct {
+    Real value; /* at the beginning, with its rates */
+    Real rate;
+    Real second_rate;
+    Real min; /* what it is clamped to; infinite if it is not */
+    Real max;
+} Drive;
+
+/* The input, `since` seconds after the beginning. */
+static inline Real driven(const Drive *drive, Real since)
+{
+    const Real value = drive->value + since * (drive->rate + R(0.5) * since * drive->second_rate);
+    if (value < drive->min) {
+        return drive->min;
+    }
+    return value > drive->max ? drive->max : value;
 }
 
 #endif

@@ -34,7 +34,7 @@ static size_t entry(size_t i, size_t j)
     return row * (row + 1) / 2 + column;
 }
 
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #include "dictionary.h"
 #include "network_term.h"
@@ -57,7 +57,7 @@ static size_t entry(size_t i, size_t j)
 #undef NUMBER
 #undef OF
 
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #define WORK RealWork
 #define ALONG Jet
@@ -81,6 +81,27 @@ static size_t entry(size_t i, size_t j)
 #undef ALONG
 #undef OF_ALONG
 
+#ifdef METAFMU_SINGLE
+
+bool model_goes_around(size_t state)
+{
+    return state < COORDINATE_COUNT && model_law.columns[state].angle;
+}
+
+double model_turned(size_t result, const double turns[COLUMN_COUNT])
+{
+    double turned = 0.0;
+    if (result >= OUTPUT_COUNT || model_shown[result].kind != SHOWN_POSITION) {
+        return turned;
+    }
+    for (size_t k = 0; k < COORDINATE_COUNT; k++) {
+        turned += (double)model_windings[model_shown[result].position * COORDINATE_COUNT + k] * turns[INPUT_COUNT + k];
+    }
+    return turned;
+}
+
+#endif
+
 void model_respond(Scratch *scratch)
 {
     real_respond(&scratch->real);
@@ -91,7 +112,7 @@ void model_follow(Scratch *scratch)
     jet_respond(&scratch->jet);
 }
 
-void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT])
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT])
 {
     real_accelerate(point, &scratch->real);
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {

@@ -66,7 +66,7 @@ extern const NetworkTerm model_law_network;
 extern const NetworkTerm model_positions_network;
 extern const NetworkTerm model_forces_network; /* of (q, p, v, u) */
 extern const int model_prescribed[COORDINATE_COUNT]; /* whether the acceleration of each coordinate is */
-extern const double model_windings[POSITION_SIZE * COORDINATE_COUNT]; /* w of each position */
+extern const Real model_windings[POSITION_SIZE * COORDINATE_COUNT]; /* w of each position */
 extern const Shown model_shown[OUTPUT_COUNT];
 
 /* Columns of the forces' network. */
@@ -94,7 +94,7 @@ enum { FORCE_COLUMNS = DICTIONARY_COLUMNS + COORDINATE_COUNT + INPUT_COUNT - FIR
         Along positions[POSITION_SIZE];                               \
     } Name
 
-MOTION_WORK(RealWork, double, Jet);
+MOTION_WORK(RealWork, Real, Jet);
 MOTION_WORK(JetWork, Jet, Nested);
 
 /* Working memory of one evaluation at a time. */

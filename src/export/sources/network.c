@@ -12,30 +12,30 @@
 /* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
 enum { GROUP = 4 };
 
-static void fill(double *values, size_t count, double value)
+static void fill(Real *values, size_t count, Real value)
 {
     for (size_t i = 0; i < count; i++) {
         values[i] = value;
     }
 }
 
-static void standardise(const Network *network, const double columns[MAP_COLUMNS], double z[WIDTH])
+static void standardise(const Network *network, const Real columns[MAP_COLUMNS], Real z[WIDTH])
 {
-    fill(z, WIDTH, 0.0);
+    fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         z[i] = (columns[i] - network->input_scaling[i].mean) / network->input_scaling[i].scale;
     }
 }
 
-static void standardise_rates(const Network *network, const double rates[MAP_COLUMNS], double z[WIDTH])
+static void standardise_rates(const Network *network, const Real rates[MAP_COLUMNS], Real z[WIDTH])
 {
-    fill(z, WIDTH, 0.0);
+    fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         z[i] = rates[i] / network->input_scaling[i].scale;
     }
 }
 
-static void rescale(const Network *network, double derivative[OUTPUT_COUNT])
+static void rescale(const Network *network, Real derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
         derivative[i] *= network->output_scaling[i].scale;
@@ -43,15 +43,15 @@ static void rescale(const Network *network, double derivative[OUTPUT_COUNT])
 }
 
 /* y += W x for one block of rows. */
-static void add_block(const double *restrict weights, size_t columns, const double *restrict x, double *restrict y)
+static void add_block(const Real *restrict weights, size_t columns, const Real *restrict x, Real *restrict y)
 {
     size_t column = 0;
     for (; column + GROUP <= columns; column += GROUP) {
-        const double *w = weights + column * BLOCK;
-        const double a = x[column];
-        const double b = x[column + 1];
-        const double c = x[column + 2];
-        const double d = x[column + 3];
+        const Real *w = weights + column * BLOCK;
+        const Real a = x[column];
+        const Real b = x[column + 1];
+        const Real c = x[column + 2];
+        const Real d = x[column + 3];
         for (size_t row = 0; row < BLOCK; row++) {
             y[row] += (w[row] * a + w[BLOCK + row] * b) + (w[2 * BLOCK + row] * c + w[3 * BLOCK + row] * d);
         }
@@ -64,7 +64,7 @@ static void add_block(const double *restrict weights, size_t columns, const doub
 }
 
 /* y = W x + b */
-static void affine(const Layer *layer, const double *restrict x, double *restrict y)
+static void affine(const Layer *layer, const Real *restrict x, Real *restrict y)
 {
     for (size_t block = 0; block < layer->blocks; block++) {
         for (size_t row = 0; row < BLOCK; row++) {
@@ -75,16 +75,16 @@ static void affine(const Layer *layer, const double *restrict x, double *restric
 }
 
 /* y = W x */
-static void linear(const Layer *layer, const double *restrict x, double *restrict y)
+static void linear(const Layer *layer, const Real *restrict x, Real *restrict y)
 {
-    fill(y, layer->blocks * BLOCK, 0.0);
+    fill(y, layer->blocks * BLOCK, R(0.0));
     for (size_t block = 0; block < layer->blocks; block++) {
         add_block(layer->weights + block * layer->inputs * BLOCK, layer->inputs, x, y + block * BLOCK);
     }
 }
 
 /* The sum of a block, by halves: one number after the other would wait for each addition. */
-static double sum_of(double sums[BLOCK])
+static Real sum_of(Real sums[BLOCK])
 {
     for (size_t half = BLOCK / 2; half > 0; half /= 2) {
         for (size_t i = 0; i < half; i++) {
@@ -94,9 +94,9 @@ static double sum_of(double sums[BLOCK])
     return sums[0];
 }
 
-static double dot(const double *restrict a, const double *restrict b, size_t count)
+static Real dot(const Real *restrict a, const Real *restrict b, size_t count)
 {
-    double sums[BLOCK] = {0.0};
+    Real sums[BLOCK] = {R(0.0)};
     for (size_t start = 0; start < count; start += BLOCK) {
         for (size_t i = 0; i < BLOCK; i++) {
             sums[i] += a[start + i] * b[start + i];
@@ -106,11 +106,11 @@ static double dot(const double *restrict a, const double *restrict b, size_t cou
 }
 
 /* x = W^T y */
-static void transposed(const Layer *layer, const double *restrict y, double *restrict x)
+static void transposed(const Layer *layer, const Real *restrict y, Real *restrict x)
 {
-    fill(x, WIDTH, 0.0);
+    fill(x, WIDTH, R(0.0));
     for (size_t block = 0; block < layer->blocks; block++) {
-        const double *weights = layer->weights + block * layer->inputs * BLOCK;
+        const Real *weights = layer->weights + block * layer->inputs * BLOCK;
         for (size_t column = 0; column < layer->inputs; column++) {
             x[column] += dot(weights + column * BLOCK, y + block * BLOCK, BLOCK);
         }
@@ -118,14 +118,14 @@ static void transposed(const Layer *layer, const double *restrict y, double *res
 }
 
 /* W x of the last layer */
-static void last_linear(const Network *network, const double x[WIDTH], double y[OUTPUT_COUNT])
+static void last_linear(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
 {
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
         y[row] = dot(network->last_weights + row * LAST_COLUMNS, x, LAST_COLUMNS);
     }
 }
 
-static void last_affine(const Network *network, const double x[WIDTH], double y[OUTPUT_COUNT])
+static void last_affine(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
 {
     last_linear(network, x, y);
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
@@ -133,11 +133,11 @@ static void last_affine(const Network *network, const double x[WIDTH], double y[
     }
 }
 
-static void last_transposed(const Network *network, const double y[OUTPUT_COUNT], double *restrict x)
+static void last_transposed(const Network *network, const Real y[OUTPUT_COUNT], Real *restrict x)
 {
-    fill(x, WIDTH, 0.0);
+    fill(x, WIDTH, R(0.0));
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
-        const double *weights = network->last_weights + row * LAST_COLUMNS;
+        const Real *weights = network->last_weights + row * LAST_COLUMNS;
         for (size_t column = 0; column < LAST_COLUMNS; column++) {
             x[column] += weights[column] * y[row];
         }
@@ -145,13 +145,13 @@ static void last_transposed(const Network *network, const double y[OUTPUT_COUNT]
 }
 
 /* y becomes the activation of y; its first and second derivatives go to slope and curvature. */
-static void activate_last(Activation activation, double y[OUTPUT_COUNT], double slope[OUTPUT_COUNT],
-                          double curvature[OUTPUT_COUNT])
+static void activate_last(Activation activation, Real y[OUTPUT_COUNT], Real slope[OUTPUT_COUNT],
+                          Real curvature[OUTPUT_COUNT])
 {
     for (size_t start = 0; start < OUTPUT_COUNT; start += BLOCK) {
-        double values[BLOCK] = {0.0};
-        double slopes[BLOCK];
-        double curvatures[BLOCK];
+        Real values[BLOCK] = {R(0.0)};
+        Real slopes[BLOCK];
+        Real curvatures[BLOCK];
         const size_t count = start + BLOCK < OUTPUT_COUNT ? BLOCK : OUTPUT_COUNT - start;
         for (size_t i = 0; i < count; i++) {
             values[i] = y[start + i];
@@ -165,11 +165,11 @@ static void activate_last(Activation activation, double y[OUTPUT_COUNT], double 
     }
 }
 
-void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT])
+void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
 {
     const Network *network = &model_networks[map];
-    double *current = scratch->value[0];
-    double *next = scratch->value[1];
+    Real *current = scratch->value[0];
+    Real *next = scratch->value[1];
     standardise(network, columns, current);
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
@@ -177,14 +177,14 @@ void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLU
         for (size_t block = 0; block < layer->blocks; block++) {
             activate(layer->activation, next + block * BLOCK);
         }
-        double *const before = current;
+        Real *const before = current;
         current = next;
         next = before;
     }
     last_affine(network, current, outputs);
     if (network->last_activation != ACTIVATION_IDENTITY) {
-        double slope[OUTPUT_COUNT];
-        double curvature[OUTPUT_COUNT];
+        Real slope[OUTPUT_COUNT];
+        Real curvature[OUTPUT_COUNT];
         activate_last(network->last_activation, outputs, slope, curvature);
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
@@ -192,9 +192,9 @@ void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLU
     }
 }
 
-void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                     const double rates[MAP_COLUMNS], const double *second_rates, double first_derivative[OUTPUT_COUNT],
-                     double *second_derivative)
+void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                     const Real rates[MAP_COLUMNS], const Real *second_rates, Real first_derivative[OUTPUT_COUNT],
+                     Real *second_derivative)
 {
     const Network *network = &model_networks[map];
     const bool twice = second_derivative != NULL;
@@ -207,20 +207,20 @@ void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_C
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
         const size_t next = 1 - current;
-        double *value = scratch->value[next];
-        double *first = scratch->first[next];
-        double *second = scratch->second[next];
+        Real *value = scratch->value[next];
+        Real *first = scratch->first[next];
+        Real *second = scratch->second[next];
         affine(layer, scratch->value[current], value);
         linear(layer, scratch->first[current], first);
         if (twice) {
             linear(layer, scratch->second[current], second);
         }
         for (size_t block = 0; block < layer->blocks * BLOCK; block += BLOCK) {
-            double slope[BLOCK];
-            double curvature[BLOCK];
+            Real slope[BLOCK];
+            Real curvature[BLOCK];
             activate_series(layer->activation, value + block, slope, curvature);
             for (size_t row = 0; row < BLOCK; row++) {
-                const double rate = first[block + row];
+                const Real rate = first[block + row];
                 first[block + row] = slope[row] * rate;
                 if (twice) {
                     second[block + row] = slope[row] * second[block + row] + curvature[row] * rate * rate;
@@ -234,13 +234,13 @@ void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_C
         last_linear(network, scratch->second[current], second_derivative);
     }
     if (network->last_activation != ACTIVATION_IDENTITY) {
-        double values[OUTPUT_COUNT];
-        double slope[OUTPUT_COUNT];
-        double curvature[OUTPUT_COUNT];
+        Real values[OUTPUT_COUNT];
+        Real slope[OUTPUT_COUNT];
+        Real curvature[OUTPUT_COUNT];
         last_affine(network, scratch->value[current], values);
         activate_last(network->last_activation, values, slope, curvature);
         for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-            const double rate = first_derivative[i];
+            const Real rate = first_derivative[i];
             first_derivative[i] = slope[i] * rate;
             if (twice) {
                 second_derivative[i] = slope[i] * second_derivative[i] + curvature[i] * rate * rate;
@@ -253,21 +253,21 @@ void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_C
     }
 }
 
-void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                 const double weights[OUTPUT_COUNT], double gradient[MAP_COLUMNS])
+void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                 const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS])
 {
     const Network *network = &model_networks[map];
-    double scaled[OUTPUT_COUNT];
-    double *slopes = scratch->slopes;
+    Real scaled[OUTPUT_COUNT];
+    Real *slopes = scratch->slopes;
     size_t at = 0;
     standardise(network, columns, scratch->value[0]);
     /* the slopes of all activations */
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
-        double *value = scratch->value[1 - at];
+        Real *value = scratch->value[1 - at];
         affine(layer, scratch->value[at], value);
         for (size_t block = 0; block < layer->blocks; block++) {
-            double curvature[BLOCK];
+            Real curvature[BLOCK];
             activate_series(layer->activation, value + block * BLOCK, slopes, curvature);
             slopes += BLOCK;
         }
@@ -277,17 +277,17 @@ void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUM
         scaled[i] = weights[i] * network->output_scaling[i].scale;
     }
     if (network->last_activation != ACTIVATION_IDENTITY) {
-        double values[OUTPUT_COUNT];
-        double slope[OUTPUT_COUNT];
-        double curvature[OUTPUT_COUNT];
+        Real values[OUTPUT_COUNT];
+        Real slope[OUTPUT_COUNT];
+        Real curvature[OUTPUT_COUNT];
         last_affine(network, scratch->value[at], values);
         activate_last(network->last_activation, values, slope, curvature);
         for (size_t i = 0; i < OUTPUT_COUNT; i++) {
             scaled[i] *= slope[i];
         }
     }
-    double *current = scratch->first[0];
-    double *next = scratch->first[1];
+    Real *current = scratch->first[0];
+    Real *next = scratch->first[1];
     last_transposed(network, scaled, current);
     for (size_t i = network->hidden_count; i > 0; i--) {
         const Layer *layer = &network->hidden[i - 1];
@@ -297,7 +297,7 @@ void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUM
             current[row] *= slopes[row];
         }
         transposed(layer, current, next);
-        double *const before = current;
+        Real *const before = current;
         current = next;
         next = before;
     }

@@ -9,8 +9,8 @@
 
 /* (x - mean) / scale goes into the network; mean + scale * y is what comes out. */
 typedef struct {
-    double mean;
-    double scale;
+    Real mean;
+    Real scale;
 } Scaling;
 
 /*
@@ -20,8 +20,8 @@ typedef struct {
 typedef struct {
     size_t inputs;
     size_t blocks;
-    const double *weights;
-    const double *bias;
+    const Real *weights;
+    const Real *bias;
     Activation activation;
 } Layer;
 
@@ -31,8 +31,8 @@ typedef struct {
     const Scaling *output_scaling;
     size_t hidden_count;
     const Layer *hidden;
-    const double *last_weights;
-    const double *last_bias;
+    const Real *last_weights;
+    const Real *last_bias;
     Activation last_activation;
 } Network;
 
@@ -40,10 +40,10 @@ extern const Network model_networks[];
 
 /* Working memory of one evaluation at a time; pairs of rows for a layer and the one after it. */
 typedef struct {
-    double value[2][WIDTH];
-    double first[2][WIDTH];  /* first derivatives along the curve */
-    double second[2][WIDTH]; /* second derivatives along the curve */
-    double slopes[SLOPE_COUNT];
+    Real value[2][WIDTH];
+    Real first[2][WIDTH];  /* first derivatives along the curve */
+    Real second[2][WIDTH]; /* second derivatives along the curve */
+    Real slopes[SLOPE_COUNT];
 } MapScratch;
 
 #endif

@@ -7,14 +7,14 @@
 static void OF(multiply)(const TermLayer *layer, const NUMBER *x, NUMBER *y, bool biased)
 {
     for (size_t block = 0; block < layer->rows; block += BLOCK) {
-        const double *weights = layer->weights + block * layer->inputs;
+        const Real *weights = layer->weights + block * layer->inputs;
         NUMBER sums[BLOCK];
         for (size_t row = 0; row < BLOCK; row++) {
-            sums[row] = OF(constant)(biased ? layer->bias[block + row] : 0.0);
+            sums[row] = OF(constant)(biased ? layer->bias[block + row] : R(0.0));
         }
         size_t column = 0;
         for (; column + GROUP <= layer->inputs; column += GROUP) {
-            const double *w = weights + column * BLOCK;
+            const Real *w = weights + column * BLOCK;
             for (size_t row = 0; row < BLOCK; row++) {
                 const NUMBER a = OF(scaled)(x[column], w[row]);
                 const NUMBER b = OF(scaled)(x[column + 1], w[BLOCK + row]);
@@ -47,18 +47,18 @@ static void OF(add_network)(const NetworkTerm *term, const NUMBER *x, NUMBER *y,
     for (size_t i = 0; i < term->column_count; i++) {
         const TermColumn *column = &term->columns[i];
         NUMBER value = x[column->of];
-        NUMBER slope = OF(constant)(1.0);
+        NUMBER slope = OF(constant)(R(1.0));
         if (column->kind != TERM_PLAIN) {
             NUMBER sine;
             NUMBER cosine;
             OF(sine_and_cosine)(x[column->of], &sine, &cosine);
             value = column->kind == TERM_OF_SINE ? sine : cosine;
-            slope = column->kind == TERM_OF_SINE ? cosine : OF(scaled)(sine, -1.0);
+            slope = column->kind == TERM_OF_SINE ? cosine : OF(scaled)(sine, -R(1.0));
         }
         current[i] = OF(scaled)(OF(difference)(value, OF(constant)(column->mean)), column->scale);
         for (size_t k = 0; k < first; k++) {
             current[(1 + k) * NETWORK_WIDTH + i] =
-                column->of == k ? OF(scaled)(slope, column->scale) : OF(constant)(0.0);
+                column->of == k ? OF(scaled)(slope, column->scale) : OF(constant)(R(0.0));
         }
     }
     for (size_t l = 0; l < term->layer_count; l++) {

@@ -12,19 +12,19 @@
 #ifndef NUMBER
 
 extern const unsigned char model_degrees[TERM_COUNT * MAP_COLUMNS]; /* of each term in each column */
-extern const double model_coefficients[OUTPUT_COUNT * TERM_COUNT];
+extern const Real model_coefficients[OUTPUT_COUNT * TERM_COUNT];
 
 #else /* the template */
 
 /* P_0(z), P_1(z), ...: (k + 1) P_(k + 1) = (2 k + 1) z P_k - k P_(k - 1). */
 static void OF(legendre)(NUMBER z, NUMBER values[ORDER_COUNT])
 {
-    values[0] = OF(constant)(1.0);
+    values[0] = OF(constant)(R(1.0));
     values[1] = z;
     for (size_t k = 1; k + 1 < ORDER_COUNT; k++) {
-        const double order = (double)k;
-        const double next = order + 1.0;
-        const NUMBER by_z = OF(product)(OF(scaled)(z, (2.0 * order + 1.0) / next), values[k]);
+        const Real order = (Real)k;
+        const Real next = order + R(1.0);
+        const NUMBER by_z = OF(product)(OF(scaled)(z, (R(2.0) * order + R(1.0)) / next), values[k]);
         values[k + 1] = OF(difference)(by_z, OF(scaled)(values[k - 1], order / next));
     }
 }
@@ -35,10 +35,10 @@ static void OF(function)(const NUMBER z[MAP_COLUMNS], NUMBER y[OUTPUT_COUNT], NU
         OF(legendre)(z[i], table + i * ORDER_COUNT);
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        y[i] = OF(constant)(0.0);
+        y[i] = OF(constant)(R(0.0));
     }
     for (size_t term = 0; term < TERM_COUNT; term++) {
-        NUMBER value = OF(constant)(1.0);
+        NUMBER value = OF(constant)(R(1.0));
         for (size_t i = 0; i < MAP_COLUMNS; i++) {
             const size_t degree = model_degrees[term * MAP_COLUMNS + i];
             if (degree > 0) {

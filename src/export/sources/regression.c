@@ -4,7 +4,7 @@
  */
 #include "evaluator.h"
 
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #include FUNCTION_HEADER
 #undef NUMBER
@@ -16,7 +16,7 @@
 #undef NUMBER
 #undef OF
 
-void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS], double outputs[OUTPUT_COUNT])
+void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
 {
     RealWork *work = &scratch->real;
     (void)map; /* there is one */
@@ -30,21 +30,21 @@ void map_evaluate(MapScratch *scratch, size_t map, const double columns[MAP_COLU
 }
 
 /* The function along a curve; without second rates where the pointer is null. */
-static void follow(JetWork *work, const double columns[MAP_COLUMNS], const double rates[MAP_COLUMNS],
-                   const double *second_rates)
+static void follow(JetWork *work, const Real columns[MAP_COLUMNS], const Real rates[MAP_COLUMNS],
+                   const Real *second_rates)
 {
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         const Scaling *scaling = &model_input_scaling[i];
-        const double bend = second_rates == NULL ? 0.0 : second_rates[i];
+        const Real bend = second_rates == NULL ? R(0.0) : second_rates[i];
         work->columns[i] =
             (Jet){(columns[i] - scaling->mean) / scaling->scale, rates[i] / scaling->scale, bend / scaling->scale};
     }
     jet_function(work->columns, work->outputs, work->table);
 }
 
-void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                     const double rates[MAP_COLUMNS], const double *second_rates, double first[OUTPUT_COUNT],
-                     double *second)
+void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                     const Real rates[MAP_COLUMNS], const Real *second_rates, Real first[OUTPUT_COUNT],
+                     Real *second)
 {
     JetWork *work = &scratch->jet;
     (void)map;
@@ -57,17 +57,17 @@ void map_along_curve(MapScratch *scratch, size_t map, const double columns[MAP_C
     }
 }
 
-void map_adjoint(MapScratch *scratch, size_t map, const double columns[MAP_COLUMNS],
-                 const double weights[OUTPUT_COUNT], double gradient[MAP_COLUMNS])
+void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+                 const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS])
 {
     JetWork *work = &scratch->jet;
-    double rates[MAP_COLUMNS] = {0.0};
+    Real rates[MAP_COLUMNS] = {R(0.0)};
     (void)map;
     for (size_t column = 0; column < MAP_COLUMNS; column++) {
-        rates[column] = 1.0;
+        rates[column] = R(1.0);
         follow(work, columns, rates, NULL);
-        rates[column] = 0.0;
-        gradient[column] = 0.0;
+        rates[column] = R(0.0);
+        gradient[column] = R(0.0);
         for (size_t i = 0; i < OUTPUT_COUNT; i++) {
             gradient[column] += weights[i] * model_output_scaling[i].scale * work->outputs[i].first;
         }

@@ -9,8 +9,8 @@
 
 /* (x - mean) / scale goes into the function; mean + scale * y is what comes out. */
 typedef struct {
-    double mean;
-    double scale;
+    Real mean;
+    Real scale;
 } Scaling;
 
 extern const Scaling model_input_scaling[MAP_COLUMNS];
@@ -26,7 +26,7 @@ extern const Scaling model_output_scaling[OUTPUT_COUNT];
         Number table[TABLE_SIZE];     \
     } Name
 
-REGRESSION_WORK(RealWork, double);
+REGRESSION_WORK(RealWork, Real);
 REGRESSION_WORK(JetWork, Jet);
 
 /* Working memory of one evaluation at a time. */

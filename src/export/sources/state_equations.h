@@ -28,10 +28,10 @@ static void OF(compute)(const NUMBER point[COLUMN_COUNT], WORK *work)
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         if (model_functions.columns[i].angle) {
             /* whole turns are taken off, so that a turn later the network's columns are the very same */
-            const double value = OF(value)(columns[i]);
-            const double turns = value / TAU;
+            const Real value = OF(value)(columns[i]);
+            const Real turns = value / TAU;
             const NUMBER change = OF(difference)(columns[i], OF(constant)(value));
-            columns[i] = OF(sum)(OF(constant)(TAU * (turns - floor(turns))), change);
+            columns[i] = OF(sum)(OF(constant)(TAU * (turns - MATH(floor)(turns))), change);
         }
     }
     OF(add_network)(&model_functions_network, columns, work->functions, NULL, 0, work->network);

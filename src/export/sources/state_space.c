@@ -26,9 +26,9 @@
  */
 #include "evaluator.h"
 
-static const double TAU = 6.283185307179586476925286766559;
+static const Real TAU = R(6.283185307179586476925286766559);
 
-#define NUMBER double
+#define NUMBER Real
 #define OF(name) real_##name
 #define WORK RealWork
 #include "dictionary.h"
@@ -49,6 +49,21 @@ static const double TAU = 6.283185307179586476925286766559;
 #undef OF
 #undef WORK
 
+#ifdef METAFMU_SINGLE
+
+bool model_goes_around(size_t state)
+{
+    return model_functions.columns[DICTIONARY_COLUMNS - STATE_COUNT + state].angle;
+}
+
+double model_turned(size_t result, const double turns[COLUMN_COUNT])
+{
+    const Given *given = &model_given[result];
+    return given->state ? turns[INPUT_COUNT + given->index] : 0.0;
+}
+
+#endif
+
 void model_respond(Scratch *scratch)
 {
     real_respond(&scratch->real);
@@ -61,7 +76,7 @@ void model_follow(Scratch *scratch)
 
 #if MODEL_HAS_STATES
 
-void model_rates(Scratch *scratch, const double point[COLUMN_COUNT], double rates[STATE_COUNT])
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT])
 {
     real_compute(point, &scratch->real);
     for (size_t i = 0; i < STATE_COUNT; i++) {

@@ -46,7 +46,7 @@ extern const Given model_given[RESULT_COUNT];
         GRAPH_WORK(Number)                  \
     } Name
 
-STATE_SPACE_WORK(RealWork, double);
+STATE_SPACE_WORK(RealWork, Real);
 STATE_SPACE_WORK(JetWork, Jet);
 
 /* Working memory of one evaluation at a time. */

@@ -1,30 +1,77 @@
 #include "evaluator.h"
-#include <math.h>
+
+#ifdef METAFMU_SINGLE
+
+/* ---- Whole turns: a state that goes around would lose its digits, so they are taken off in double precision ---- */
+
+static const double TAU = 6.283185307179586476925286766559;
+
+/* The turns of each column of a point, in rad; zero where it is no angle. */
+static void find_turns(const double point[COLUMN_COUNT], double turns[COLUMN_COUNT])
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const bool goes_around = i >= INPUT_COUNT && model_goes_around(i - INPUT_COUNT);
+        turns[i] = goes_around ? TAU * floor(point[i] / TAU + 0.5) : 0.0;
+    }
+}
+
+#endif
+
+/* A point in the numbers that the model is computed in. */
+static void enter(const double point[COLUMN_COUNT], Real to[COLUMN_COUNT])
+{
+#ifdef METAFMU_SINGLE
+    double turns[COLUMN_COUNT];
+    find_turns(point, turns);
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        to[i] = (Real)(point[i] - turns[i]);
+    }
+#else
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        to[i] = point[i];
+    }
+#endif
+}
 
 /* ---- Results and their derivatives ---- */
 
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT])
 {
     RealWork *work = &scratch->real;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        work->point[i] = point[i];
-    }
+    enter(point, work->point);
     model_respond(scratch);
     for (size_t i = 0; i < RESULT_COUNT; i++) {
-        results[i] = work->results[i];
+        results[i] = (double)work->results[i];
     }
+#ifdef METAFMU_SINGLE
+    double turns[COLUMN_COUNT];
+    find_turns(point, turns);
+    for (size_t i = 0; i < RESULT_COUNT; i++) {
+        results[i] += model_turned(i, turns);
+    }
+#endif
+}
+
+/* Puts the point there with rates of its columns, and second ones unless the pointer is null; then the results. */
+static const Jet *follow(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
+                         const double *second_rates)
+{
+    JetWork *work = &scratch->jet;
+    Real values[COLUMN_COUNT];
+    enter(point, values);
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        work->point[i] = (Jet){values[i], (Real)rates[i], second_rates == NULL ? R(0.0) : (Real)second_rates[i]};
+    }
+    model_follow(scratch);
+    return work->results;
 }
 
 void model_directional(Scratch *scratch, const double point[COLUMN_COUNT], const double direction[COLUMN_COUNT],
                        double derivative[RESULT_COUNT])
 {
-    JetWork *work = &scratch->jet;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        work->point[i] = (Jet){point[i], direction[i], 0.0};
-    }
-    model_follow(scratch);
+    const Jet *results = follow(scratch, point, direction, NULL);
     for (size_t i = 0; i < RESULT_COUNT; i++) {
-        derivative[i] = work->results[i].first;
+        derivative[i] = (double)results[i].first;
     }
 }
 
@@ -32,30 +79,26 @@ void model_along_curve(Scratch *scratch, const double point[COLUMN_COUNT], const
                        const double second_rates[COLUMN_COUNT], double first[RESULT_COUNT],
                        double second[RESULT_COUNT])
 {
-    JetWork *work = &scratch->jet;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        work->point[i] = (Jet){point[i], rates[i], second_rates[i]};
-    }
-    model_follow(scratch);
+    const Jet *results = follow(scratch, point, rates, second_rates);
     for (size_t i = 0; i < RESULT_COUNT; i++) {
-        first[i] = work->results[i].first;
-        second[i] = work->results[i].second;
+        first[i] = (double)results[i].first;
+        second[i] = (double)results[i].second;
     }
 }
 
 void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const double weights[RESULT_COUNT],
                    double gradient[COLUMN_COUNT])
 {
-    JetWork *work = &scratch->jet;
+    double direction[COLUMN_COUNT] = {0.0};
     for (size_t column = 0; column < COLUMN_COUNT; column++) {
-        for (size_t i = 0; i < COLUMN_COUNT; i++) {
-            work->point[i] = (Jet){point[i], i == column ? 1.0 : 0.0, 0.0};
-        }
-        model_follow(scratch);
-        gradient[column] = 0.0;
+        direction[column] = 1.0;
+        const Jet *results = follow(scratch, point, direction, NULL);
+        direction[column] = 0.0;
+        Real sum = R(0.0);
         for (size_t i = 0; i < RESULT_COUNT; i++) {
-            gradient[column] += weights[i] * work->results[i].first;
+            sum += (Real)weights[i] * results[i].first;
         }
+        gradient[column] = (double)sum;
     }
 }
 
@@ -76,42 +119,42 @@ void model_start(double point[COLUMN_COUNT])
 /* A Runge-Kutta method: each stage's time, its weights of the stages before it, and those of the result. */
 typedef struct {
     size_t stages;
-    double times[SOLVER_STAGES];
-    double weights[SOLVER_STAGES][SOLVER_STAGES - 1];
-    double result[SOLVER_STAGES - 1];
+    Real times[SOLVER_STAGES];
+    Real weights[SOLVER_STAGES][SOLVER_STAGES - 1];
+    Real result[SOLVER_STAGES - 1];
 } Method;
 
 /* The classical method of order 4. */
 static const Method CLASSICAL = {
     4,
-    {0.0, 0.5, 0.5, 1.0, 0.0, 0.0, 0.0},
-    {{0.0}, {0.5}, {0.0, 0.5}, {0.0, 0.0, 1.0}, {0.0}, {0.0}, {0.0}},
-    {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0},
+    {R(0.0), R(0.5), R(0.5), R(1.0), R(0.0), R(0.0), R(0.0)},
+    {{R(0.0)}, {R(0.5)}, {R(0.0), R(0.5)}, {R(0.0), R(0.0), R(1.0)}, {R(0.0)}, {R(0.0)}, {R(0.0)}},
+    {R(1.0) / R(6.0), R(1.0) / R(3.0), R(1.0) / R(3.0), R(1.0) / R(6.0), R(0.0), R(0.0)},
 };
 
 /* Dormand, Prince (1980): order 5 with an embedded method of order 4. */
 static const Method DORMAND_PRINCE = {
     SOLVER_STAGES,
-    {0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0},
-    {{0.0},
-     {0.2},
-     {3.0 / 40.0, 9.0 / 40.0},
-     {44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0},
-     {19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0},
-     {9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0},
-     {35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0}},
-    {35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0},
+    {R(0.0), R(0.2), R(0.3), R(0.8), R(8.0) / R(9.0), R(1.0), R(1.0)},
+    {{R(0.0)},
+     {R(0.2)},
+     {R(3.0) / R(40.0), R(9.0) / R(40.0)},
+     {R(44.0) / R(45.0), -R(56.0) / R(15.0), R(32.0) / R(9.0)},
+     {R(19372.0) / R(6561.0), -R(25360.0) / R(2187.0), R(64448.0) / R(6561.0), -R(212.0) / R(729.0)},
+     {R(9017.0) / R(3168.0), -R(355.0) / R(33.0), R(46732.0) / R(5247.0), R(49.0) / R(176.0), -R(5103.0) / R(18656.0)},
+     {R(35.0) / R(384.0), R(0.0), R(500.0) / R(1113.0), R(125.0) / R(192.0), -R(2187.0) / R(6784.0), R(11.0) / R(84.0)}},
+    {R(35.0) / R(384.0), R(0.0), R(500.0) / R(1113.0), R(125.0) / R(192.0), -R(2187.0) / R(6784.0), R(11.0) / R(84.0)},
 };
 
 /* Result of order 5 minus that of order 4. */
-static const double DORMAND_PRINCE_ERROR[SOLVER_STAGES] = {
-    71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0,
+static const Real DORMAND_PRINCE_ERROR[SOLVER_STAGES] = {
+    R(71.0) / R(57600.0), R(0.0), -R(71.0) / R(16695.0), R(71.0) / R(1920.0), -R(17253.0) / R(339200.0), R(22.0) / R(525.0), -R(1.0) / R(40.0),
 };
 
 /* The rate of a state, by the first so many stages. */
-static double weighted(const Scratch *scratch, const double weights[], size_t stages, size_t state)
+static Real weighted(const Scratch *scratch, const Real weights[], size_t stages, size_t state)
 {
-    double sum = 0.0;
+    Real sum = R(0.0);
     for (size_t i = 0; i < stages; i++) {
         sum += weights[i] * scratch->solver.rates[i][state];
     }
@@ -119,17 +162,17 @@ static double weighted(const Scratch *scratch, const double weights[], size_t st
 }
 
 /* Rates of the states at the stages of a step of size h, `since` seconds after the beginning. */
-static void stages(Scratch *scratch, const Method *method, const double point[COLUMN_COUNT], const Step *step,
-                   double since, double h)
+static void stages(Scratch *scratch, const Method *method, Real since, Real h)
 {
-    double *at = scratch->solver.stage;
+    const Real *point = scratch->solver.point;
+    Real *at = scratch->solver.stage;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         at[i] = point[i];
     }
     for (size_t stage = 0; stage < method->stages; stage++) {
-        const double later = since + method->times[stage] * h;
+        const Real later = since + method->times[stage] * h;
         for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {
-            at[i] = driven(step, point, i, later);
+            at[i] = driven(&scratch->solver.drives[i], later);
         }
         for (size_t i = 0; i < STATE_COUNT; i++) {
             at[INPUT_COUNT + i] = point[INPUT_COUNT + i] + h * weighted(scratch, method->weights[stage], stage, i);
@@ -139,52 +182,59 @@ static void stages(Scratch *scratch, const Method *method, const double point[CO
 }
 
 /* Goes to the end of a step of size h; whether all states are finite there. */
-static bool proceed(const Scratch *scratch, const double weights[], size_t count, double h,
-                    double point[COLUMN_COUNT])
+static bool proceed(Scratch *scratch, const Real weights[], size_t count, Real h)
 {
     bool finite = true;
     for (size_t i = 0; i < STATE_COUNT; i++) {
-        double *state = &point[INPUT_COUNT + i];
+        Real *state = &scratch->solver.point[INPUT_COUNT + i];
+#ifdef METAFMU_SINGLE
+        /* what rounding takes off a sum is part of the next one (Kahan), or small steps would add up to a drift */
+        const Real change = h * weighted(scratch, weights, count, i) + scratch->solver.lost[i];
+        const Real sum = *state + change;
+        scratch->solver.lost[i] = change - (sum - *state);
+        *state = sum;
+#else
         *state += h * weighted(scratch, weights, count, i);
-        finite = finite && fabs(*state) < HUGE_VAL;
+#endif
+        finite = finite && MATH(fabs)(*state) < REAL_HUGE;
     }
     return finite;
 }
 
-static Advance advance_fixed(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+static Advance advance_fixed(Scratch *scratch, const Step *step, double *after)
 {
     /* rounding of the size does not cost a step */
     const double wanted = ceil(step->size / model_solver_step * (1.0 - 1e-9));
     const double steps = wanted > 1.0 ? wanted : 1.0;
-    const double h = step->size / steps;
+    const Real h = (Real)(step->size / steps);
     if (steps > MAX_STEPS) {
         return ADVANCE_TOO_MANY_STEPS;
     }
     for (uint32_t i = 0; i < (uint32_t)steps; i++) {
-        const double since = (double)i * h;
-        stages(scratch, &CLASSICAL, point, step, since, h);
-        if (!proceed(scratch, CLASSICAL.result, CLASSICAL.stages, h, point)) {
-            *after = since + h;
+        const Real since = (Real)i * h;
+        stages(scratch, &CLASSICAL, since, h);
+        if (!proceed(scratch, CLASSICAL.result, CLASSICAL.stages, h)) {
+            *after = (double)(since + h);
             return ADVANCE_NOT_FINITE;
         }
     }
     return ADVANCE_DONE;
 }
 
-static bool is_nan(double value)
+static bool is_nan(Real value)
 {
-    return !(value <= HUGE_VAL); /* not the macro, which warns of conversions on some platforms */
+    return !(value <= REAL_HUGE); /* not the macro, which warns of conversions on some platforms */
 }
 
 /* The local error of a step in units of what is tolerated. */
-static double error_of(const Scratch *scratch, const double point[COLUMN_COUNT], double tolerance, double h)
+static Real error_of(const Scratch *scratch, Real tolerance, Real h)
 {
-    double error = 0.0;
+    Real error = R(0.0);
     for (size_t i = 0; i < STATE_COUNT; i++) {
-        const double magnitude = fabs(point[INPUT_COUNT + i]);
-        const double nominal = model_columns[INPUT_COUNT + i].nominal;
-        const double scale = tolerance * (magnitude > nominal ? magnitude : nominal);
-        const double found = fabs(h * weighted(scratch, DORMAND_PRINCE_ERROR, SOLVER_STAGES, i)) / scale;
+        const Real magnitude = MATH(fabs)(scratch->solver.point[INPUT_COUNT + i]);
+        const Real nominal = (Real)model_columns[INPUT_COUNT + i].nominal;
+        const Real scale = tolerance * (magnitude > nominal ? magnitude : nominal);
+        const Real found = MATH(fabs)(h * weighted(scratch, DORMAND_PRINCE_ERROR, SOLVER_STAGES, i)) / scale;
         /* a maximum would leave out what is not a number */
         if (found > error || is_nan(found)) {
             error = found;
@@ -194,25 +244,26 @@ static double error_of(const Scratch *scratch, const double point[COLUMN_COUNT],
 }
 
 /* By what the next step is longer than one with this error; one that is not a number makes it as short as possible. */
-static double change_of_size(double error)
+static Real change_of_size(Real error)
 {
-    const double factor = 0.9 * pow(error > 1e-10 ? error : 1e-10, -0.2);
-    if (is_nan(error) || factor < 0.1) {
-        return 0.1;
+    const Real factor = R(0.9) * MATH(pow)(error > R(1e-10) ? error : R(1e-10), -R(0.2));
+    if (is_nan(error) || factor < R(0.1)) {
+        return R(0.1);
     }
-    return factor > 5.0 ? 5.0 : factor;
+    return factor > R(5.0) ? R(5.0) : factor;
 }
 
-static Advance advance_adaptive(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+static Advance advance_adaptive(Scratch *scratch, const Step *step, double *after)
 {
     const double size = step->size;
+    const Real tolerance = (Real)(step->tolerance > LEAST_TOLERANCE ? step->tolerance : LEAST_TOLERANCE);
     double h = size < model_solver_step ? size : model_solver_step;
-    double steps = 0.0;
+    uint32_t steps = 0;
     *after = 0.0;
     /* what is left by rounding is no step */
     while (size - *after > 1e-14 * size) {
         const double rest = size - *after;
-        steps += 1.0;
+        steps++;
         if (steps > MAX_STEPS) {
             return ADVANCE_TOO_MANY_STEPS;
         }
@@ -222,15 +273,15 @@ static Advance advance_adaptive(Scratch *scratch, double point[COLUMN_COUNT], co
         } else if (h > 0.5 * rest) {
             h = 0.5 * rest;
         }
-        stages(scratch, &DORMAND_PRINCE, point, step, *after, h);
-        const double error = error_of(scratch, point, step->tolerance, h);
-        if (error <= 1.0) {
+        stages(scratch, &DORMAND_PRINCE, (Real)*after, (Real)h);
+        const Real error = error_of(scratch, tolerance, (Real)h);
+        if (error <= R(1.0)) {
             *after += h;
-            if (!proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, h, point)) {
+            if (!proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, (Real)h)) {
                 return ADVANCE_NOT_FINITE;
             }
         }
-        h *= change_of_size(error);
+        h *= (double)change_of_size(error);
         if (h < 1e-14 * size) {
             return ADVANCE_NOT_FINITE;
         }
@@ -240,13 +291,27 @@ static Advance advance_adaptive(Scratch *scratch, double point[COLUMN_COUNT], co
 
 Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
 {
-    for (size_t i = 0; i < STATE_COUNT; i++) {
-        scratch->solver.before[i] = point[INPUT_COUNT + i];
+    Solver *solver = &scratch->solver;
+    enter(point, solver->point);
+    for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {
+        solver->drives[i] = drive_of(step, point, i);
     }
-    const Advance result = step->tolerance > 0.0 ? advance_adaptive(scratch, point, step, after)
-                                                 : advance_fixed(scratch, point, step, after);
-    for (size_t i = 0; result != ADVANCE_DONE && i < STATE_COUNT; i++) {
-        point[INPUT_COUNT + i] = scratch->solver.before[i];
+#ifdef METAFMU_SINGLE
+    double turns[COLUMN_COUNT];
+    find_turns(point, turns);
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        const size_t column = INPUT_COUNT + i;
+        solver->lost[i] = (Real)(point[column] - turns[column] - (double)solver->point[column]);
+    }
+#endif
+    const Advance result =
+        step->tolerance > 0.0 ? advance_adaptive(scratch, step, after) : advance_fixed(scratch, step, after);
+    for (size_t i = INPUT_COUNT; result == ADVANCE_DONE && i < COLUMN_COUNT; i++) {
+#ifdef METAFMU_SINGLE
+        point[i] = turns[i] + ((double)solver->point[i] + (double)solver->lost[i - INPUT_COUNT]);
+#else
+        point[i] = solver->point[i];
+#endif
     }
     return result;
 }

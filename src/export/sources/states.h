@@ -12,13 +12,24 @@ extern const double model_solver_step; /* s; of the classical Runge-Kutta method
 
 enum { SOLVER_STAGES = 7 }; /* of the method of Dormand and Prince */
 
-/* Working memory of a step: columns at a stage, the rates of the states at each stage, and the states before. */
+/* Working memory of a step. */
 typedef struct {
-    double stage[COLUMN_COUNT];
+    Real point[COLUMN_COUNT]; /* as far as it came */
+    Real stage[COLUMN_COUNT];
 #if MODEL_HAS_STATES
-    double rates[SOLVER_STAGES][STATE_COUNT];
-    double before[STATE_COUNT];
+    Real rates[SOLVER_STAGES][STATE_COUNT]; /* of the states at each stage */
+    Drive drives[INPUT_COUNT];              /* of the inputs that are driven */
+#ifdef METAFMU_SINGLE
+    Real lost[STATE_COUNT]; /* what rounding has taken off the states */
+#endif
 #endif
 } Solver;
+
+/* Tolerances of the adaptive method that are smaller are taken as this one. */
+#ifdef METAFMU_SINGLE
+#define LEAST_TOLERANCE 1e-6
+#else
+#define LEAST_TOLERANCE 0.0
+#endif
 
 #endif

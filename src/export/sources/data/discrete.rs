@@ -1,12 +1,11 @@
 //! Sizes and weights of a model of samples.
 
 use super::{
-    Part, array,
+    Part, array, double,
     functions::{Cost, Term, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
-    real,
 };
 use metafmu_runtime::{
     Discrete, Map, Surrogate,
@@ -91,12 +90,12 @@ fn network(discrete: &Discrete) -> Option<Term<'_>> {
 }
 
 fn data(discrete: &Discrete, network: Option<&Term>) -> String {
-    let mut text = format!("\nconst double model_sample_time = {};\n", real(discrete.step));
+    let mut text = format!("\nconst double model_sample_time = {};\n", double(discrete.step));
     // C has no empty arrays
     let padded = |values: &[f64]| if values.is_empty() { vec![0.0] } else { values.to_vec() };
-    array(&mut text, "const double model_weights", &padded(&discrete.weights));
-    array(&mut text, "const double model_hidden", &padded(&discrete.hidden));
-    array(&mut text, "const double model_constants", &discrete.constants);
+    array(&mut text, "const Real model_weights", &padded(&discrete.weights));
+    array(&mut text, "const Real model_hidden", &padded(&discrete.hidden));
+    array(&mut text, "const Real model_constants", &discrete.constants);
     write_network(&mut text, "samples", network);
     text
 }

@@ -195,8 +195,8 @@ pub(super) fn write_network(text: &mut String, name: &str, term: Option<&Term>) 
         let mut weights = in_blocks(layer);
         // C has no empty arrays
         weights.resize(weights.len().max(1), 0.0);
-        array(text, &format!("static const double {name}_network_weights_{index}"), &weights);
-        array(text, &format!("static const double {name}_network_bias_{index}"), &padded_to_block(&layer.bias));
+        array(text, &format!("static const Real {name}_network_weights_{index}"), &weights);
+        array(text, &format!("static const Real {name}_network_bias_{index}"), &padded_to_block(&layer.bias));
     }
     let rows = layers.iter().enumerate().map(|(index, layer)| {
         let (inputs, rows, activation) = (layer.inputs, padded(layer.outputs), activation(layer.activation));

@@ -111,7 +111,7 @@ fn row(
     };
     let mut numbers = |what: &str, values: &[f64]| {
         let name = format!("{what}_{number}");
-        array(data, &format!("static const double {name}"), values);
+        array(data, &format!("static const Real {name}"), values);
         name
     };
     match step {

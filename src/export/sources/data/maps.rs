@@ -1,6 +1,6 @@
 //! Models without states: what makes columns of the inputs, and instants.
 
-use super::{Part, array, operations::Operations, push, real};
+use super::{Part, array, double, operations::Operations, push};
 use metafmu_runtime::{Encoder, Encoding, Input, Surrogate};
 
 /// What is generated of a network or a regression, or of several networks.
@@ -42,7 +42,7 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> Part {
             inputs[..time].iter().map(|input| input.encoding.width()).sum(),
             "the time's column",
         ));
-        array(&mut data, "const double model_instants", instants);
+        array(&mut data, "const Real model_instants", instants);
     }
     let operations = operations(inputs, outputs, instants.len(), map.operations);
     let has_instants = u8::from(is_timed).to_string();
@@ -87,7 +87,7 @@ fn turns(inputs: &[Input]) -> String {
     let mut text = String::from("\nconst Turn model_turns[COLUMN_COUNT] = {\n");
     for Input { min, max, encoding, .. } in inputs {
         let [start, period] = if *encoding == Encoding::Periodic { [*min, max - min] } else { [0.0; 2] };
-        push(&mut text, format_args!("    {{{}, {}}},\n", real(start), real(period)));
+        push(&mut text, format_args!("    {{{}, {}}},\n", double(start), double(period)));
     }
     text.push_str("};\n");
     text

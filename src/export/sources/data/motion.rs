@@ -77,7 +77,7 @@ fn data(motion: &Motion, dictionaries: [(&str, &Laid); 3], networks: &[Option<Te
     let mut windings = motion.windings.clone();
     // C has no empty arrays
     windings.resize(windings.len().max(motion.dynamics.coordinates()), 0.0);
-    array(&mut text, "const double model_windings", &windings);
+    array(&mut text, "const Real model_windings", &windings);
     let prescribed: Vec<&str> =
         motion.dynamics.prescribed().iter().map(|is_prescribed| if *is_prescribed { "1" } else { "0" }).collect();
     push(&mut text, format_args!("\nconst int model_prescribed[COORDINATE_COUNT] = {{{}}};\n", prescribed.join(", ")));

@@ -1,6 +1,6 @@
 //! Scaling and weights of networks.
 
-use super::{array, functions::table, maps::MapPart, operations::Operations, real};
+use super::{array, divisor, functions::table, maps::MapPart, operations::Operations, real};
 use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
@@ -50,10 +50,20 @@ fn operations(network: &ScaledNetwork, outputs: usize) -> Operations {
     }
 }
 
+/// Sums of the magnitudes of the terms of each output, relative to its scale, nodes before the last layer being at most about one.
+pub(super) fn sums(network: &ScaledNetwork) -> Vec<f64> {
+    let (last, _) = split(network);
+    let of_row = |row: usize| {
+        let products = (0..last.inputs).map(|column| last.weight.get(row * last.inputs + column).abs());
+        products.sum::<f64>() + last.bias.get(row).abs()
+    };
+    (0..last.outputs).map(of_row).collect()
+}
+
 /// Means and scales of columns.
 pub(super) fn scalings(declaration: &str, means: &[f64], scales: &[f64]) -> String {
     let mut text = String::new();
-    let rows = means.iter().zip(scales).map(|(mean, scale)| format!("{}, {}", real(*mean), real(*scale)));
+    let rows = means.iter().zip(scales).map(|(mean, scale)| format!("{}, {}", real(*mean), divisor(*scale)));
     table(&mut text, declaration, rows, "");
     text
 }
@@ -66,17 +76,17 @@ fn numbers(index: usize, network: &ScaledNetwork) -> String {
     text += &scalings(&of_columns("output"), &scaling.output_mean, &scaling.output_scale);
     let (last, hidden) = split(network);
     for (number, layer) in hidden.iter().enumerate() {
-        array(&mut text, &format!("static const double weights_{index}_{number}"), &in_blocks(layer));
-        array(&mut text, &format!("static const double bias_{index}_{number}"), &padded_to_block(&layer.bias));
+        array(&mut text, &format!("static const Real weights_{index}_{number}"), &in_blocks(layer));
+        array(&mut text, &format!("static const Real bias_{index}_{number}"), &padded_to_block(&layer.bias));
     }
     let rows = hidden.iter().enumerate().map(|(number, layer)| {
         let (inputs, blocks, activation) = (layer.inputs, layer.outputs.div_ceil(BLOCK), activation(layer.activation));
         format!("{inputs}, {blocks}, weights_{index}_{number}, bias_{index}_{number}, {activation}")
     });
     table(&mut text, &format!("static const Layer hidden_{index}"), rows, "0, 0, NULL, NULL, ACTIVATION_IDENTITY");
-    array(&mut text, &format!("static const double last_weights_{index}"), &in_rows(last));
+    array(&mut text, &format!("static const Real last_weights_{index}"), &in_rows(last));
     let bias: Vec<f64> = last.bias.iter().map(flushed).collect();
-    array(&mut text, &format!("static const double last_bias_{index}"), &bias);
+    array(&mut text, &format!("static const Real last_bias_{index}"), &bias);
     text
 }
 

@@ -26,6 +26,21 @@ pub fn map(regression: &Regression) -> MapPart {
     }
 }
 
+/// Sums of the magnitudes of the terms of each output, relative to its scale: Legendre polynomials and kernels are at most one. Of trees
+/// nothing cancels.
+pub(super) fn sums(regression: &Regression) -> Vec<f64> {
+    let sum = |numbers: &[f64]| numbers.iter().map(|number| number.abs()).sum::<f64>();
+    match &regression.function {
+        Function::Polynomial(Polynomial { coefficients, .. }) => {
+            coefficients.chunks((coefficients.len() / regression.outputs()).max(1)).map(sum).collect()
+        }
+        Function::Forest(_) => vec![0.0; regression.outputs()],
+        Function::Kernel(machines) => {
+            machines.machines.iter().map(|machine| sum(&machine.weights) + machine.bias.abs()).collect()
+        }
+    }
+}
+
 /// What is generated of a function.
 struct Written {
     header: &'static str,
@@ -50,7 +65,7 @@ fn of_polynomial(Polynomial { degrees, coefficients }: &Polynomial, columns: usi
         push(&mut data, format_args!("    {},\n", term.join(", ")));
     }
     data.push_str("};\n");
-    array(&mut data, "const double model_coefficients", coefficients);
+    array(&mut data, "const Real model_coefficients", coefficients);
     let orders = degree.max(1) + 1;
     Written {
         header: "polynomial.h",
@@ -103,11 +118,11 @@ fn of_kernels(machines: &[KernelMachine], columns: usize) -> Written {
     let mut data = String::new();
     for (index, KernelMachine { lengths, centres, weights, .. }) in machines.iter().enumerate() {
         let per_length: Vec<f64> = lengths.iter().map(|length| 1.0 / length).collect();
-        array(&mut data, &format!("static const double per_length_{index}"), &per_length);
+        array(&mut data, &format!("static const Real per_length_{index}"), &per_length);
         for (name, values) in [("centres", centres), ("weights", weights)] {
             // C has no empty arrays
             let values = if values.is_empty() { &vec![0.0] } else { values };
-            array(&mut data, &format!("static const double {name}_{index}"), values);
+            array(&mut data, &format!("static const Real {name}_{index}"), values);
         }
     }
     let rows = machines.iter().enumerate().map(|(index, machine)| {

@@ -1,15 +1,23 @@
 //! What all models with continuous states have: the solver.
 
-use super::real;
+use super::double;
 use metafmu_runtime::Surrogate;
 
 /// External names.
-pub(super) const NAMES: [&str; 6] =
-    ["model_advance", "model_follow", "model_rates", "model_respond", "model_solver_step", "model_start"];
+pub(super) const NAMES: [&str; 8] = [
+    "model_advance",
+    "model_follow",
+    "model_goes_around",
+    "model_rates",
+    "model_respond",
+    "model_solver_step",
+    "model_start",
+    "model_turned",
+];
 
 /// Definition of the solver's longest step, in seconds.
 pub(super) fn data(longest: f64) -> String {
-    format!("\nconst double model_solver_step = {};\n", real(longest))
+    format!("\nconst double model_solver_step = {};\n", double(longest))
 }
 
 /// Steps of the fixed method in the step that hosts are told.
