@@ -2,14 +2,15 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use metafmu::{import::onnx, interface::{Mapping, Source}};
+use metafmu::{import::onnx, interface::{Mapping, Shown, Source}};
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(imported) = onnx::read(bytes, None) else { return };
     let inputs = imported.inputs.len();
     let mapping = Mapping {
         inputs: (0..inputs).map(Source::Input).collect(),
-        outputs: (0..imported.outputs.len()).collect(),
+        outputs: (0..imported.outputs.len()).map(Shown::Column).collect(),
+        states: Vec::new(),
     };
     let Ok(map) = imported.into_map(&mapping, inputs) else { return };
     map.check(inputs, mapping.outputs.len()).expect("a graph that was read is a valid one");

@@ -82,7 +82,12 @@ fn into_map(
         builder = builder.after(width, arranged(sources, width));
         columns.iter_mut().for_each(|[of, _]| *of += 1);
     }
-    builder.finish(columns)
+    let outputs = columns.len();
+    let map = builder.finish(columns)?;
+    // products of finite weights may not be finite
+    map.check(width, outputs)
+        .map_err(|problem| format!("constants of the graph, taken together, are no numbers: {problem}"))?;
+    Ok(map)
 }
 
 /// The columns of a model, of variables and constants.
