@@ -108,6 +108,17 @@ def test_regressions_of_scikit_learn(tmp_path, name):
     imported(tmp_path, graph, rows, model.predict(rows.astype(float))[:, None])
 
 
+def test_constants_that_overflow_when_they_are_taken_together_are_refused(tmp_path):
+    nodes = [graphs.node("Div", "x c", "d"), graphs.node("Div", "d c")]
+    graph = graphs.model(nodes, {"c": np.full(3, 1e-200)}, kind=onnx.TensorProto.DOUBLE)
+    (tmp_path / "model.onnx").write_bytes(graph.SerializeToString())
+    pd.DataFrame(ROWS, columns=["a", "b", "c"]).to_csv(tmp_path / "rows.csv", index=False)
+    metafmu("import", "model.onnx", "--new", "interface.toml", "--data", "rows.csv", cwd=tmp_path)
+    run = metafmu("import", "model.onnx", "--interface", "interface.toml", "--data", "rows.csv", cwd=tmp_path, check=False)
+    assert run.returncode == 2 and "model.onnx: constants of the graph, taken together, are no numbers" in run.stderr, run.stderr
+    assert not list(tmp_path.glob("*.safetensors"))
+
+
 def test_what_is_cast_before_trees_is_rounded(tmp_path):
     """A double that is above a threshold of single precision, and is it once rounded."""
     threshold = float(np.nextafter(np.float32(0.1), np.float32(0)))

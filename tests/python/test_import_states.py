@@ -2,6 +2,7 @@
 
 import fmpy
 import numpy as np
+import onnx
 import onnxruntime
 import pandas as pd
 import pytest
@@ -9,6 +10,7 @@ from conftest import fmu_of, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from graphs import DOUBLE, FLOAT, integers, model, node, reals
+from onnx import numpy_helper
 from onnx.reference import ReferenceEvaluator
 from scipy.integrate import solve_ivp
 
@@ -36,10 +38,13 @@ DOUBLE_CELLS = ["lstm", "lstm-peepholes", "gru", "gru-linear-before-reset", "rnn
 def cell(name, of=np.float32, explicit=True, sequence=None):
     """A cell and a layer: inputs x, h0, c0 and outputs y, h1, c1, or x and y alone; the sequence stands before the batch."""
     operator, attributes, more = CELLS[name]
+    # of their own, whatever tests ran before
+    random = np.random.default_rng(list(name.encode()))
+    drawn = lambda *shape: random.uniform(-1.0, 1.0, shape).astype(of)
     gates, kind = GATES[operator], FLOAT if of == np.float32 else DOUBLE
     constants = {
-        "w": reals(1, gates * HIDDEN, INPUTS, of=of), "r": reals(1, gates * HIDDEN, HIDDEN, of=of), "b": reals(1, 2 * gates * HIDDEN, of=of),
-        "v": reals(HIDDEN, 2, of=of), "s": integers(-1, HIDDEN), **{key: reals(*shape, of=of) for key, shape in more.items()},
+        "w": drawn(1, gates * HIDDEN, INPUTS), "r": 0.4 * drawn(1, gates * HIDDEN, HIDDEN), "b": drawn(1, 2 * gates * HIDDEN),
+        "v": drawn(HIDDEN, 2), "s": integers(-1, HIDDEN), **{key: drawn(*shape) for key, shape in more.items()},
     }
     is_lstm = operator == "LSTM"
     states = ["h0", "c0"] if is_lstm else ["h0"]
@@ -79,6 +84,20 @@ def looped(graph, x, of):
     return np.array(found)
 
 
+def rounding(graph, x, expected):
+    """What single precision has added up to in ONNX Runtime's loop, of the range: beside the definition in double precision, with the same weights."""
+    double = onnx.ModelProto()
+    double.CopyFrom(graph)
+    for constant in double.graph.initializer:
+        array = numpy_helper.to_array(constant)
+        if array.dtype == np.float32:
+            constant.CopyFrom(numpy_helper.from_array(array.astype(float), constant.name))
+    for value in [*double.graph.input, *double.graph.output]:
+        value.type.tensor_type.elem_type = DOUBLE
+    exact = looped(double, x.astype(float), np.float64)
+    return (np.abs(exact - expected) / np.ptp(exact, axis=0)).max()
+
+
 def table_of(folder, x, y):
     """A run: the outputs of a sample are there when the next one comes."""
     rows = len(x) + 1
@@ -115,11 +134,16 @@ def test_a_thousand_samples_of_a_cell_are_those_of_a_loop(tmp_path, name, of):
     expected = looped(graph, x, of)
     assert np.ptp(expected, axis=0).min() > 0.05
     states = H0 + (C0 if CELLS[name][0] == "LSTM" else "")
-    run = imported(tmp_path, graph, interface(states), "--check", table_of(tmp_path, x, expected), "--tolerance", str(TOLERANCE[of]))
+    tolerance = TOLERANCE[of]
+    if of == np.float32 and name in DOUBLE_CELLS:
+        # weights are drawn, and some loops amplify what is rounded
+        tolerance += rounding(graph, x, expected)
+        assert tolerance < 1e-4
+    run = imported(tmp_path, graph, interface(states), "--check", table_of(tmp_path, x, expected), "--tolerance", str(tolerance))
     assert "y1: largest difference" in run.stdout
     metafmu("predict", "cell.safetensors", "run.csv", "--out", "out.csv", cwd=tmp_path)
     found = pd.read_csv(tmp_path / "out.csv")[["y0", "y1"]].to_numpy()[1:]
-    assert np.all(np.abs(found - expected) <= TOLERANCE[of] * np.ptp(expected, axis=0))
+    assert np.all(np.abs(found - expected) <= tolerance * np.ptp(expected, axis=0))
 
 
 @pytest.mark.parametrize("name", ["lstm", "gru", "rnn"])
