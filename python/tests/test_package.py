@@ -129,7 +129,7 @@ def test_other_threads_go_on_meanwhile():
 
     thread = threading.Thread(target=tick)
     thread.start()
-    metafmu.fit(rows, rows[:, 0] ** 2, epochs=30, hidden=(64, 64))
+    metafmu.fit(rows, rows[:, 0] ** 2, epochs=300, hidden=(64, 64))
     done.set()
     thread.join()
     assert len(ticks) > 5
