@@ -5,7 +5,7 @@
 #   --ci      also the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim, which takes a
 #             minute and a half to compile, and other platforms
 #   --all     also fuzzing, for which everything is compiled once more
-# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3, Chromium, and with --ci and --all libclang,
+# Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3, Chromium, zsh, fish, and with --ci and --all libclang,
 # Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -28,7 +28,7 @@ else
   mkdir -p target
   # in a process group of its own, which ends with this script
   set -m
-  (scripts/venv.sh && scripts/chromium.sh && { [ $extent = default ] || scripts/fmi-sim.sh; }) >target/set-up.log 2>&1 &
+  (scripts/venv.sh && scripts/chromium.sh && scripts/shells.sh && { [ $extent = default ] || scripts/fmi-sim.sh; }) >target/set-up.log 2>&1 &
   set_up=$!
   set +m
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT

@@ -72,16 +72,14 @@ def test_bash_offers_files(bash):
 
 @pytest.mark.parametrize("shell, check", [("bash", ["bash", "-n"]), ("zsh", ["zsh", "-n"]), ("fish", ["fish", "--no-execute"])])
 def test_the_shell_reads_its_script(shell, check, tmp_path):
-    if not shutil.which(shell):
-        pytest.skip(f"{shell} is not installed")
+    assert shutil.which(shell), f"{shell} is missing: scripts/shells.sh installs it"
     path = script(shell, tmp_path)
     done = subprocess.run([*check, path], text=True, capture_output=True)
     assert done.returncode == 0 and done.stderr == ""
 
 
 def test_fish_offers_verbs_and_values(tmp_path):
-    if not shutil.which("fish"):
-        pytest.skip("fish is not installed")
+    assert shutil.which("fish"), "fish is missing: scripts/shells.sh installs it"
     path = script("fish", tmp_path)
 
     def complete(line):
