@@ -213,6 +213,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         outputs: outputs.collect(),
         precision: study.export.precision,
         bounds: None,
+        cover: None,
         states: Vec::new(),
         arrays: study.arrays.iter().map(output_array).collect(),
         time_step: study.time.step,

@@ -31,6 +31,9 @@ pub struct Interface {
     /// When the FMU is stepped, unless the host says otherwise.
     #[serde(default)]
     pub time: InterfaceTime,
+    /// Where the FMU says that it can be trusted, if there is a table of training data.
+    #[serde(default)]
+    pub domain: InterfaceDomain,
     /// The layers, of a model that is only tensors by name (`.npz`, `.safetensors`); ONNX files have them.
     #[serde(default)]
     pub layers: Vec<LayerOptions>,
@@ -43,6 +46,17 @@ pub struct Interface {
     pub outputs: IndexMap<String, InterfaceOutput>,
     #[serde(skip)]
     origin: Origin,
+}
+
+/// What is known of the domain of validity beside the ranges of the inputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum InterfaceDomain {
+    /// Within the ranges, where rows of training data are near; of models without states.
+    #[default]
+    Data,
+    /// Everywhere in the ranges.
+    Ranges,
 }
 
 /// `[time]`
@@ -113,7 +127,7 @@ pub struct InterfaceInput {
     /// Largest value for which the model was made.
     #[schemars(extend("x-unit" = "the input's"))]
     pub max: Option<f64>,
-    /// Value before a host sets one; the middle of the range unless given.
+    /// Value before a host sets one; unless given the middle of the range, or where there are no data there, of the nearest row.
     #[schemars(extend("x-unit" = "the input's"))]
     pub start: Option<f64>,
     /// The column has always this value: it is no variable of the FMU.

@@ -78,8 +78,11 @@ pub(crate) struct Instance {
     /// Columns the host was warned of in this run. Kept out of the snapshot: a host that repeats a step is not to be
     /// warned at each attempt.
     warned: Vec<bool>,
-    /// Whether it was warned in this run that an input or parameter changed, likewise.
+    /// Whether it was warned in this run that an input or parameter changed, or that there were no training data nearby, likewise.
     warned_of_change: bool,
+    warned_of_data: bool,
+    /// Which part of the training data was near last.
+    near: usize,
     warnings: Vec<Warning>,
 }
 
@@ -143,7 +146,7 @@ impl Instance {
         let mut instance = Self {
             kind,
             variables: Variables::new(&surrogate, kind.version),
-            domain: Domain::new(&metadata.inputs, &metadata.states),
+            domain: Domain::of(&metadata),
             scratch: evaluator.scratch(),
             evaluator,
             time_column: surrogate.time_column(),
@@ -155,6 +158,8 @@ impl Instance {
             since: 0.0,
             warned: vec![false; values.len()],
             warned_of_change: false,
+            warned_of_data: false,
+            near: 0,
             point: values.clone(),
             columns: [values.clone(), values],
             sensitivities: [results.clone(), results.clone()],
@@ -249,6 +254,7 @@ impl Instance {
     }
 
     pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), Refusal> {
+        self.note_data(Status::Error)?;
         let event = self.kind.interface == Interface::ModelExchange || self.kind.event_mode;
         self.now.state = if event { State::Event } else { State::Step };
         Ok(())
@@ -308,6 +314,7 @@ impl Instance {
     fn forget_warnings(&mut self) {
         self.warned.fill(false);
         self.warned_of_change = false;
+        self.warned_of_data = false;
     }
 
     // ---- Values --------------------------------------------------------------------------------------------------
@@ -537,6 +544,7 @@ impl Instance {
     #[inline]
     pub(crate) fn do_step(&mut self, from: f64, size: f64) -> Result<(), Refusal> {
         let (time, status) = self.check_step(from, size)?;
+        self.note_data(status)?;
         if self.goes_on() {
             self.advance_states(time, size, status)?;
         }
@@ -624,6 +632,7 @@ impl Instance {
             self.now.at_start.copy_from_slice(&self.now.values);
         }
         self.check_point(self.now.policy)?;
+        self.note_data(Status::Error)?;
         (0..self.now.values.len()).for_each(|column| self.note_value(column));
         Ok(())
     }

@@ -24,6 +24,11 @@ pub(crate) enum Warning {
          since its start (said once a run)"
     )]
     Changed { name: String, from: f64, to: f64 },
+    #[error(
+        "the inputs are in their ranges, but {distance:.3} of the ranges away from where training data are near; outputs are extrapolated \
+         (said once a run)"
+    )]
+    FarFromData { distance: f64 },
     #[error("log category `{found}` is unknown, expected one of {expected}")]
     UnknownCategory { found: String, expected: String },
 }
@@ -71,6 +76,10 @@ pub(crate) enum Refusal {
     OutsideDomain { name: String, value: f64, valid: String, status: Status },
     #[error("variable `{name}`: {to} instead of {from} as at the start of the run, and domain_policy is 2")]
     Changed { name: String, from: f64, to: f64, status: Status },
+    #[error(
+        "the inputs are in their ranges, but {distance:.3} of the ranges away from where training data are near, and domain_policy is 2"
+    )]
+    FarFromData { distance: f64, status: Status },
     #[error("inputs or parameters have been changed during the run, which domain_policy 2 forbids")]
     ChangedBefore,
     #[error("variable `{name}` (value reference {reference}) is no {expected}")]
@@ -127,7 +136,9 @@ impl Refusal {
             // a solver tries again with a smaller step
             Self::NotComputable => Status::Discard,
             Self::Diverged { status, .. } | Self::OutputsDiverged { status, .. } => *status,
-            Self::OutsideDomain { status, .. } | Self::Changed { status, .. } => *status,
+            Self::OutsideDomain { status, .. } | Self::FarFromData { status, .. } | Self::Changed { status, .. } => {
+                *status
+            }
             Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
             _ => Status::Error,
         }

@@ -42,7 +42,7 @@ fn warn(Predicted { rows, outside, not_finite, .. }: &Predicted) {
     let first = |found: &Found| found.first.unwrap_or_default();
     if outside.rows > 0 {
         say(format_args!(
-            "warning: outside the ranges that the surrogate was trained in: {} of {rows} rows, the first is row {} (`in_domain` is \
+            "warning: outside the domain of validity: {} of {rows} rows, the first is row {} (`in_domain` is \
              false): outputs there cannot be trusted",
             outside.rows,
             first(outside)

@@ -1,7 +1,10 @@
 //! The model card in every FMU, `documentation/index.html`: what it is, over which ranges it may be trusted, how accurate
 //! it is, and where it comes from. One small page without anything to load.
 
-use super::reference::{OPTIONS_FILE, RESULT_FILE};
+use super::{
+    describe::known,
+    reference::{OPTIONS_FILE, RESULT_FILE},
+};
 use crate::{
     evaluation::{Accuracy, Horizon, RollOuts, Verdict},
     html::{activation, escape, number, rejection},
@@ -218,7 +221,7 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
 fn domain(surrogate: &Surrogate, page: &mut String) {
     line(page, "<h2>Outside the ranges</h2>\n<table>");
     for variable in BuiltIn::ALWAYS {
-        let (name, description) = (variable.name(), escape(variable.description(surrogate.time_column().is_some())));
+        let (name, description) = (variable.name(), escape(variable.description(known(surrogate))));
         line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
     }
     line(page, "</table>");

@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, DomainPolicy, Encoding, Given, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output, OutputArray,
-    Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
+    Bounds, BuiltIn, DomainPolicy, Encoding, Given, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output,
+    OutputArray, Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -256,7 +256,12 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
     };
-    Described::scalar(variable.description(surrogate.time_column().is_some()), what, kind)
+    Described::scalar(variable.description(known(surrogate)), what, kind)
+}
+
+/// What descriptions of built-in variables depend on.
+pub(super) fn known(surrogate: &Surrogate) -> Known {
+    Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some() }
 }
 
 /// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes

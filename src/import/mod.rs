@@ -1,6 +1,7 @@
 //! Models of other tools: a file with a trained network, and an interface that says what its columns are, become a surrogate.
 
 pub mod builder;
+mod cover;
 pub mod onnx;
 mod stateful;
 pub mod tensors;
@@ -8,7 +9,9 @@ pub mod tensors;
 use crate::{
     Error, Result,
     diagnostics::Problems,
-    interface::{Interface, InterfaceCausality, InterfaceInput, InterfaceVariability, Mapping, Shown, Source},
+    interface::{
+        Interface, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping, Shown, Source,
+    },
     surrogate,
     table::Table,
 };
@@ -160,12 +163,19 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
     let message = "belongs to models in files: ONNX, .npz, .safetensors";
     let has_states = !interface.states.is_empty();
     interface.refuse(if has_states { Problems::one("states", message) } else { Problems::default() })?;
-    let inputs = inputs(interface, rows.as_deref())?;
+    let mut inputs = inputs(interface, rows.as_deref())?;
     let has_time = inputs.iter().any(|input| input.role == Role::Time);
+    let known = rows.as_ref().filter(|_| interface.domain == InterfaceDomain::Data);
+    let cover = known.and_then(|rows| cover::of_rows(rows, &inputs));
+    if let (Some(rows), Some(cover)) = (known, &cover) {
+        let is_free = |input: &Input| interface.inputs.get(&input.name).is_none_or(|options| options.start.is_none());
+        cover::start_among(rows, cover, &mut inputs, is_free);
+    }
     let is_single = about.is_single && matches!(map, Map::Network(_));
     let metadata = Metadata {
         precision: if is_single { Precision::Single } else { Precision::Double },
         stop_time: (!has_time).then_some(interface.time.stop),
+        cover,
         ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Vec::len))
     };
     let made =
@@ -205,6 +215,7 @@ fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
+        cover: None,
         precision: Precision::Double,
         time_step: interface.time.communication_step(),
         stop_time: Some(interface.time.stop),

@@ -246,7 +246,7 @@ impl<'a> Predictor<'a> {
         if outputs.is_empty() {
             outputs = (0..known.len()).collect();
         }
-        let (evaluator, domain) = (Evaluator::new(surrogate), Domain::new(surrogate.inputs(), surrogate.states()));
+        let (evaluator, domain) = (Evaluator::new(surrogate), Domain::of(surrogate.metadata()));
         Ok(Self { surrogate, evaluator, domain, outputs, stop })
     }
 

@@ -222,6 +222,45 @@ def test_a_column_may_be_constant_and_columns_may_be_in_another_order(tmp_path):
     assert np.abs(found - of_runtime(model, rows)[:, 1]).max() < 1e-12
 
 
+def test_the_domain_knows_where_the_training_data_are(tmp_path, capsys):
+    """Rows on a ring: in the FMU, by fmpy, as in `predict`, its middle is in the ranges and outside the domain."""
+    angle, radius = RANDOM.uniform(0, 2 * np.pi, 800), RANDOM.uniform(0.9, 1.0, 800)
+    ring = np.c_[radius * np.cos(angle), radius * np.sin(angle), RANDOM.uniform(-1, 1, 800)]
+    model = dict(fitting(np.float64))["perceptron"]
+    path = imported(tmp_path, model, ring, of_runtime(model, ring), np.float64)
+    asked = np.r_[ring[:50], [[0, 0, 0], [0.1, -0.2, 0.9], [0.2, 0.1, -0.3]]]
+    pd.DataFrame(asked, columns=["a", "b", "c"]).to_csv(tmp_path / "asked.csv", index=False, float_format="%.17g")
+    metafmu("predict", path, "asked.csv", "--out", "out.csv", cwd=tmp_path)
+    predicted = pd.read_csv(tmp_path / "out.csv")
+    assert predicted.in_domain[:50].all() and not predicted.in_domain[50:].any()
+    assert (predicted.domain_distance[:50] == 0).all() and (predicted.domain_distance[50:] > 0.1).all()
+    for version, options in [(2, []), (3, ["--sources"])]:
+        metafmu("export", path, "--fmi", str(version), "--out", tmp_path, *options, cwd=tmp_path)
+        fmu = fmu_of(tmp_path, "model", version)
+        assert not validate_fmu(str(fmu)) and metafmu("validate", fmu).returncode == 0
+        starts = [float(variable.start) for variable in fmpy.read_model_description(str(fmu)).modelVariables[:3]]
+        assert 0.9 < np.hypot(*starts[:2]) < 1.0, "a row, not the middle of the ranges"
+        for row in (0, 50, 51):
+            capsys.readouterr()
+            result = simulate_fmu(str(fmu), start_values=dict(zip("abc", asked[row])), output=["in_domain", "domain_distance"], stop_time=0.1,
+                                  output_interval=0.05, debug_logging=True)
+            said = capsys.readouterr().out
+            assert (result["in_domain"] == predicted.in_domain[row]).all()
+            assert np.abs(result["domain_distance"] - predicted.domain_distance[row]).max() < 1e-12
+            assert said.count("away from where training data are near") == (row > 0), said
+            refused = lambda: simulate_fmu(str(fmu), start_values=dict(zip("abc", asked[row]), domain_policy=2), stop_time=0.1)
+            if row > 0:
+                with pytest.raises(Exception, match="fmi"):
+                    refused()
+            else:
+                refused()
+    text = (tmp_path / "interface.toml").read_text()
+    (tmp_path / "interface.toml").write_text('domain = "ranges"\n' + text)
+    metafmu("import", "model.onnx", "--interface", "interface.toml", "--data", "rows.csv", "--out", "model.safetensors", cwd=tmp_path)
+    metafmu("predict", path, "asked.csv", "--out", "out.csv", cwd=tmp_path)
+    assert pd.read_csv(tmp_path / "out.csv").in_domain.all()
+
+
 def test_a_model_that_gives_something_else_is_not_written(tmp_path):
     model = dict(fitting(np.float64))["perceptron"]
     expected = of_runtime(model, ROWS)

@@ -1,6 +1,10 @@
-//! The domain of validity: the box of training ranges, and the values of nominal inputs.
+//! The domain of validity: the box of training ranges, the values of nominal inputs, and in the box what is near the training data.
 
-use crate::{Encoding, Input, Role, State, encoding::nearest};
+use crate::{
+    Cover, Encoding, Input, Metadata, Role, State,
+    cover::{Cubes, Nearest},
+    encoding::nearest,
+};
 
 /// How far outside the domain a point may be and still count as inside: hosts add up step sizes and convert units.
 pub const TOLERANCE: f64 = 1e-9;
@@ -26,10 +30,12 @@ impl DomainPolicy {
     }
 }
 
-/// Where every input was trained: in a range, or, if it is nominal, at some values. A periodic one is valid everywhere.
+/// Where every input was trained: in a range, or, if it is nominal, at some values. A periodic one is valid everywhere. Where the data are
+/// known that it was trained on, a point is valid near those only ([`Cover`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain {
     inputs: Vec<Valid>,
+    data: Option<Cubes>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +99,18 @@ impl Domain {
             Encoding::Nominal(values) => Valid::Values { values: values.clone(), scale: input.max - input.min },
             Encoding::Periodic => everywhere(),
         };
-        Self { inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect() }
+        Self { inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect(), data: None }
+    }
+
+    /// That of a surrogate.
+    pub fn of(metadata: &Metadata) -> Self {
+        let cubes = |cover: &Cover| Cubes::new(cover, &metadata.inputs);
+        Self { data: metadata.cover.as_ref().map(cubes), ..Self::new(&metadata.inputs, &metadata.states) }
+    }
+
+    /// Whether it knows more of the data than their ranges.
+    pub fn knows_data(&self) -> bool {
+        self.data.is_some()
     }
 
     /// The range that counts for a value: of a nominal input the one that holds the nearest value only.
@@ -110,10 +127,27 @@ impl Domain {
     }
 
     /// Distance of a point from the domain, zero inside: the largest of its inputs' distances, each relative to the
-    /// width of the input's range; of a nominal one that from the nearest value. Finite for every finite point: it is an output of the FMU.
+    /// width of the input's range; of a nominal one that from the nearest value. Where the data are known, at least that from what is near
+    /// them. Finite for every finite point: it is an output of the FMU.
     pub fn distance(&self, inputs: &[f64]) -> f64 {
         let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
-        inputs.iter().enumerate().map(distance).fold(0.0, f64::max).min(f64::MAX)
+        let of_data = self.far(inputs).map_or(0.0, |nearest| nearest.distance);
+        inputs.iter().enumerate().map(distance).fold(of_data, f64::max).min(f64::MAX)
+    }
+
+    /// The data that are nearest to a point, if it is not among them.
+    fn far(&self, inputs: &[f64]) -> Option<Nearest> {
+        self.data.as_ref().map(|data| data.nearest(inputs, 0, 0.0)).filter(|nearest| nearest.distance > 0.0)
+    }
+
+    /// Whether there are training data near a point, up to [`TOLERANCE`]; true if nothing is known about that. `guess` is noted by the last
+    /// call, and makes the next one fast. Does not allocate.
+    #[inline]
+    pub fn is_near_data(&self, inputs: &[f64], guess: &mut usize) -> bool {
+        let Some(data) = &self.data else { return true };
+        let Nearest { centre, distance, .. } = data.nearest(inputs, *guess, TOLERANCE);
+        *guess = centre;
+        distance <= TOLERANCE
     }
 
     /// Whether an input's value is in its range or one of its values, up to [`TOLERANCE`].
@@ -124,8 +158,13 @@ impl Domain {
     }
 
     /// Whether every input's value is in its range or one of its values, up to [`TOLERANCE`].
-    pub fn contains_point(&self, inputs: &[f64]) -> bool {
+    pub fn is_in_ranges(&self, inputs: &[f64]) -> bool {
         inputs.iter().enumerate().all(|(column, &value)| self.contains(column, value))
+    }
+
+    /// Whether a point is in the domain: in the ranges and near the data.
+    pub fn contains_point(&self, inputs: &[f64]) -> bool {
+        self.is_in_ranges(inputs) && self.is_near_data(inputs, &mut 0)
     }
 
     /// The valid value that is nearest.
@@ -139,6 +178,10 @@ impl Domain {
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
         let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let farthest = distance(&(column, value));
+        if let Some(data) = self.far(inputs).filter(|data| data.distance > farthest) {
+            return Some(data.slope);
+        }
         let Range { min, max, scale, .. } = self.range(column, *value);
         match value {
             value if *value > max => Some((column, 1.0 / scale)),
@@ -151,7 +194,7 @@ impl Domain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::example;
+    use crate::{Surrogate, example};
 
     fn domain() -> Domain {
         Domain::new(example::surrogate().inputs(), &[]) // 0.1 to 0.2, 0 to 5, 0 to 2
@@ -213,6 +256,60 @@ mod tests {
         assert_eq!((domain.clamp(1, -1e300), domain.contains(1, f64::MIN)), (-1e300, true));
         assert!(!domain.contains(0, f64::NAN) && !domain.contains(1, f64::NAN));
         assert_eq!(domain.distance(&[-f64::MAX, 0.0, 1.0]), f64::MAX);
+    }
+
+    #[test]
+    fn where_the_data_are_known_only_what_is_near_them_is_inside() {
+        let surrogate = example::with_cover(&example::surrogate());
+        let domain = Domain::of(surrogate.metadata());
+        let mut guess = 0;
+        for (point, distance, slope) in [
+            ([0.12, 1.0, 1.0], 0.0, None),
+            ([0.18, 4.0, 1.0], 0.0, None),
+            ([0.15 + 5e-11, 2.5, 1.0], 0.0, None),
+            ([0.12, 4.5, 1.0], 0.3, Some((0, -10.0))),
+            ([0.19, 1.5, 1.0], 0.2, Some((1, -0.2))),
+            // farther from the ranges than from the data
+            ([0.16, 4.0, 2.8], 0.4, Some((2, 0.5))),
+            ([0.26, 0.5, 1.0], 0.6, Some((0, 10.0))),
+        ] {
+            let found = domain.distance(&point);
+            assert!((found - distance).abs() < 1e-6, "{point:?}: {found}");
+            let is_inside = distance == 0.0;
+            assert_eq!(domain.contains_point(&point), is_inside, "{point:?}");
+            let is_in_ranges = point[0] <= 0.2 && point[2] <= 2.0;
+            assert_eq!(domain.is_in_ranges(&point), is_in_ranges, "{point:?}");
+            assert_eq!(domain.is_near_data(&point, &mut guess), is_inside || point[2] > 2.0, "{point:?}");
+            let found =
+                domain.distance_derivative(&point).map(|(column, slope)| (column, (10.0 * slope).round() / 10.0));
+            assert_eq!(found, slope, "{point:?}");
+        }
+        assert_eq!(domain.distance(&[-f64::MAX, f64::MAX, 1.0]), f64::MAX);
+        let file = surrogate.to_bytes().unwrap();
+        assert_eq!(Surrogate::from_bytes(&file).unwrap().metadata().cover, surrogate.metadata().cover);
+    }
+
+    #[test]
+    fn a_cover_that_does_not_fit_the_inputs_is_refused() {
+        let surrogate = example::surrogate();
+        let whole = Cover { columns: vec![0, 1], radius: 0.1, centres: vec![0.5, 0.5] };
+        for (change, expected) in [
+            ((|cover| cover.columns = vec![]) as fn(&mut Cover), "columns"),
+            (|cover| cover.columns = vec![1, 0], "columns"),
+            (|cover| cover.columns = vec![0, 2], "columns"), // the time
+            (|cover| cover.columns = vec![0, 9], "columns"),
+            (|cover| cover.radius = 0.0, "radius"),
+            (|cover| cover.radius = f64::INFINITY, "radius"),
+            (|cover| cover.centres = vec![], "centre"),
+            (|cover| cover.centres = vec![0.5], "centre"),
+            (|cover| cover.centres = vec![0.5, f32::NAN], "centre"),
+        ] {
+            let mut cover = whole.clone();
+            change(&mut cover);
+            let metadata = Metadata { cover: Some(cover), ..surrogate.metadata().clone() };
+            let error = Surrogate::new(metadata, surrogate.model().clone()).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
     }
 
     #[test]

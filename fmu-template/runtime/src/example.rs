@@ -1,9 +1,9 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Discrete, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model, Motion,
-    Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State, StateSpace,
-    Surrogate, Variability,
+    Activation, Bounds, Cover, Discrete, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model,
+    Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State,
+    StateSpace, Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
     graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
@@ -12,6 +12,13 @@ use crate::{
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
 pub fn surrogate() -> Surrogate {
     with_network(&[16], Activation::Tanh)
+}
+
+/// One whose training data are where both parameters of [`surrogate`] are in the lower half of their ranges, or both in the upper one.
+pub fn with_cover(surrogate: &Surrogate) -> Surrogate {
+    let cover = Cover { columns: vec![0, 1], radius: 0.25, centres: vec![0.25, 0.25, 0.75, 0.75] };
+    let metadata = Metadata { cover: Some(cover), ..surrogate.metadata().clone() };
+    Surrogate::new(metadata, surrogate.model().clone()).expect("its inputs are no constants")
 }
 
 /// The same variables with hidden layers of the given sizes.
@@ -44,6 +51,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
+        cover: None,
         precision,
         time_step: 0.01,
         stop_time: None,

@@ -7,7 +7,7 @@
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
 //! - [`Evaluator`]: the model prepared for evaluation, with exact derivatives.
 //! - [`Encoding`]: how an input's value becomes columns of the model.
-//! - [`Domain`]: the ranges the surrogate was trained in.
+//! - [`Domain`]: where the surrogate was trained: ranges, and a [`Cover`] of the data in them.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -24,6 +24,7 @@
 //! ```
 
 mod bounds;
+mod cover;
 mod domain;
 mod encoding;
 #[cfg(feature = "example")]
@@ -36,6 +37,7 @@ mod surrogate;
 mod variables;
 
 pub use bounds::Bounds;
+pub use cover::Cover;
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::{Encoder, Encoding};
 pub use format::FormatError;
@@ -46,4 +48,4 @@ pub use model::{
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
 pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, State, Surrogate, Variability};
-pub use variables::{BuiltIn, Quantity, Variable, Variables};
+pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

@@ -1,7 +1,7 @@
 //! The surrogate as data: variables, model, provenance.
 
 use crate::{
-    Bounds, Encoding, FormatError,
+    Bounds, Cover, Encoding, FormatError,
     map::{Map, ScaledNetwork},
     model::Model,
     variables::{Variable, Variables},
@@ -48,6 +48,9 @@ pub struct Metadata {
     /// How far outputs may be from the truth, if that was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
+    /// Where in the ranges of the inputs the training data are, if that is known; of a model without a state.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cover: Option<Cover>,
     /// What its networks compute in.
     #[serde(default, skip_serializing_if = "Precision::is_double")]
     pub precision: Precision,
@@ -414,6 +417,9 @@ fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
     }
     if let Some(bounds) = &metadata.bounds {
         bounds.check(metadata.outputs.len())?;
+    }
+    if let Some(cover) = &metadata.cover {
+        cover.check(&metadata.inputs)?;
     }
     if !(metadata.time_step.is_finite() && metadata.time_step > 0.0) {
         return Err(FormatError::TimeStep { found: metadata.time_step });

@@ -54,6 +54,15 @@ pub enum BuiltIn {
     Time,
 }
 
+/// What a surrogate knows, as far as its built-in variables depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Known {
+    /// Whether the time is among the inputs: a run is that of what it begins with.
+    pub time: bool,
+    /// Whether it knows where its training data are.
+    pub data: bool,
+}
+
 impl BuiltIn {
     /// Those of every FMU, in order; [`BuiltIn::Time`] is added where no input is the time.
     pub const ALWAYS: [Self; 3] = [Self::DomainPolicy, Self::InDomain, Self::DomainDistance];
@@ -68,22 +77,35 @@ impl BuiltIn {
         }
     }
 
-    /// One sentence for people. With the time among the inputs a run is that of what it begins with.
-    pub fn description(self, has_time: bool) -> &'static str {
-        match (self, has_time) {
+    /// One sentence for people.
+    pub fn description(self, known: Known) -> &'static str {
+        match (self, known) {
             (Self::DomainPolicy, _) => {
                 "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
             }
-            (Self::InDomain, true) => {
+            (Self::InDomain, Known { time: true, data: false }) => {
                 "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
                  since the start"
             }
-            (Self::InDomain, false) => "Whether inputs, parameters and states are all in the training ranges",
-            (Self::DomainDistance, true) => {
+            (Self::InDomain, Known { time: true, data: true }) => {
+                "Whether inputs, parameters and time are all in the training ranges, near training data, and inputs and parameters \
+                 unchanged since the start"
+            }
+            (Self::InDomain, Known { time: false, data: false }) => {
+                "Whether inputs, parameters and states are all in the training ranges"
+            }
+            (Self::InDomain, Known { time: false, data: true }) => {
+                "Whether inputs and parameters are all in the training ranges, and near training data"
+            }
+            (Self::DomainDistance, Known { time: true, data: false }) => {
                 "Largest distance of an input, parameter or time from its training range, relative to the range; 0 inside"
             }
-            (Self::DomainDistance, false) => {
+            (Self::DomainDistance, Known { time: false, data: false }) => {
                 "Largest distance of an input, parameter or state from its training range, relative to the range; 0 inside"
+            }
+            (Self::DomainDistance, Known { data: true, .. }) => {
+                "Largest distance of an input or parameter from its training range, or from what is near training data, relative to the \
+                 range; 0 inside"
             }
             (Self::Time, _) => "Simulation time",
         }

@@ -76,6 +76,26 @@ impl Instance {
         self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
     }
 
+    /// Whether there are training data near the inputs. This concerns all of them together, so it is asked where they are used and not
+    /// where they are set, one after the other. What is outside its range is another matter.
+    #[inline]
+    pub(super) fn note_data(&mut self, refused: Status) -> Result<(), Refusal> {
+        let is_silent = self.now.policy == DomainPolicy::Clamp || self.warned_of_data;
+        if is_silent || self.domain.is_near_data(&self.now.values, &mut self.near) {
+            return Ok(());
+        }
+        if !self.domain.is_in_ranges(&self.now.values) {
+            return Ok(());
+        }
+        let distance = self.domain.distance(&self.now.values);
+        if self.now.policy == DomainPolicy::Error {
+            return Err(Refusal::FarFromData { distance, status: refused });
+        }
+        self.warned_of_data = true;
+        self.warnings.push(Warning::FarFromData { distance });
+        Ok(())
+    }
+
     /// Nothing can be clamped here, so this is said whatever the policy.
     pub(super) fn note_change(&mut self, column: usize) {
         self.now.changed = true;

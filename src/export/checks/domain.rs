@@ -33,6 +33,53 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     }
 }
 
+/// Reports whether a point in the ranges, but far from the training data, counts as inside.
+pub fn check_data(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
+    let domain = Domain::of(surrogate.metadata());
+    if !domain.knows_data() {
+        return;
+    }
+    let Some(point) = far_from_data(&domain, surrogate.inputs()) else { return };
+    report.doing("domain of the training data");
+    match without_data(fmu, surrogate, &point) {
+        Ok(None) => {}
+        Ok(Some(problem)) => report.problem(Area::Behaviour, format!("far from the training data: {problem}")),
+        Err(error) => report.problem(Area::Behaviour, format!("far from the training data: {error}")),
+    }
+}
+
+/// The point in the ranges that is farthest from the domain, of some that are spread evenly.
+fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
+    // multiples of irrational numbers, modulo 1 (Weyl), which is stretched to reach the ends
+    let share = |point: usize, column: usize| {
+        let part = (point as f64 * ((column + 2) as f64).sqrt()).fract();
+        (1.2 * part - 0.1).clamp(0.0, 1.0)
+    };
+    let point = |index: usize| -> Vec<f64> {
+        let value = |(column, input): (usize, &Input)| match input.role {
+            Role::Time | Role::Start => input.start,
+            Role::Parameter(_) | Role::Input => input.min + share(index, column) * (input.max - input.min),
+        };
+        inputs.iter().enumerate().map(value).collect()
+    };
+    let farthest = (1..=POINTS).map(point).max_by(|a, b| domain.distance(a).total_cmp(&domain.distance(b)))?;
+    (domain.distance(&farthest) > 1e-6).then_some(farthest)
+}
+
+/// Points among which one far from the data is looked for.
+const POINTS: usize = 4096;
+
+fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Option<String>> {
+    let instance = fmu.instantiate("domain of the data", true)?;
+    let is_set = |column: &usize| !matches!(surrogate.inputs()[*column].role, Role::Time | Role::Start);
+    let start = surrogate.time_column().map_or(0.0, |time| point[time]);
+    instance.enter_initialization_mode(start, None)?;
+    for column in (0..point.len()).filter(is_set) {
+        instance.set_real(&[column as u32], &[point[column]])?;
+    }
+    holds(&instance, surrogate, DomainPolicy::Warn, point)
+}
+
 /// Half a range beyond the largest value of one column; of a nominal one a quarter of the way between two values.
 fn outside_value(input: &Input) -> f64 {
     let Some(values) = input.nominal_values() else {
@@ -69,7 +116,7 @@ fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
 }
 
 fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
-    let domain = Domain::new(surrogate.inputs(), surrogate.states());
+    let domain = Domain::of(surrogate.metadata());
     let (mut inside, mut distance) = ([true], [0.0]);
     instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;
     instance.get_real(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainDistance))], &mut distance)?;

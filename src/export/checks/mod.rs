@@ -78,6 +78,7 @@ impl Checks for SurrogateChecks {
         if let Ok(Some(surrogate)) = surrogate(archive) {
             prediction::check(fmu, &surrogate, notes);
             domain::check(fmu, &surrogate, notes);
+            domain::check_data(fmu, &surrogate, notes);
         }
         if let Ok(Some(reference)) = reference_run::read(archive) {
             reference_run::check(fmu, &reference, notes);

@@ -1,7 +1,7 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, Scaling, State,
+    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, Scaling, State,
     Surrogate, Variability, Variable, graph::Graph,
 };
 use std::fmt::Write;
@@ -61,7 +61,10 @@ const EXTERNAL_NAMES: &[&str] = &[
     "model_along_curve",
     "model_bound_times",
     "model_bounds",
+    "model_centres",
     "model_columns",
+    "model_cover_columns",
+    "model_cover_radius",
     "model_description",
     "model_directional",
     "model_evaluate",
@@ -148,6 +151,12 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
         ("BOUND_TIME_COUNT", bounds(surrogate).0.len(), "times of error bounds"),
     ];
+    let of_cover = surrogate.metadata().cover.iter().flat_map(|Cover { columns, centres, .. }| {
+        [
+            ("COVER_COLUMN_COUNT", columns.len(), "columns of the centres of training data"),
+            ("COVER_COUNT", centres.len() / columns.len(), "centres of training data"),
+        ]
+    });
     let of_all = [
         ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
@@ -160,6 +169,7 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
             "MODEL_HAS_MAPS",
             u8::from(matches!(surrogate.model(), Model::Response(_) | Model::PerInstant { .. })).to_string(),
         ),
+        ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
         ("MODEL_HAS_GRAPH", u8::from(graph_of(surrogate.model()).is_some()).to_string()),
     ];
     text.push('\n');
@@ -167,9 +177,9 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         push(&mut text, format_args!("#define {name} {value}\n"));
     }
     text.push_str("\nenum {\n");
-    let count = common.len() + sizes.len();
-    for (index, (name, size, comment)) in common.into_iter().chain(sizes).enumerate() {
-        let comma = if index + 1 < count { "," } else { "" };
+    let mut sizes = common.into_iter().chain(of_cover).chain(sizes).peekable();
+    while let Some((name, size, comment)) = sizes.next() {
+        let comma = if sizes.peek().is_some() { "," } else { "" };
         let comment = if comment.is_empty() { String::new() } else { format!(" /* {comment} */") };
         push(&mut text, format_args!("    {name} = {size}{comma}{comment}\n"));
     }
@@ -194,6 +204,13 @@ pub fn source(surrogate: &Surrogate) -> String {
     let (times, half_widths) = bounds(surrogate);
     doubles(&mut text, "const double model_bound_times", &times);
     doubles(&mut text, "const double model_bounds", &half_widths);
+    if let Some(Cover { columns, radius, centres }) = &surrogate.metadata().cover {
+        let columns = columns.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+        push(&mut text, format_args!("\nconst double model_cover_radius = {};\n", double(*radius)));
+        push(&mut text, format_args!("const uint32_t model_cover_columns[COVER_COLUMN_COUNT] = {{{columns}}};\n"));
+        let centres: Vec<f64> = centres.iter().copied().map(f64::from).collect();
+        doubles(&mut text, "const float model_centres", &centres);
+    }
     let data = Part::of(surrogate).data;
     if let Some(reason) = refusal_of_single(surrogate, &data) {
         push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));

@@ -139,8 +139,7 @@ Status fmi2ExitInitializationMode(void *c)
     if (!instance_begin(c, "fmi2ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
         return STATUS_ERROR;
     }
-    instance_exit_initialization_mode(c);
-    return STATUS_OK;
+    return instance_exit_initialization_mode(c);
 }
 
 Status fmi2Terminate(void *c)

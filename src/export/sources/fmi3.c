@@ -168,8 +168,7 @@ Status fmi3ExitInitializationMode(void *instance)
     if (!instance_begin(instance, "fmi3ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
         return STATUS_ERROR;
     }
-    instance_exit_initialization_mode(instance);
-    return STATUS_OK;
+    return instance_exit_initialization_mode(instance);
 }
 
 Status fmi3EnterEventMode(void *instance)

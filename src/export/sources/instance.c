@@ -42,6 +42,7 @@ static bool is_blank(const char *text)
 
 bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token)
 {
+    instance->centre = 0;
     instance->function = function;
     instance->now.fingerprint = fingerprint(instance);
     for (size_t i = 0; i < RESULT_COUNT; i++) {
@@ -270,38 +271,105 @@ static bool contains(const Column *column, double value)
     return least_valid(column, value) - margin <= value && value <= largest_valid(column, value) + margin;
 }
 
-/* The column that is farthest from its range; of several the last. */
-static size_t farthest_column(const Instance *instance)
+/* How far a point is from the domain, zero inside, and the only derivative of that which is not zero. */
+typedef struct {
+    double distance;
+    size_t column;
+    double slope;
+} Outside;
+
+/* Distance from the column's range that is farthest; of several from the last. */
+static Outside outside_ranges(const Instance *instance)
 {
-    size_t farthest = 0;
-    double distance = 0.0;
+    Outside farthest = {0.0, 0, 0.0};
     for (size_t i = 0; i < NAMED_COUNT; i++) {
-        const double found = column_distance(&model_columns[i], instance->now.columns[i]);
-        if (found >= distance) {
-            farthest = i;
-            distance = found;
+        const Column *column = &model_columns[i];
+        const double value = instance->now.columns[i];
+        const double found = column_distance(column, value);
+        if (found >= farthest.distance) {
+            const double above = value > largest_valid(column, value) ? 1.0 / column->width : 0.0;
+            farthest.distance = found;
+            farthest.column = i;
+            farthest.slope = value < least_valid(column, value) ? -1.0 / column->width : above;
         }
     }
     return farthest;
 }
 
-/* domain_distance: that of the farthest column. */
-static double distance(const Instance *instance)
+#if MODEL_HAS_COVER
+/* Distance from the cube around one of the centres, negative inside; or one that is not below `enough`. */
+static Outside outside_cube(const Instance *instance, size_t centre, double enough)
 {
-    const size_t farthest = farthest_column(instance);
-    const double found = column_distance(&model_columns[farthest], instance->now.columns[farthest]);
-    return found < DBL_MAX ? found : DBL_MAX;
+    const float *at = &model_centres[centre * COVER_COLUMN_COUNT];
+    Outside farthest = {-model_cover_radius, model_cover_columns[0], 0.0};
+    for (size_t i = 0; i < COVER_COLUMN_COUNT && farthest.distance < enough; i++) {
+        const size_t index = model_cover_columns[i];
+        const Column *column = &model_columns[index];
+        const double off = (instance->now.columns[index] - column->min) / column->width - (double)at[i];
+        const double distance = fabs(off) - model_cover_radius;
+        if (distance > farthest.distance) {
+            farthest.distance = distance;
+            farthest.column = index;
+            farthest.slope = (off > 0.0 ? 1.0 : -1.0) / column->width;
+        }
+    }
+    return farthest;
 }
 
-/* Derivative of domain_distance with respect to the farthest column, zero inside the domain. */
-static double distance_slope(const Instance *instance, size_t farthest)
+/*
+ * Distance from the cube that the point is in, up to a tolerance, or the nearest one, and which one that is. A simulation
+ * stays near one centre for a while, so the search begins at that one.
+ */
+static Outside outside_cover(const Instance *instance, double tolerance, size_t *centre)
 {
-    const Column *column = &model_columns[farthest];
-    const double value = instance->now.columns[farthest];
-    if (value > largest_valid(column, value)) {
-        return 1.0 / column->width;
+    Outside nearest = outside_cube(instance, *centre, HUGE_VAL);
+    for (size_t i = 0; i < COVER_COUNT && nearest.distance > tolerance; i++) {
+        const Outside found = outside_cube(instance, i, nearest.distance);
+        if (found.distance < nearest.distance) {
+            nearest = found;
+            *centre = i;
+        }
     }
-    return value < least_valid(column, value) ? -1.0 / column->width : 0.0;
+    return nearest;
+}
+#endif
+
+static Outside outside(const Instance *instance)
+{
+    Outside farthest = outside_ranges(instance);
+#if MODEL_HAS_COVER
+    size_t centre = 0;
+    const Outside of_data = outside_cover(instance, 0.0, &centre);
+    if (of_data.distance > farthest.distance) {
+        farthest = of_data;
+    }
+#endif
+    if (!(farthest.distance < DBL_MAX)) {
+        farthest.distance = DBL_MAX;
+    }
+    return farthest;
+}
+
+static bool is_in_ranges(const Instance *instance)
+{
+    for (size_t i = 0; i < NAMED_COUNT; i++) {
+        if (!contains(&model_columns[i], instance->now.columns[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Whether there are training data near the point; true if nothing is known about that. */
+static bool is_near_data(const Instance *instance, size_t *centre)
+{
+#if MODEL_HAS_COVER
+    return outside_cover(instance, TOLERANCE, centre).distance <= TOLERANCE;
+#else
+    (void)instance;
+    (void)centre;
+    return true;
+#endif
 }
 
 /*
@@ -428,6 +496,30 @@ static Status note_value(Instance *instance, size_t index)
     return instance_tell(instance, STATUS_WARNING,
                          "variable `%.100s`: %.10g is outside %s; outputs are %s (said once a run)", column->name,
                          value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
+}
+
+/*
+ * Whether there are training data near the inputs. This concerns all of them together, so it is asked where they are used
+ * and not where they are set, one after the other. What is outside its range is another matter.
+ */
+static Status note_data(Instance *instance, Status refused)
+{
+    const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data;
+    if (is_silent || is_near_data(instance, &instance->centre) || !is_in_ranges(instance)) {
+        return STATUS_OK;
+    }
+    const double distance = outside(instance).distance;
+    if (instance->now.policy == POLICY_ERROR) {
+        return instance_tell(instance, refused,
+                             "the inputs are in their ranges, but %.3f of the ranges away from where training data are "
+                             "near, and domain_policy is 2",
+                             distance);
+    }
+    instance->warned_of_data = true;
+    return instance_tell(instance, STATUS_WARNING,
+                         "the inputs are in their ranges, but %.3f of the ranges away from where training data are near; "
+                         "outputs are extrapolated (said once a run)",
+                         distance);
 }
 
 /* States and what is remembered are what they are: they cannot be clamped. */
@@ -669,8 +761,12 @@ Status instance_do_step(Instance *instance, double from, double size)
     if (status != STATUS_OK) {
         return status;
     }
+    status = note_data(instance, refused);
+    if (status > STATUS_WARNING) {
+        return status;
+    }
 #if MODEL_GOES_ON
-    status = advance_states(instance, time, size, refused);
+    status = worse(status, advance_states(instance, time, size, refused));
     if (status > STATUS_WARNING) {
         return status;
     }
@@ -714,7 +810,8 @@ Status instance_accept_point(Instance *instance)
     if (forbids_point(instance, instance->now.policy)) {
         return STATUS_ERROR;
     }
-    for (size_t i = 0; i < NAMED_COUNT; i++) {
+    status = note_data(instance, STATUS_ERROR);
+    for (size_t i = 0; i < NAMED_COUNT && status != STATUS_ERROR; i++) {
         status = worse(status, note_value(instance, i));
     }
     return status;
@@ -726,6 +823,7 @@ static void forget_warnings(Instance *instance)
 {
     memset(instance->warned, 0, sizeof instance->warned);
     instance->warned_of_change = false;
+    instance->warned_of_data = false;
 }
 
 Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, double tolerance, double start,
@@ -771,10 +869,14 @@ Status instance_enter_initialization_mode(Instance *instance)
     return STATUS_OK;
 }
 
-void instance_exit_initialization_mode(Instance *instance)
+Status instance_exit_initialization_mode(Instance *instance)
 {
     const bool event = instance->interface == MODEL_EXCHANGE || instance->event_mode;
-    instance->now.state = event ? STATE_EVENT : STATE_STEP;
+    const Status status = note_data(instance, STATUS_ERROR);
+    if (status != STATUS_ERROR) {
+        instance->now.state = event ? STATE_EVENT : STATE_STEP;
+    }
+    return status;
 }
 
 Status instance_enter_event_mode(Instance *instance)
@@ -939,7 +1041,7 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
             values[i] = instance->now.columns[INPUT_COUNT + variable->index];
             break;
         case VARIABLE_DOMAIN_DISTANCE:
-            values[i] = distance(instance);
+            values[i] = outside(instance).distance;
             break;
         case VARIABLE_BOUND:
             values[i] = bound(instance, variable->index).value;
@@ -973,10 +1075,10 @@ Status instance_get_boolean(Instance *instance, const uint32_t references[], siz
         }
     }
     const Snapshot *now = &instance->now;
-    *value = !now->changed;
+    size_t centre = instance->centre;
+    *value = !now->changed && is_in_ranges(instance) && is_near_data(instance, &centre);
     for (size_t i = 0; i < NAMED_COUNT; i++) {
-        *value = *value && contains(&model_columns[i], now->columns[i]) &&
-                 !is_changed(instance, i, now->columns[i], now->time);
+        *value = *value && !is_changed(instance, i, now->columns[i], now->time);
     }
     return STATUS_OK;
 }
@@ -1235,7 +1337,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     double direction[COLUMN_COUNT] = {0.0};
     double derivative[RESULT_COUNT];
     double of_time = 0.0;
-    const size_t farthest = farthest_column(instance);
+    const Outside farthest = outside(instance);
     if (check_seed(instance, seed, known_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
         return STATUS_ERROR;
@@ -1248,7 +1350,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
             of_time += seed[i];
         }
     }
-    const double of_distance = distance_slope(instance, farthest) * direction[farthest];
+    const double of_distance = farthest.slope * direction[farthest.column];
     update_point(instance);
     zero_clamped(instance, direction);
     model_directional(&instance->scratch, instance->point, direction, derivative);
@@ -1267,7 +1369,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     double weight_of_distance = 0.0;
     double of_time = 0.0;
     double gradient[COLUMN_COUNT];
-    const size_t farthest = farthest_column(instance);
+    const Outside farthest = outside(instance);
     if (check_seed(instance, seed, unknown_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
         return STATUS_ERROR;
@@ -1290,7 +1392,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
         gradient[i] += direct[i];
     }
     zero_clamped(instance, gradient);
-    gradient[farthest] += distance_slope(instance, farthest) * weight_of_distance;
+    gradient[farthest.column] += farthest.slope * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
         const size_t column = column_of(instance, knowns[i]);
         sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_time;
@@ -1313,7 +1415,7 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT];
     double derivatives[DERIVATIVE_ORDERS][RESULT_COUNT];
     double of_distance[DERIVATIVE_ORDERS];
-    const size_t farthest = farthest_column(instance);
+    const Outside farthest = outside(instance);
     for (size_t i = 0; i < count; i++) {
         if (check_unknown(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
             return STATUS_ERROR;
@@ -1330,13 +1432,13 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
             return status;
         }
     }
-    of_distance[0] = distance_slope(instance, farthest) * rates[0][farthest];
+    of_distance[0] = farthest.slope * rates[0][farthest.column];
     zero_clamped(instance, rates[0]);
     if (STATE_COUNT > 0) {
         model_directional(&instance->scratch, instance->point, rates[0], derivatives[0]);
         memcpy(rates[1] + INPUT_COUNT, derivatives[0] + OUTPUT_COUNT, STATE_COUNT * sizeof(double));
     }
-    of_distance[1] = distance_slope(instance, farthest) * rates[1][farthest];
+    of_distance[1] = farthest.slope * rates[1][farthest.column];
     zero_clamped(instance, rates[1]);
     model_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
     for (size_t i = 0; i < count; i++) {

@@ -82,6 +82,8 @@ struct Instance {
     double since; /* s; how much of the communication step was made before the present one of the solver */
     bool warned[COLUMN_COUNT]; /* columns the host was told of in this run */
     bool warned_of_change;     /* whether it was told that an input or parameter changed */
+    bool warned_of_data;       /* whether it was told that there are no training data near the inputs */
+    size_t centre;             /* which part of the training data was near last */
     Scratch scratch;
 };
 
@@ -117,7 +119,7 @@ Status instance_no_variables(Instance *instance, const char *type, size_t count)
 Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, double tolerance, double start,
                                   bool stop_defined, double stop);
 Status instance_enter_initialization_mode(Instance *instance);
-void instance_exit_initialization_mode(Instance *instance);
+Status instance_exit_initialization_mode(Instance *instance);
 Status instance_enter_event_mode(Instance *instance);
 
 /* As after instantiation: start values, time zero. */

@@ -70,6 +70,16 @@ extern const Column model_columns[NAMED_COUNT];
 extern const double model_bound_times[BOUND_TIME_COUNT];
 extern const double model_bounds[BOUND_TIME_COUNT * OUTPUT_COUNT];
 
+#if MODEL_HAS_COVER
+/*
+ * Where training data are: a point is near them if in all of these columns it is at most so far away from one of the
+ * centres, relative to the ranges.
+ */
+extern const double model_cover_radius;
+extern const uint32_t model_cover_columns[COVER_COLUMN_COUNT];
+extern const float model_centres[COVER_COUNT * COVER_COLUMN_COUNT];
+#endif
+
 /* Position of the column's value that is nearest; of two the first. */
 static inline size_t nearest(const Column *column, double x)
 {

@@ -1010,7 +1010,8 @@ fn a_whole_run_is_that_of_the_packed_library() {
     let example = example::with_network(&[20, 20], Activation::Tanh);
     let [polynomial, forest, kernel] = regressions(&example);
     let per_instant = example::per_instant(&[20, 20], Activation::Tanh, Precision::Double);
-    for surrogate in [bent(&example, Activation::Tanh), example, per_instant, polynomial, forest, kernel] {
+    let covered = example::with_cover(&example);
+    for surrogate in [bent(&example, Activation::Tanh), example, covered, per_instant, polynomial, forest, kernel] {
         compare_run_of_example(&seal(surrogate).unwrap());
     }
 }
@@ -1151,6 +1152,47 @@ fn states_and_derivatives_in_a_run_are_those_of_the_packed_library() {
             };
             assert_close(&numbers(&found), &numbers(&expected), 1.0, "snapshot");
             assert_eq!((found[7], expected[7]), (3, 3), "version of the layout");
+        }
+    }
+}
+
+/// In the ranges, but not near the data that the surrogate knows of.
+#[test]
+fn where_no_data_are_near_is_as_in_the_packed_library() {
+    let surrogate = seal(example::with_cover(&example::surrogate())).unwrap();
+    let reference = |of: BuiltIn| surrogate.variables().reference(Quantity::BuiltIn(of)).unwrap();
+    let unknown = [reference(BuiltIn::DomainDistance)];
+    for [c, rust] in in_c_and_rust(&surrogate) {
+        for (length, speed, policy) in [
+            (0.12, 1.0, 0),
+            (0.12, 4.5, 0),
+            (0.19, 1.5, 0),
+            (0.12, 4.5, 1),
+            (0.12, 4.5, 2),
+            (0.25, 4.5, 0),
+            (0.19, 4.5, 2),
+        ] {
+            let [found, expected] = [&c, &rust].map(|fmu| {
+                let instance = fmu.instantiate("run", false).unwrap();
+                instance.set_real(&[0, 1], &[length, speed]).unwrap();
+                instance.set_integer(&[reference(BuiltIn::DomainPolicy)], &[policy]).unwrap();
+                instance.enter_initialization_mode(0.0, None).unwrap();
+                let mut values = instance.directional_derivative(&unknown, &[0, 1], &[0.5, 0.25]).unwrap();
+                let (mut inside, mut distance) = ([true], [0.0]);
+                instance.get_boolean(&[reference(BuiltIn::InDomain)], &mut inside).unwrap();
+                instance.get_real(&unknown, &mut distance).unwrap();
+                values.extend(distance);
+                let left = instance.exit_initialization_mode().map_err(|error| error.to_string());
+                (values, inside, left)
+            });
+            assert_close(&found.0, &expected.0, 1.0, &format!("{length} {speed}"));
+            assert_eq!((found.1, found.2.is_ok()), (expected.1, expected.2.is_ok()));
+            let is_inside = (length < 0.15) == (speed < 2.5) && length <= 0.2;
+            assert_eq!(
+                (found.1[0], found.2.is_ok()),
+                (is_inside, is_inside || policy != 2),
+                "{length} {speed} {policy}"
+            );
         }
     }
 }

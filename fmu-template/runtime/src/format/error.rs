@@ -312,6 +312,12 @@ pub enum FormatError {
         /// What stands there.
         found: f64,
     },
+    /// A cover of the training data that does not belong to the inputs.
+    #[error("the cover of the training data makes no sense: expected that {expected}")]
+    Cover {
+        /// What is not so.
+        expected: &'static str,
+    },
     /// The content is not what it was when the digest was put in.
     #[error("the file is damaged: its content has the digest {found}, expected {expected}")]
     Damaged {

@@ -80,6 +80,34 @@ fn the_policy_to_refuse_lets_nothing_leave_the_domain() {
 }
 
 #[test]
+fn that_no_data_are_near_is_said_where_the_inputs_are_used() {
+    let surrogate = example::with_cover(&example::surrogate());
+    let host = Host::of(&surrogate);
+    host.initialize(0.0);
+    // from where both are low to where both are high, by a point that is neither
+    assert_eq!([host.set(&[LENGTH], &[0.12]), host.step(0.0, 0.1)], [Status::Ok; 2]);
+    assert_eq!(host.set(&[LENGTH], &[0.19]), Status::Warning, "that it changes is another matter");
+    let host = Host::of(&surrogate);
+    host.set_up(0.0);
+    assert_eq!([host.set(&[LENGTH], &[0.12]), host.set(&[SPEED], &[4.5]), host.enter()], [Status::Ok; 3]);
+    assert_eq!((host.in_domain(), (100.0 * distance(&host)).round()), (false, 30.0));
+    assert_eq!(host.exit(), Status::Warning);
+    assert!(host.message().contains("the inputs are in their ranges, but 0.300 of the ranges away"), "once a run");
+    assert_eq!(host.step(0.0, 0.1), Status::Ok);
+    // policy 2 refuses to use them, and not to set one after the other
+    let host = Host::of(&surrogate);
+    host.set_up(0.0);
+    assert_eq!([host.set_policy(2), host.enter(), host.set(&[LENGTH], &[0.12])], [Status::Ok; 3]);
+    assert_eq!([host.set(&[SPEED], &[4.5]), host.set(&[LENGTH], &[0.19]), host.exit()], [Status::Ok; 3]);
+    assert_eq!((host.step(0.0, 0.1), host.in_domain()), (Status::Ok, true));
+    let host = Host::of(&surrogate);
+    host.set_up(0.0);
+    assert_eq!([host.set_policy(2), host.set(&[SPEED], &[4.5]), host.set(&[LENGTH], &[0.12])], [Status::Ok; 3]);
+    assert_eq!([host.enter(), host.exit()], [Status::Ok, Status::Error]);
+    assert!(host.message().ends_with("domain_policy is 2"));
+}
+
+#[test]
 fn what_a_solver_tries_outside_the_domain_is_neither_refused_nor_warned_of() {
     for policy in [0, 1, 2] {
         let host = Host::solving();

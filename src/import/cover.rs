@@ -1,0 +1,217 @@
+//! Where the rows of a table are, within the ranges of its columns.
+
+use metafmu_runtime::{Cover, Input};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
+use std::collections::HashSet;
+
+/// Cubes of a cover at most: what a step of an FMU may have to look through.
+const CUBES: usize = 512;
+/// Rows among which centres are looked for, and those whose distances from others are taken, at most.
+const CANDIDATES: usize = 1 << 16;
+const DISTANCES: usize = 1 << 11;
+/// Share of further rows, drawn like those of the table, that is to be inside.
+const SHARE: f64 = 0.99;
+/// Random points by which a cover is compared with the ranges.
+const POINTS: usize = 4096;
+
+/// Cubes around some of the rows, so that all rows are inside, and a further row that is drawn like them is so with a probability of
+/// [`SHARE`], or of n / (n + 1) if half of the rows, n, are too few for that. None if they fill the ranges: then nothing more is known of the
+/// data.
+///
+/// A further row is at most `gap` from one of these with that probability (a split-conformal bound: `gap` is the quantile of the distances
+/// of one half of the rows from the nearest row of the other half), and every row is at most a covering radius from a centre, where centres are
+/// chosen each as far as possible from those before (Gonzalez 1985). The half width of the cubes is the sum of the two.
+pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
+    let columns: Vec<usize> = (0..inputs.len()).filter(|&column| Cover::counts(&inputs[column])).collect();
+    let relative = |row: &Vec<f64>| -> Vec<f32> {
+        let of_column = |&column: &usize| {
+            let Input { min, max, .. } = inputs[column];
+            ((row[column] - min) / (max - min)) as f32
+        };
+        columns.iter().map(of_column).collect()
+    };
+    let mut seen = HashSet::new();
+    let is_new = |row: &Vec<f32>| {
+        row.iter().all(|value| (0.0..=1.0).contains(value))
+            && seen.insert(row.iter().map(|value| value.to_bits()).collect::<Vec<u32>>())
+    };
+    let mut rows: Vec<Vec<f32>> = rows.iter().map(relative).filter(is_new).collect();
+    if columns.is_empty() || rows.len() < 2 {
+        return None;
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    rows.shuffle(&mut random);
+    let (some, others) = rows.split_at(rows.len() / 2);
+    let gap = gap(&some[..some.len().min(DISTANCES)], &others[..others.len().min(CANDIDATES)]);
+    let centres = centres(&rows[..rows.len().min(CANDIDATES)], 0.5 * gap);
+    let radius = rows.iter().map(|row| nearest(row, &centres)).fold(0.0, f32::max) + gap;
+    let mut point = || columns.iter().map(|_| random.random::<f32>()).collect::<Vec<f32>>();
+    if (0..POINTS).all(|_| nearest(&point(), &centres) <= radius) {
+        return None;
+    }
+    Some(Cover {
+        columns: columns.into_iter().map(|column| column as u32).collect(),
+        // rows were rounded
+        radius: f64::from(radius) + f64::from(f32::EPSILON),
+        centres: centres.concat(),
+    })
+}
+
+/// Puts the start values that may be chosen into the domain: those of the row that is nearest.
+pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
+    let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
+    if is_inside(cover, inputs, &start) {
+        return;
+    }
+    let off = |row: &Vec<f64>| {
+        let of_column = |&column: &u32| {
+            let Input { min, max, .. } = inputs[column as usize];
+            (row[column as usize] - start[column as usize]).abs() / (max - min)
+        };
+        cover.columns.iter().map(of_column).fold(0.0, f64::max)
+    };
+    let Some(row) = rows.iter().filter(|row| is_inside(cover, inputs, row)).min_by(|a, b| off(a).total_cmp(&off(b)))
+    else {
+        return;
+    };
+    for column in cover.columns.iter().map(|column| *column as usize) {
+        if is_free(&inputs[column]) {
+            inputs[column].start = row[column].clamp(inputs[column].min, inputs[column].max);
+        }
+    }
+}
+
+/// Whether a row is in one of the cubes.
+fn is_inside(cover: &Cover, inputs: &[Input], row: &[f64]) -> bool {
+    cover.centres.chunks_exact(cover.columns.len()).any(|centre| {
+        centre.iter().zip(&cover.columns).all(|(at, &column)| {
+            let Input { min, max, .. } = inputs[column as usize];
+            ((row[column as usize] - min) / (max - min) - f64::from(*at)).abs() <= cover.radius
+        })
+    })
+}
+
+/// Rows that are farthest from each other, until all are that near to one of them, or there are enough.
+fn centres(rows: &[Vec<f32>], near: f32) -> Vec<Vec<f32>> {
+    let mut centres = vec![rows[0].clone()];
+    let mut distances: Vec<f32> = rows.iter().map(|row| distance(row, &rows[0])).collect();
+    while centres.len() < CUBES {
+        let (farthest, largest) = distances
+            .iter()
+            .enumerate()
+            .fold((0, 0.0), |best, (row, &found)| if found > best.1 { (row, found) } else { best });
+        if largest <= near {
+            break;
+        }
+        centres.push(rows[farthest].clone());
+        for (found, row) in distances.iter_mut().zip(rows) {
+            *found = found.min(distance(row, &rows[farthest]));
+        }
+    }
+    centres
+}
+
+/// The distance that the share of further rows does not exceed, by the distances of some rows from others.
+fn gap(some: &[Vec<f32>], others: &[Vec<f32>]) -> f32 {
+    let mut distances: Vec<f32> = some.iter().map(|row| nearest(row, others)).collect();
+    distances.sort_by(f32::total_cmp);
+    let rank = ((distances.len() + 1) as f64 * SHARE).ceil() as usize;
+    distances[rank.clamp(1, distances.len()) - 1]
+}
+
+/// Distance from the nearest of some rows.
+fn nearest(row: &[f32], others: &[Vec<f32>]) -> f32 {
+    others.iter().map(|other| distance(row, other)).fold(f32::INFINITY, f32::min)
+}
+
+/// The largest difference of a column.
+fn distance(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::{Encoding, Role};
+
+    fn inputs(count: usize) -> Vec<Input> {
+        let input = |column| Input {
+            name: format!("x{column}"),
+            role: Role::Input,
+            unit: String::new(),
+            description: String::new(),
+            min: -1.0,
+            max: 1.0,
+            start: 0.0,
+            encoding: Encoding::Plain,
+        };
+        (0..count).map(input).collect()
+    }
+
+    /// Points on a circle, within so much of it.
+    fn ring(count: usize, width: f64, seed: u64) -> Vec<Vec<f64>> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut point = || {
+            let (angle, radius) =
+                (std::f64::consts::TAU * random.random::<f64>(), 1.0 - width * random.random::<f64>());
+            vec![radius * angle.cos(), radius * angle.sin()]
+        };
+        (0..count).map(|_| point()).collect()
+    }
+
+    #[test]
+    fn all_rows_are_inside_and_of_further_ones_nearly_all() {
+        let inputs = inputs(2);
+        // few rows make large cubes
+        for (count, width) in [(60, 0.0), (500, 0.1), (5000, 0.2)] {
+            let rows = ring(count, width, 2);
+            let cover = of_rows(&rows, &inputs).unwrap();
+            assert!(rows.iter().all(|row| is_inside(&cover, &inputs, row)), "{count}");
+            let further = ring(4000, width, 3);
+            let share = further.iter().filter(|row| is_inside(&cover, &inputs, row)).count() as f64 / 4000.0;
+            assert!(share >= 0.98, "{count}: {share}");
+            assert!(!is_inside(&cover, &inputs, &[0.0, 0.0]), "{count}: the middle has no rows");
+            assert!(count < 100 || !is_inside(&cover, &inputs, &[1.0, -1.0]), "{count}: nor have the corners");
+            assert!(cover.centres.len() <= 2 * CUBES);
+        }
+    }
+
+    #[test]
+    fn rows_that_fill_the_ranges_need_no_cover() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        for columns in [1, 2, 5] {
+            let mut row = || (0..columns).map(|_| 2.0 * random.random::<f64>() - 1.0).collect();
+            let rows: Vec<Vec<f64>> = (0..2000).map(|_| row()).collect();
+            assert_eq!(of_rows(&rows, &inputs(columns)), None, "{columns}");
+        }
+        let grid: Vec<Vec<f64>> =
+            (0..25).map(|k| vec![0.5 * f64::from(k / 5) - 1.0, 0.5 * f64::from(k % 5) - 1.0]).collect();
+        assert_eq!(of_rows(&grid, &inputs(2)), None);
+    }
+
+    #[test]
+    fn few_rows_equal_rows_and_constants_make_none() {
+        let mut inputs = inputs(2);
+        assert_eq!(of_rows(&[vec![0.5, 0.5]], &inputs), None);
+        assert_eq!(of_rows(&vec![vec![0.5, 0.5]; 9], &inputs), None);
+        for input in &mut inputs {
+            (input.min, input.max) = (0.5, 0.5);
+        }
+        assert_eq!(of_rows(&ring(50, 0.1, 1), &inputs), None);
+    }
+
+    #[test]
+    fn a_gap_between_rows_of_one_column_is_outside() {
+        let rows: Vec<Vec<f64>> =
+            (0..200).map(|k| vec![if k < 100 { -1.0 } else { 0.8 } + 0.002 * f64::from(k % 100)]).collect();
+        let mut inputs = inputs(1);
+        let cover = of_rows(&rows, &inputs).unwrap();
+        for (value, expected) in [(-0.9, true), (0.0, false), (0.9, true)] {
+            assert_eq!(is_inside(&cover, &inputs, &[value]), expected, "{value}");
+        }
+        start_among(&rows, &cover, &mut inputs, |_| false);
+        assert_eq!(inputs[0].start, 0.0);
+        start_among(&rows, &cover, &mut inputs, |_| true);
+        assert!((inputs[0].start - 0.8).abs() < 1e-9, "{}", inputs[0].start);
+    }
+}
