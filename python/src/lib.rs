@@ -22,7 +22,7 @@ use metafmu::{
     study::FmiChoice,
     surrogate,
 };
-use metafmu_runtime::Evaluator;
+use metafmu_runtime::{Domain, Evaluator};
 use pyo3::{
     create_exception,
     exceptions::PyValueError,
@@ -52,11 +52,12 @@ const ROWS: usize = 4096;
 struct Surrogate {
     surrogate: metafmu_runtime::Surrogate,
     evaluator: Evaluator,
+    domain: Domain,
 }
 
 impl Surrogate {
     fn new(surrogate: metafmu_runtime::Surrogate) -> Self {
-        Self { evaluator: Evaluator::new(&surrogate), surrogate }
+        Self { evaluator: Evaluator::new(&surrogate), domain: Domain::of(surrogate.metadata()), surrogate }
     }
 
     /// What `row` writes for each row of doubles, `width` of them.
@@ -67,7 +68,7 @@ impl Surrogate {
         width: usize,
         row: impl Fn(&[f64], &mut [f64], &mut metafmu_runtime::Scratch) + Sync,
     ) -> PyResult<Bound<'py, PyByteArray>> {
-        let Self { surrogate, evaluator } = self;
+        let Self { surrogate, evaluator, .. } = self;
         if surrogate.goes_on() {
             let name = &surrogate.metadata().name;
             return Err(refused(format!(
@@ -130,6 +131,11 @@ impl Surrogate {
     fn predict<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         let evaluator = &self.evaluator;
         self.rows(py, x, evaluator.results(), |point, values, scratch| evaluator.evaluate(point, values, scratch))
+    }
+
+    /// Of each row, how far it is from the domain of validity.
+    fn domain_distance<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
+        self.rows(py, x, 1, |point, values, _| values[0] = self.domain.distance(point))
     }
 
     /// Of each row, the derivatives of each output by each input, output by output.

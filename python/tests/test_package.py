@@ -60,6 +60,56 @@ def test_an_onnx_model_of_a_surrogate_gives_the_same(surrogate, rows, tmp_path):
     assert np.abs(found - surrogate.predict(rows[0])).max() < (1e-12 if kind is np.float64 else 1e-5)
 
 
+def test_the_domain_is_where_the_data_are():
+    random = np.random.default_rng(5)
+    x = random.uniform(-1, 1, (400, 1))
+    data = np.hstack([x, x**3 + random.normal(scale=0.01, size=x.shape)])
+    make = lambda **options: (graph := metafmu.Graph(2)).finish(graph.affine(0, [[1.0, 1.0]]), data=data, **options)
+    surrogate = make()
+    assert surrogate.in_domain(data).all() and not surrogate.domain_distance(data).any()
+    assert surrogate.in_domain([[0.5, 0.125], [0.5, -0.5]]).tolist() == [True, False]
+    assert 0.05 < surrogate.domain_distance([[0.5, -0.5]])[0] < 0.5 < surrogate.domain_distance([[2.0, 0.0]])[0]
+    assert make(domain="ranges").in_domain([[0.5, -0.5]]).all()
+    with pytest.raises(metafmu.Error, match='"data" or "ranges"'):
+        make(domain="box")
+
+
+def test_an_onnx_model_of_a_step_has_states(tmp_path):
+    """A cell whose state goes in and out, and a differential equation: fmpy gives what numpy computes."""
+    onnx = pytest.importorskip("onnx")
+    helper, numpy_helper, double = onnx.helper, onnx.numpy_helper, onnx.TensorProto.DOUBLE
+    random = np.random.default_rng(2)
+    weights = {"W": random.normal(size=(1, 4)), "U": random.normal(size=(4, 4)) / 3, "V": random.normal(size=(4, 1))}
+    nodes = [("MatMul", ["x", "W"], "a"), ("MatMul", ["h", "U"], "b"), ("Add", ["a", "b"], "s"), ("Tanh", ["s"], "h1"), ("MatMul", ["h1", "V"], "y")]
+    tensor = lambda name, width: helper.make_tensor_value_info(name, double, [1, width])
+    graph = helper.make_graph([helper.make_node(kind, given, [made]) for kind, given, made in nodes], "cell", [tensor("x", 1), tensor("h", 4)],
+                              [tensor("y", 1), tensor("h1", 4)], [numpy_helper.from_array(value, name) for name, value in weights.items()])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    cell = metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states={"h": "h1"}, sample=0.1)
+    assert [item.name for item in cell.outputs] == ["y"] and cell.name == "model"
+    [fmu] = cell.export(tmp_path / "cell.fmu")
+    assert metafmu.validate(fmu)
+    fmpy = pytest.importorskip("fmpy")
+    found = fmpy.simulate_fmu(str(fmu), start_values={"x": 0.5}, stop_time=1.0, output_interval=0.1)["y"]
+    h = np.zeros((1, 4))
+    for k in range(1, 11):
+        h = np.tanh(0.5 * weights["W"] + h @ weights["U"])
+        assert abs(found[k] - (h @ weights["V"]).item()) < 1e-12
+    flow = metafmu.from_onnx(model, inputs={"x": (-1, 1)}, outputs={"y": {"column": "y"}}, states={"h": {"derivative": "h1"}}, solver_step=0.01)
+    [fmu] = flow.export(tmp_path / "flow.fmu", fmi="3")
+    assert metafmu.validate(fmu)
+    scipy = pytest.importorskip("scipy.integrate")
+    rates = lambda time, h: np.tanh(0.5 * weights["W"][0] + h @ weights["U"])
+    expected = scipy.solve_ivp(rates, (0, 1), np.zeros(4), rtol=1e-11, atol=1e-12).y[:, -1]
+    for kind in ("CoSimulation", "ModelExchange"):
+        found = fmpy.simulate_fmu(str(fmu), fmi_type=kind, start_values={"x": 0.5}, stop_time=1.0, output_interval=0.1, relative_tolerance=1e-9)["y"]
+        assert abs(found[-1] - (rates(0, expected) @ weights["V"]).item()) < 1e-7, kind
+    with pytest.raises(metafmu.Error, match="h9"):
+        metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states={"h": "h9"}, sample=0.1)
+    with pytest.raises(metafmu.Error, match="has states"):
+        cell.predict([[0.5]])
+
+
 def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):
     names = lambda **options: [path.name for path in surrogate.export(tmp_path / "x.fmu", **options)]
     assert names(fmi="both") == ["x.fmu", "x-fmi3.fmu"]
@@ -89,6 +139,9 @@ def test_wrong_input_is_a_value_error_with_a_reason(surrogate, tmp_path):
                   lambda: graph.elementwise(0, "linear", 1.0), lambda: graph.combine(0, 1, "add"), lambda: graph.finish(0, inputs=["x", "x"], data=np.ones((2, 2)))):
         with pytest.raises(metafmu.Error):
             wrong()
+    for wrong, message in (({"outputs": []}, "0 outputs .* the model has 2"), ({"outputs": {"y": {"column": "y"}}}, "unknown key `column`")):
+        with pytest.raises(metafmu.Error, match=message):
+            graph.finish(0, data=np.ones((2, 2)), **wrong)
     with pytest.raises(metafmu.Error, match="forest"):
         looped = {"left": [0], "right": [0], "column": [0], "number": [0.0]}
         graph.finish(graph.forest(0, [looped]), data=np.ones((2, 2)))

@@ -134,7 +134,7 @@ class Graph:
         self._note("forest", of, columns.tobytes(), numbers.tobytes(), below.tobytes(), roots, outputs)
         return self._core.forest(of, columns.tolist(), numbers.tobytes(), below.tolist(), roots, int(outputs))
 
-    def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, producer="",
+    def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
                single=False, input_names=None, output_names=None):
         """The surrogate whose outputs are a value.
 
@@ -143,7 +143,7 @@ class Graph:
         """
         count = self.width(value)
         text, rows = interface(
-            self.width(0), count, inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop,
+            self.width(0), count, inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,
             input_names=input_names, output_names=output_names,
         )
         columns = [[value, place] for place in range(count)]

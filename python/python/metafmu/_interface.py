@@ -24,7 +24,8 @@ def of_section(given, count, prefix, what, keys, names=None):
     """The entries of a section of an interface: a dict of dicts by name, in the order of the model's columns.
 
     ``given``: a list of names or :class:`Variable`, or a dict of names to units, ranges ``(min, max)`` or dicts with the keys of
-    docs/import.md; ``names``: those used if nothing is given.
+    docs/import.md; ``names``: those used if nothing is given. If ``keys`` has ``column``, and all entries do, there may be another number of
+    them.
     """
     if given is None:
         given = names if names is not None and len(names) == count else [f"{prefix}{place}" for place in range(count)]
@@ -56,18 +57,25 @@ def of_section(given, count, prefix, what, keys, names=None):
         if name in section:
             raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
         section[name] = about
-    if len(section) != count:
+    say_which = bool(section) and all("column" in about for about in section.values())
+    if len(section) != count and not say_which:
         raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), the model has {count}")
     return section
 
 
-def interface(count_inputs, count_outputs, *, inputs, outputs, data, name, description, step, stop, input_names=None, output_names=None):
-    """The text of an interface, in JSON, and the rows of the data as bytes, or None."""
+def interface(
+    count_inputs, count_outputs, *, inputs, outputs, data, name, description, step, stop, domain="data", input_names=None, output_names=None,
+    states=None, sample=None, solver_step=None, named=False,
+):
+    """The text of an interface, in JSON, and the rows of the data as bytes, or None. ``named``: whether the columns of the model have names."""
+    if domain not in ("data", "ranges"):
+        raise _metafmu.Error(f"domain: {domain!r}, expected \"data\" or \"ranges\"")
     if data is not None and inputs is None and input_names is None and hasattr(data, "columns"):
         columns = [str(column) for column in data.columns]
         input_names = columns if len(columns) == count_inputs else None
-    of_inputs = of_section(inputs, count_inputs, "x", "input", _INPUT_KEYS, input_names)
-    of_outputs = of_section(outputs, count_outputs, "y", "output", _OUTPUT_KEYS, output_names)
+    column = ("column",) if named else ()
+    of_inputs = of_section(inputs, count_inputs, "x", "input", (*column, *_INPUT_KEYS), input_names)
+    of_outputs = of_section(outputs, count_outputs, "y", "output", (*column, *_OUTPUT_KEYS), output_names)
     rows = None
     if data is not None:
         rows = rows_of(data, list(of_inputs), "data")
@@ -81,11 +89,14 @@ def interface(count_inputs, count_outputs, *, inputs, outputs, data, name, descr
             f"no range of the inputs {', '.join(f'`{name}`' for name in missing[:20])}: expected data=X with the rows that the model was "
             "trained on, or inputs={\"NAME\": {\"min\": 0.0, \"max\": 1.0, \"unit\": \"m\"}, ...}"
         )
+    time = {"step": step, "sample": sample, "solver_step": solver_step, "stop": stop}
     text = json.dumps(
         {
             "name": identifier(name),
             "description": description,
-            "time": {"step": float(step), "stop": float(stop)},
+            "domain": domain,
+            "time": {key: float(value) for key, value in time.items() if value is not None},
+            "states": states or {},
             "inputs": of_inputs,
             "outputs": of_outputs,
         }

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from typing import Any, Callable
+
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
 from ._rows import Row, binary, compose, concatenate, constant, is_row, outputs_of
+from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
 
 
-def from_jax(function, example, params=None, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+def from_jax(
+    function: Callable,
+    example: Any,
+    params: Any = None,
+    inputs: Names = None,
+    outputs: Names = None,
+    data: Any = None,
+    *,
+    name: str | None = None,
+    description: str = "",
+    step: float = 0.01,
+    stop: float = 1.0,
+    domain: str = "data",
+) -> Surrogate:
     """The surrogate of a function of JAX.
 
     ``function(x)``, or ``function(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
@@ -36,7 +52,7 @@ def from_jax(function, example, params=None, inputs=None, outputs=None, data=Non
     kinds = [np.dtype(variable.aval.dtype) for variable in closed.jaxpr.invars]
     return graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or getattr(function, "__name__", "function"), description=description,
-        step=step, stop=stop, producer="JAX", single=all(kind != np.float64 for kind in kinds),
+        step=step, stop=stop, domain=domain, producer="JAX", single=all(kind != np.float64 for kind in kinds),
     )
 
 

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
 from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
 
 
-def from_keras(model, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+def from_keras(
+    model: Any,
+    inputs: Names = None,
+    outputs: Names = None,
+    data: Any = None,
+    *,
+    name: str | None = None,
+    description: str = "",
+    step: float = 0.01,
+    stop: float = 1.0,
+    domain: str = "data",
+) -> Surrogate:
     """The surrogate of a built Keras model, as it predicts.
 
     The arguments are those of :func:`metafmu.from_torch`.
@@ -33,7 +47,7 @@ def from_keras(model, inputs=None, outputs=None, data=None, *, name=None, descri
     _, value = outputs_of(_model(model, rows))
     weights = model.get_weights()
     return graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop,
+        value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop, domain=domain,
         producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
     )
 

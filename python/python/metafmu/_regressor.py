@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import numbers
+from typing import Any
 
 import numpy as np
 
 from . import _metafmu
 from ._interface import interface
-from ._surrogate import Surrogate
+from ._surrogate import Names, Surrogate
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
@@ -155,7 +156,19 @@ class Regressor(RegressorMixin, BaseEstimator):
         return self.to_surrogate().export(path, **options)
 
 
-def fit(X, y, inputs=None, outputs=None, *, name="surrogate", description="", step=0.01, stop=1.0, **options):
+def fit(
+    X: Any,
+    y: Any,
+    inputs: Names = None,
+    outputs: Names = None,
+    *,
+    name: str = "surrogate",
+    description: str = "",
+    step: float = 0.01,
+    stop: float = 1.0,
+    domain: str = "data",
+    **options: Any,
+) -> Surrogate:
     """Trains a network on rows of inputs and outputs; returns a :class:`Surrogate`.
 
     ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
@@ -174,5 +187,5 @@ def fit(X, y, inputs=None, outputs=None, *, name="surrogate", description="", st
     if not np.isfinite(columns).all():
         raise _metafmu.Error("y has numbers that are not finite")
     model._names = [str(column) for column in X.columns] if hasattr(X, "columns") else None, names
-    surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop)
+    surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop, domain=domain)
     return surrogate

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
+from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
 
@@ -21,13 +24,24 @@ def _reads(*names):
     return register
 
 
-def from_sklearn(estimator, inputs=None, outputs=None, data=None, *, name=None, description="", step=0.01, stop=1.0):
+def from_sklearn(
+    estimator: Any,
+    inputs: Names = None,
+    outputs: Names = None,
+    data: Any = None,
+    *,
+    name: str | None = None,
+    description: str = "",
+    step: float = 0.01,
+    stop: float = 1.0,
+    domain: str = "data",
+) -> Surrogate:
     """The surrogate of a fitted regressor or pipeline of scikit-learn.
 
     ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality``
     ("input", "parameter" or "time"); unless given the columns of the DataFrame that it was fitted to. ``outputs``: names, or a dict of names
-    to units. ``data``: rows that it was trained on, an array or a DataFrame: ranges of the inputs that have none. ``step``, ``stop``: of a
-    simulation, unless the host says otherwise.
+    to units. ``data``: rows that it was trained on, an array or a DataFrame: ranges of the inputs that have none, and where in them the model can
+    be trusted, unless ``domain="ranges"``: everywhere. ``step``, ``stop``: of a simulation, unless the host says otherwise.
 
     >>> model = make_pipeline(StandardScaler(), MLPRegressor()).fit(X, y)
     >>> metafmu.from_sklearn(model, data=X, outputs={"force": "N"}).export("model.fmu")
@@ -42,7 +56,7 @@ def from_sklearn(estimator, inputs=None, outputs=None, data=None, *, name=None, 
     value = _read(graph, estimator, 0)
     names = getattr(estimator, "feature_names_in_", None)
     return graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop,
+        value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
         producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
     )
 

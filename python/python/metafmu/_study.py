@@ -24,13 +24,15 @@ class Study:
         self.path, self.name = path, name
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | os.PathLike[str]) -> Study:
         """Reads and checks a study; :class:`metafmu.Error` has every mistake with its line."""
         path = Path(path)
         name, _ = _metafmu.study(path, None, program())
         return cls(path, name)
 
-    def build(self, out=None, *, fmi=None, resume=False, verbose=True):
+    def build(
+        self, out: str | os.PathLike[str] | None = None, *, fmi: str | None = None, resume: bool = False, verbose: bool = True
+    ) -> Result:
         """Samples, trains, evaluates, exports, validates and reports; returns a :class:`Result`.
 
         ``out``: folder of the results, ``out/NAME`` unless given; ``fmi``: ``"2"``, ``"3"`` or ``"both"``, the study's unless given;
@@ -65,7 +67,7 @@ class Result:
         self.report = Report(Path(built["report"]))
 
     @property
-    def surrogate(self):
+    def surrogate(self) -> Surrogate:
         """The surrogate."""
         return Surrogate.load(self._built["model"])
 
@@ -108,7 +110,7 @@ class Validation:
         return self._text.rstrip()
 
 
-def validate(fmu, time_limit=60.0):
+def validate(fmu: str | os.PathLike[str], time_limit: float = 60.0) -> Validation:
     """Checks any FMU of FMI 2.0 or 3.0: archive, description, and, if it has a binary for this machine, how it runs, in a process of
     its own. ``time_limit``: seconds that each of the checks that run it may take.
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Union
 
 import numpy as np
 
 from . import _metafmu
+
+# hosts add up step sizes and convert units; in an FMU it is the same
+_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -22,6 +27,10 @@ class Variable:
     max: float
     start: float | None = None
     description: str = ""
+
+
+# names of variables, or units, ranges or keys of an interface by name
+Names = Union[str, Sequence[Union[str, Variable]], Mapping[str, Any], None]
 
 
 def rows_of(x, names, what="X"):
@@ -64,32 +73,32 @@ class Surrogate:
         self._metadata = json.loads(core.metadata())
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | os.PathLike[str]) -> Surrogate:
         """Reads a model file (``.safetensors``), or the model inside an FMU made by metafmu (``.fmu``)."""
         return cls(_metafmu.Surrogate.load(os.fspath(path)))
 
-    def save(self, path):
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a model file; its name must end in ``.safetensors`` to be read again."""
         self._core.save(os.fspath(path))
 
     @property
-    def name(self):
+    def name(self) -> str:
         """The name, also of the FMU's model."""
         return self._metadata["name"]
 
     @property
-    def content_digest(self):
+    def content_digest(self) -> str:
         """SHA-256 of everything in the model: two surrogates with one digest are the same."""
         return self._metadata["provenance"]["content_digest"]
 
     @property
-    def inputs(self):
+    def inputs(self) -> list[Variable]:
         """The inputs, in the order of the columns of ``X``."""
         keys = ("name", "unit", "min", "max", "start", "description")
         return [Variable(**{key: item[key] for key in keys}) for item in self._metadata["inputs"]]
 
     @property
-    def outputs(self):
+    def outputs(self) -> list[Variable]:
         """The outputs, in the order of the columns of a prediction."""
         keys = ("name", "unit", "min", "max", "description")
         return [Variable(**{key: item[key] for key in keys}) for item in self._metadata["outputs"]]
@@ -97,7 +106,7 @@ class Surrogate:
     def _rows(self, x):
         return rows_of(x, [item["name"] for item in self._metadata["inputs"]])
 
-    def predict(self, X):
+    def predict(self, X: Any) -> np.ndarray:
         """Outputs of shape (rows, outputs), in double precision; all cores work on them.
 
         ``X``: rows of the inputs, as an array or a DataFrame with a column for each input.
@@ -106,13 +115,24 @@ class Surrogate:
         values = np.frombuffer(self._core.predict(rows.tobytes()), dtype=np.float64)
         return values.reshape(len(rows), len(self._metadata["outputs"]))
 
-    def jacobian(self, X):
+    def jacobian(self, X: Any) -> np.ndarray:
         """Derivatives of each output by each input, of shape (rows, outputs, inputs): exact but for rounding."""
         rows = self._rows(X)
         values = np.frombuffer(self._core.jacobian(rows.tobytes()), dtype=np.float64)
         return values.reshape(len(rows), len(self._metadata["outputs"]), rows.shape[1])
 
-    def export(self, path, fmi="2", sources=False, platforms=None):
+    def domain_distance(self, X: Any) -> np.ndarray:
+        """How far each row is from the domain of validity, relative to the ranges of the inputs: 0 inside, as the FMU's output of that name."""
+        return np.frombuffer(self._core.domain_distance(self._rows(X).tobytes()), dtype=np.float64)
+
+    def in_domain(self, X: Any) -> np.ndarray:
+        """Whether each row is in the domain of validity: in the ranges of the inputs and, if the model was made with its training data,
+        near some of them."""
+        return self.domain_distance(X) <= _TOLERANCE
+
+    def export(
+        self, path: str | os.PathLike[str], fmi: str = "2", sources: bool = False, platforms: str | Iterable[str] | None = None
+    ) -> list[Path]:
         """Writes FMUs and returns their paths.
 
         ``path``: the FMU, or a folder for ``NAME.fmu``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``; of both, that of 3.0 is beside the
@@ -128,7 +148,7 @@ class Surrogate:
         written = self._core.export(path, str(fmi), bool(sources), platforms)
         return [Path(fmu) for fmu in written]
 
-    def to_onnx(self, path):
+    def to_onnx(self, path: str | os.PathLike[str]) -> None:
         """Writes an ONNX model of the same function, unless it has states."""
         self._core.to_onnx(os.fspath(path))
 

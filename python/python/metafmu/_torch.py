@@ -4,21 +4,35 @@ from __future__ import annotations
 
 import copy
 import operator
+from typing import Any
 
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
 from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
 
 
-def from_torch(module, inputs=None, outputs=None, data=None, *, example=None, name=None, description="", step=0.01, stop=1.0):
+def from_torch(
+    module: Any,
+    inputs: Names = None,
+    outputs: Names = None,
+    data: Any = None,
+    *,
+    example: Any = None,
+    name: str | None = None,
+    description: str = "",
+    step: float = 0.01,
+    stop: float = 1.0,
+    domain: str = "data",
+) -> Surrogate:
     """The surrogate of a module of PyTorch, as it is after `eval()`.
 
     ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts; ``outputs``: names, or a dict of names to units;
-    ``data``: rows that it was trained on, for the ranges; ``example``: a tensor like the input, or a tuple of tensors if there are several
+    ``data``: rows that it was trained on, for the ranges and the domain of validity; ``example``: a tensor like the input, or a tuple of tensors if there are several
     or if they have more dimensions than a batch and columns. ``step``, ``stop``: of a simulation, unless the host says otherwise.
 
     >>> net = torch.nn.Sequential(torch.nn.Linear(2, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1))
@@ -49,7 +63,7 @@ def from_torch(module, inputs=None, outputs=None, data=None, *, example=None, na
     _, value = outputs_of(_follow(traced, given))
     tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
     return graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or type(module).__name__, description=description, step=step, stop=stop,
+        value, inputs=inputs, outputs=outputs, data=data, name=name or type(module).__name__, description=description, step=step, stop=stop, domain=domain,
         producer="PyTorch", single=bool(tensors) and all(tensor.dtype != torch.float64 for tensor in tensors),
     )
 
