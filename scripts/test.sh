@@ -2,8 +2,8 @@
 # Runs the tests: format, imports, lints, documentation, Rust tests, then the FMU in other people's tools.
 # Usage: scripts/test.sh [--quick | --ci | --all] [OPTION OF PYTEST]...
 #   --quick   format, imports, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
-#   --ci      also the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim, which takes a
-#             minute and a half to compile, and other platforms
+#   --ci      also the Python package, the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim,
+#             which takes a minute to compile, and other platforms
 #   --all     also fuzzing, for which everything is compiled once more
 # Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3, Chromium, zsh, fish, and with --ci and --all libclang,
 # Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
@@ -34,12 +34,20 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
-# the unit tests of the two largest crates are optimised less, to compile sooner; what they link, and what all other tests run, is as released
+# the unit tests of the two largest crates are optimised less, to compile sooner; what they link, and what all other tests run, is as released:
+# nothing of the first line depends on the core
 unit_tests() {
   local quick=profile.release.package
-  cargo test --workspace --exclude metafmu --exclude metafmu-baselines --lib --release --locked \
+  cargo test --workspace --exclude metafmu --exclude metafmu-baselines --exclude metafmu-python --lib --release --locked \
     --config $quick.metafmu-core.opt-level=1 --config $quick.metafmu-core.codegen-units=16
   cargo test --package metafmu --package metafmu-baselines --lib --release --locked --config $quick.metafmu.opt-level=0
+}
+# with the interpreter of the tests; models of PyTorch, Keras and JAX are left out, as these are gigabytes
+python_package() {
+  rm -rf target/wheels
+  .venv/bin/maturin build --quiet --release --locked --manifest-path python/Cargo.toml
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
+  (cd python/tests && ../../.venv/bin/python -m pytest -p no:cacheprovider -n 2 --dist load test_package.py test_sklearn.py test_notebooks.py -k "not torch")
 }
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 
@@ -64,6 +72,7 @@ step "set-up";              wait $set_up || { cat target/set-up.log >&2; exit 1;
 trap - EXIT
 step "Python tests";        tests -m "not thorough" "$@"
 if [ $extent = ci ] || [ $extent = all ]; then
+  step "Python package";    python_package
   step "debug assertions";  cargo test --package metafmu-runtime --package fmu-template --locked
   step "kills, fmi-sim";    tests -m thorough "$@"
   step "other platforms";   scripts/test-platforms.sh
