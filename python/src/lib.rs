@@ -68,13 +68,7 @@ impl Surrogate {
         width: usize,
         row: impl Fn(&[f64], &mut [f64], &mut metafmu_runtime::Scratch) + Sync,
     ) -> PyResult<Bound<'py, PyByteArray>> {
-        let Self { surrogate, evaluator, .. } = self;
-        if surrogate.goes_on() {
-            let name = &surrogate.metadata().name;
-            return Err(refused(format!(
-                "`{name}` has states: its outputs follow from what was before, expected a surrogate without; `metafmu predict` rolls out tables"
-            )));
-        }
+        let evaluator = &self.evaluator;
         let columns = evaluator.columns();
         let numbers = doubles(x);
         if !numbers.len().is_multiple_of(columns) {
@@ -124,8 +118,15 @@ impl Surrogate {
         serde_json::to_string(self.surrogate.metadata()).map_err(refused)
     }
 
-    fn goes_on(&self) -> bool {
-        self.surrogate.goes_on()
+    /// Refuses a surrogate with states: rows do not say what was before.
+    fn stateless(&self) -> PyResult<()> {
+        if !self.surrogate.goes_on() {
+            return Ok(());
+        }
+        let name = &self.surrogate.metadata().name;
+        Err(refused(format!(
+            "`{name}` has states: its outputs follow from what was before, expected a surrogate without; `metafmu predict` rolls out tables"
+        )))
     }
 
     fn predict<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {

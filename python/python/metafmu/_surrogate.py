@@ -104,6 +104,7 @@ class Surrogate:
         return [Variable(**{key: item[key] for key in keys}) for item in self._metadata["outputs"]]
 
     def _rows(self, x):
+        self._core.stateless()
         return rows_of(x, [item["name"] for item in self._metadata["inputs"]])
 
     def predict(self, X: Any) -> np.ndarray:
