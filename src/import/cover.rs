@@ -1,6 +1,6 @@
 //! Where the rows of a table are, within the ranges of its columns.
 
-use metafmu_runtime::{Cover, Input};
+use metafmu_runtime::{Cover, Domain, Input};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use std::collections::HashSet;
 
@@ -60,7 +60,9 @@ pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
 /// Puts the start values that may be chosen into the domain: those of the row that is nearest.
 pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
     let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
-    if is_inside(cover, inputs, &start) {
+    let domain = Domain::new(inputs, &[]).near(cover, inputs);
+    let is_inside = |row: &[f64]| domain.contains_point(row);
+    if is_inside(&start) {
         return;
     }
     let off = |row: &Vec<f64>| {
@@ -70,8 +72,7 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
         };
         cover.columns.iter().map(of_column).fold(0.0, f64::max)
     };
-    let Some(row) = rows.iter().filter(|row| is_inside(cover, inputs, row)).min_by(|a, b| off(a).total_cmp(&off(b)))
-    else {
+    let Some(row) = rows.iter().filter(|row| is_inside(row)).min_by(|a, b| off(a).total_cmp(&off(b))) else {
         return;
     };
     for column in cover.columns.iter().map(|column| *column as usize) {
@@ -79,16 +80,6 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
             inputs[column].start = row[column].clamp(inputs[column].min, inputs[column].max);
         }
     }
-}
-
-/// Whether a row is in one of the cubes.
-fn is_inside(cover: &Cover, inputs: &[Input], row: &[f64]) -> bool {
-    cover.centres.chunks_exact(cover.columns.len()).any(|centre| {
-        centre.iter().zip(&cover.columns).all(|(at, &column)| {
-            let Input { min, max, .. } = inputs[column as usize];
-            ((row[column as usize] - min) / (max - min) - f64::from(*at)).abs() <= cover.radius
-        })
-    })
 }
 
 /// Rows that are farthest from each other, until all are that near to one of them, or there are enough.
@@ -157,6 +148,10 @@ mod tests {
             vec![radius * angle.cos(), radius * angle.sin()]
         };
         (0..count).map(|_| point()).collect()
+    }
+
+    fn is_inside(cover: &Cover, inputs: &[Input], row: &[f64]) -> bool {
+        Domain::new(inputs, &[]).near(cover, inputs).contains_point(row)
     }
 
     #[test]

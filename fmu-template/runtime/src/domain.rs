@@ -104,8 +104,14 @@ impl Domain {
 
     /// That of a surrogate.
     pub fn of(metadata: &Metadata) -> Self {
-        let cubes = |cover: &Cover| Cubes::new(cover, &metadata.inputs);
-        Self { data: metadata.cover.as_ref().map(cubes), ..Self::new(&metadata.inputs, &metadata.states) }
+        let ranges = Self::new(&metadata.inputs, &metadata.states);
+        metadata.cover.iter().fold(ranges, |ranges, cover| ranges.near(cover, &metadata.inputs))
+    }
+
+    /// What of it is near the data.
+    #[must_use]
+    pub fn near(self, cover: &Cover, inputs: &[Input]) -> Self {
+        Self { data: Some(Cubes::new(cover, inputs)), ..self }
     }
 
     /// Whether it knows more of the data than their ranges.

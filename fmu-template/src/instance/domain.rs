@@ -81,10 +81,11 @@ impl Instance {
     #[inline]
     pub(super) fn note_data(&mut self, refused: Status) -> Result<(), Refusal> {
         let is_silent = self.now.policy == DomainPolicy::Clamp || self.warned_of_data;
-        if is_silent || self.domain.is_near_data(&self.now.values, &mut self.near) {
-            return Ok(());
-        }
-        if !self.domain.is_in_ranges(&self.now.values) {
+        if is_silent
+            || !self.domain.knows_data()
+            || !self.domain.is_in_ranges(&self.now.values)
+            || self.domain.is_near_data(&self.now.values, &mut self.near)
+        {
             return Ok(());
         }
         let distance = self.domain.distance(&self.now.values);

@@ -505,7 +505,7 @@ static Status note_value(Instance *instance, size_t index)
 static Status note_data(Instance *instance, Status refused)
 {
     const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data;
-    if (is_silent || is_near_data(instance, &instance->centre) || !is_in_ranges(instance)) {
+    if (is_silent || !MODEL_HAS_COVER || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {
         return STATUS_OK;
     }
     const double distance = outside(instance).distance;
