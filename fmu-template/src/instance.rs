@@ -351,7 +351,7 @@ impl Instance {
                 Quantity::Output(output) => self.results[output],
                 Quantity::State(state) => self.states()[state],
                 Quantity::Derivative(state) => self.results[self.metadata.outputs.len() + state],
-                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values),
+                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values, self.near),
                 Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
                 Quantity::Bound(output) => self.variables.bound(output, self.elapsed()),
                 Quantity::Array(array) => {

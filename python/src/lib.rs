@@ -136,7 +136,7 @@ impl Surrogate {
 
     /// Of each row, how far it is from the domain of validity.
     fn domain_distance<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
-        self.rows(py, x, 1, |point, values, _| values[0] = self.domain.distance(point))
+        self.rows(py, x, 1, |point, values, _| values[0] = self.domain.distance(point, 0))
     }
 
     /// Of each row, the derivatives of each output by each input, output by output.

@@ -61,7 +61,7 @@ pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
 pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
     let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
     let domain = Domain::new(inputs, &[]).near(cover, inputs);
-    let is_inside = |row: &[f64]| domain.contains_point(row);
+    let is_inside = |row: &[f64]| domain.contains_point(row, 0);
     if is_inside(&start) {
         return;
     }
@@ -151,7 +151,7 @@ mod tests {
     }
 
     fn is_inside(cover: &Cover, inputs: &[Input], row: &[f64]) -> bool {
-        Domain::new(inputs, &[]).near(cover, inputs).contains_point(row)
+        Domain::new(inputs, &[]).near(cover, inputs).contains_point(row, 0)
     }
 
     #[test]

@@ -366,9 +366,9 @@ impl Answers {
             column.push(results[output]);
             is_finite &= results[output].is_finite();
         }
-        let is_inside = predictor.domain.contains_point(point);
+        let is_inside = predictor.domain.contains_point(point, 0);
         self.inside.push(is_inside);
-        self.distances.push(predictor.domain.distance(point));
+        self.distances.push(predictor.domain.distance(point, 0));
         if !is_inside {
             self.outside.add(row);
         }

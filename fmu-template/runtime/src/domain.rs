@@ -134,20 +134,20 @@ impl Domain {
 
     /// Distance of a point from the domain, zero inside: the largest of its inputs' distances, each relative to the
     /// width of the input's range; of a nominal one that from the nearest value. Where the data are known, at least that from what is near
-    /// them. Finite for every finite point: it is an output of the FMU.
-    pub fn distance(&self, inputs: &[f64]) -> f64 {
+    /// them. Finite for every finite point: it is an output of the FMU. `guess`: see [`Domain::is_near_data`].
+    pub fn distance(&self, inputs: &[f64], guess: usize) -> f64 {
         let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
-        let of_data = self.far(inputs).map_or(0.0, |nearest| nearest.distance);
+        let of_data = self.far(inputs, guess).map_or(0.0, |nearest| nearest.distance);
         inputs.iter().enumerate().map(distance).fold(of_data, f64::max).min(f64::MAX)
     }
 
     /// The data that are nearest to a point, if it is not among them.
-    fn far(&self, inputs: &[f64]) -> Option<Nearest> {
-        self.data.as_ref().map(|data| data.nearest(inputs, 0, 0.0)).filter(|nearest| nearest.distance > 0.0)
+    fn far(&self, inputs: &[f64], guess: usize) -> Option<Nearest> {
+        self.data.as_ref().map(|data| data.nearest(inputs, guess, 0.0)).filter(|nearest| nearest.distance > 0.0)
     }
 
-    /// Whether there are training data near a point, up to [`TOLERANCE`]; true if nothing is known about that. `guess` is noted by the last
-    /// call, and makes the next one fast. Does not allocate.
+    /// Whether there are training data near a point, up to [`TOLERANCE`]; true if nothing is known about that. Notes in `guess` which of them, so
+    /// that the search for a point not far away may begin there; the result does not depend on it. Does not allocate.
     #[inline]
     pub fn is_near_data(&self, inputs: &[f64], guess: &mut usize) -> bool {
         let Some(data) = &self.data else { return true };
@@ -168,9 +168,9 @@ impl Domain {
         inputs.iter().enumerate().all(|(column, &value)| self.contains(column, value))
     }
 
-    /// Whether a point is in the domain: in the ranges and near the data.
-    pub fn contains_point(&self, inputs: &[f64]) -> bool {
-        self.is_in_ranges(inputs) && self.is_near_data(inputs, &mut 0)
+    /// Whether a point is in the domain: in the ranges and near the data. `guess`: see [`Domain::is_near_data`].
+    pub fn contains_point(&self, inputs: &[f64], mut guess: usize) -> bool {
+        self.is_in_ranges(inputs) && self.is_near_data(inputs, &mut guess)
     }
 
     /// The valid value that is nearest.
@@ -185,7 +185,7 @@ impl Domain {
         let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let farthest = distance(&(column, value));
-        if let Some(data) = self.far(inputs).filter(|data| data.distance > farthest) {
+        if let Some(data) = self.far(inputs, 0).filter(|data| data.distance > farthest) {
             return Some(data.slope);
         }
         let Range { min, max, scale, .. } = self.range(column, *value);
@@ -217,13 +217,15 @@ mod tests {
             ([0.25, -5.0, 2.2], 1.0),
             ([0.15, 2.0, 2.0 + 2e-10], 1e-10),
         ] {
-            let found = domain().distance(&point);
+            let found = domain().distance(&point, 0);
             assert!((found - expected).abs() < 1e-12, "{point:?}: {found}");
         }
         assert!(domain().contains(2, 2.0 + 1e-10) && !domain().contains(2, 2.0 + 1e-8));
-        assert!(domain().contains_point(&[0.15, 2.0, 2.0 + 1e-10]) && !domain().contains_point(&[0.15, 2.0, -1e-8]));
+        assert!(
+            domain().contains_point(&[0.15, 2.0, 2.0 + 1e-10], 0) && !domain().contains_point(&[0.15, 2.0, -1e-8], 0)
+        );
         assert!(!domain().contains(2, f64::NAN));
-        assert_eq!(domain().distance(&[-f64::MAX, 2.0, 1.0]), f64::MAX);
+        assert_eq!(domain().distance(&[-f64::MAX, 2.0, 1.0], 0), f64::MAX);
     }
 
     #[test]
@@ -233,7 +235,7 @@ mod tests {
             for column in 0..3 {
                 let mut moved = point;
                 moved[column] += 1e-6;
-                let quotient = (domain().distance(&moved) - domain().distance(&point)) / 1e-6;
+                let quotient = (domain().distance(&moved, 0) - domain().distance(&point, 0)) / 1e-6;
                 let expected = derivative.filter(|(at, _)| *at == column).map_or(0.0, |(_, slope)| slope);
                 assert!((quotient - expected).abs() < 1e-6, "{point:?} {column}: {quotient} {expected}");
             }
@@ -253,15 +255,15 @@ mod tests {
             (0.3, 1.0, 0.2, Some(10.0)),
         ] {
             let point = [length, 1e6, 1.0];
-            assert!((domain.distance(&point) - distance).abs() < 1e-12, "{length}: {}", domain.distance(&point));
-            assert_eq!(domain.contains_point(&point), distance <= TOLERANCE, "{length}");
+            assert!((domain.distance(&point, 0) - distance).abs() < 1e-12, "{length}: {}", domain.distance(&point, 0));
+            assert_eq!(domain.contains_point(&point, 0), distance <= TOLERANCE, "{length}");
             assert_eq!(domain.clamp(0, length), nearest);
             let found = domain.distance_derivative(&point).map(|(input, slope)| (input, slope.round()));
             assert_eq!(found, slope.map(|slope| (0, slope)), "{length}");
         }
         assert_eq!((domain.clamp(1, -1e300), domain.contains(1, f64::MIN)), (-1e300, true));
         assert!(!domain.contains(0, f64::NAN) && !domain.contains(1, f64::NAN));
-        assert_eq!(domain.distance(&[-f64::MAX, 0.0, 1.0]), f64::MAX);
+        assert_eq!(domain.distance(&[-f64::MAX, 0.0, 1.0], 0), f64::MAX);
     }
 
     #[test]
@@ -279,10 +281,10 @@ mod tests {
             ([0.16, 4.0, 2.8], 0.4, Some((2, 0.5))),
             ([0.26, 0.5, 1.0], 0.6, Some((0, 10.0))),
         ] {
-            let found = domain.distance(&point);
+            let found = domain.distance(&point, 0);
             assert!((found - distance).abs() < 1e-6, "{point:?}: {found}");
             let is_inside = distance == 0.0;
-            assert_eq!(domain.contains_point(&point), is_inside, "{point:?}");
+            assert_eq!(domain.contains_point(&point, 0), is_inside, "{point:?}");
             let is_in_ranges = point[0] <= 0.2 && point[2] <= 2.0;
             assert_eq!(domain.is_in_ranges(&point), is_in_ranges, "{point:?}");
             assert_eq!(domain.is_near_data(&point, &mut guess), is_inside || point[2] > 2.0, "{point:?}");
@@ -290,7 +292,7 @@ mod tests {
                 domain.distance_derivative(&point).map(|(column, slope)| (column, (10.0 * slope).round() / 10.0));
             assert_eq!(found, slope, "{point:?}");
         }
-        assert_eq!(domain.distance(&[-f64::MAX, f64::MAX, 1.0]), f64::MAX);
+        assert_eq!(domain.distance(&[-f64::MAX, f64::MAX, 1.0], 0), f64::MAX);
         let file = surrogate.to_bytes().unwrap();
         assert_eq!(Surrogate::from_bytes(&file).unwrap().metadata().cover, surrogate.metadata().cover);
     }
@@ -331,9 +333,9 @@ mod tests {
             input
         };
         let domain = Domain::new(&[input(-4.0), input(0.0)], &[]);
-        assert_eq!(domain.distance(&[-4.0, 0.0]), 0.0);
-        assert_eq!(domain.distance(&[-2.0, 0.0]), 0.5);
-        assert_eq!(domain.distance(&[-4.0, -0.25]), 0.25);
+        assert_eq!(domain.distance(&[-4.0, 0.0], 0), 0.0);
+        assert_eq!(domain.distance(&[-2.0, 0.0], 0), 0.5);
+        assert_eq!(domain.distance(&[-4.0, -0.25], 0), 0.25);
     }
 
     #[test]

@@ -20,7 +20,7 @@ impl Instance {
     pub(super) fn is_in_domain(&self) -> bool {
         let Snapshot { changed, time, values, .. } = &self.now;
         let is_changed = |(column, &value)| self.is_changed(column, value, *time);
-        !changed && self.domain.contains_point(values) && !values.iter().enumerate().any(is_changed)
+        !changed && self.domain.contains_point(values, self.near) && !values.iter().enumerate().any(is_changed)
     }
 
     #[inline]
@@ -88,7 +88,7 @@ impl Instance {
         {
             return Ok(());
         }
-        let distance = self.domain.distance(&self.now.values);
+        let distance = self.domain.distance(&self.now.values, self.near);
         if self.now.policy == DomainPolicy::Error {
             return Err(Refusal::FarFromData { distance, status: refused });
         }

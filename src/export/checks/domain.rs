@@ -62,8 +62,8 @@ fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
         };
         inputs.iter().enumerate().map(value).collect()
     };
-    let farthest = (1..=POINTS).map(point).max_by(|a, b| domain.distance(a).total_cmp(&domain.distance(b)))?;
-    (domain.distance(&farthest) > 1e-6).then_some(farthest)
+    let farthest = (1..=POINTS).map(point).max_by(|a, b| domain.distance(a, 0).total_cmp(&domain.distance(b, 0)))?;
+    (domain.distance(&farthest, 0) > 1e-6).then_some(farthest)
 }
 
 /// Points among which one far from the data is looked for.
@@ -127,7 +127,7 @@ fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point
     let mut used = vec![0.0; evaluator.columns()];
     used[..point.len()].copy_from_slice(point);
     evaluator.start(&mut used);
-    let expected = domain.distance(&used);
+    let expected = domain.distance(&used, 0);
     if (distance[0] - expected).abs() > TOLERANCE * expected {
         return Ok(Some(format!("domain_distance is {}, expected {expected}", distance[0])));
     }

@@ -334,15 +334,17 @@ static Outside outside_cover(const Instance *instance, double tolerance, size_t 
 }
 #endif
 
-static Outside outside(const Instance *instance)
+/* `centre`: where the search for near data begins. The distance does not depend on it. */
+static Outside outside(const Instance *instance, size_t centre)
 {
     Outside farthest = outside_ranges(instance);
 #if MODEL_HAS_COVER
-    size_t centre = 0;
     const Outside of_data = outside_cover(instance, 0.0, &centre);
     if (of_data.distance > farthest.distance) {
         farthest = of_data;
     }
+#else
+    (void)centre;
 #endif
     if (!(farthest.distance < DBL_MAX)) {
         farthest.distance = DBL_MAX;
@@ -508,7 +510,7 @@ static Status note_data(Instance *instance, Status refused)
     if (is_silent || !MODEL_HAS_COVER || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {
         return STATUS_OK;
     }
-    const double distance = outside(instance).distance;
+    const double distance = outside(instance, instance->centre).distance;
     if (instance->now.policy == POLICY_ERROR) {
         return instance_tell(instance, refused,
                              "the inputs are in their ranges, but %.3f of the ranges away from where training data are "
@@ -1041,7 +1043,7 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
             values[i] = instance->now.columns[INPUT_COUNT + variable->index];
             break;
         case VARIABLE_DOMAIN_DISTANCE:
-            values[i] = outside(instance).distance;
+            values[i] = outside(instance, instance->centre).distance;
             break;
         case VARIABLE_BOUND:
             values[i] = bound(instance, variable->index).value;
@@ -1337,7 +1339,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     double direction[COLUMN_COUNT] = {0.0};
     double derivative[RESULT_COUNT];
     double of_time = 0.0;
-    const Outside farthest = outside(instance);
+    const Outside farthest = outside(instance, 0);
     if (check_seed(instance, seed, known_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
         return STATUS_ERROR;
@@ -1369,7 +1371,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     double weight_of_distance = 0.0;
     double of_time = 0.0;
     double gradient[COLUMN_COUNT];
-    const Outside farthest = outside(instance);
+    const Outside farthest = outside(instance, 0);
     if (check_seed(instance, seed, unknown_count) != STATUS_OK ||
         check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
         return STATUS_ERROR;
@@ -1415,7 +1417,7 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT];
     double derivatives[DERIVATIVE_ORDERS][RESULT_COUNT];
     double of_distance[DERIVATIVE_ORDERS];
-    const Outside farthest = outside(instance);
+    const Outside farthest = outside(instance, 0);
     for (size_t i = 0; i < count; i++) {
         if (check_unknown(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
             return STATUS_ERROR;
