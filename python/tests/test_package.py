@@ -104,8 +104,19 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
     for kind in ("CoSimulation", "ModelExchange"):
         found = fmpy.simulate_fmu(str(fmu), fmi_type=kind, start_values={"x": 0.5}, stop_time=1.0, output_interval=0.1, relative_tolerance=1e-9)["y"]
         assert abs(found[-1] - (rates(0, expected) @ weights["V"]).item()) < 1e-7, kind
-    with pytest.raises(metafmu.Error, match="h9"):
-        metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states={"h": "h9"}, sample=0.1)
+    for states, message in [
+        ({"h": "h9"}, "h9"),
+        ("h", "states: 'h', expected a dict"),
+        ({"h": 5}, "state `h`: 5, expected the output"),
+        ({"h": {"next": "h1", "kind": 1}}, "state `h`: unknown key `kind`, expected one of column, next"),
+        ({"h": {"next": "h1", "start": [1, 2]}}, r"state `h`: start: \[1, 2\], expected a finite number"),
+    ]:
+        with pytest.raises(metafmu.Error, match=message):
+            metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states=states, sample=0.1)
+    with pytest.raises(metafmu.Error, match="sample: nan, expected a finite number"):
+        metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states={"h": "h1"}, sample=float("nan"))
+    with pytest.raises(metafmu.Error, match="input `x`: max: inf, expected a finite number"):
+        metafmu.from_onnx(model, inputs={"x": (-1, float("inf"))}, states={"h": "h1"}, sample=0.1)
     with pytest.raises(metafmu.Error, match="has states"):
         cell.predict([[0.5]])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 
 import numpy as np
@@ -18,6 +19,24 @@ def identifier(name):
     """A name for an FMU's model: letters, digits, ``-`` and ``_``."""
     text = re.sub(r"[^A-Za-z0-9_-]+", "_", str(name)).strip("_")
     return (text if text[:1].isalpha() else f"model_{text}")[:100] or "model"
+
+
+def number(value, what):
+    """The value as a float. Raises :class:`metafmu.Error` if it is no finite number."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = math.nan
+    if not math.isfinite(found):
+        raise _metafmu.Error(f"{what}: {value!r}, expected a finite number")
+    return found
+
+
+def check_keys(about, keys, what):
+    """Raises :class:`metafmu.Error` if a dict has other keys."""
+    unknown = [key for key in about if key not in keys]
+    if unknown:
+        raise _metafmu.Error(f"{what}: unknown key `{unknown[0]}`, expected one of {', '.join(keys)}")
 
 
 def of_section(given, count, prefix, what, keys, names=None):
@@ -47,12 +66,8 @@ def of_section(given, count, prefix, what, keys, names=None):
                 raise _metafmu.Error(f"{what} `{name}`: {about!r}, expected a unit or a dict")
             about = {"min": about[0], "max": about[1]}
         about = dict(about or {})
-        unknown = [key for key in about if key not in keys]
-        if unknown:
-            raise _metafmu.Error(f"{what} `{name}`: unknown key `{unknown[0]}`, expected one of {', '.join(keys)}")
-        for key in ("min", "max", "start"):
-            if key in about:
-                about[key] = float(about[key])
+        check_keys(about, keys, f"{what} `{name}`")
+        about.update({key: number(about[key], f"{what} `{name}`: {key}") for key in ("min", "max", "start") if key in about})
         name = str(name)
         if name in section:
             raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
@@ -95,7 +110,7 @@ def interface(
             "name": identifier(name),
             "description": description,
             "domain": domain,
-            "time": {key: float(value) for key, value in time.items() if value is not None},
+            "time": {key: number(value, key) for key, value in time.items() if value is not None},
             "states": states or {},
             "inputs": of_inputs,
             "outputs": of_outputs,

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from . import _metafmu
-from ._interface import interface
+from ._interface import check_keys, interface, number
 from ._surrogate import Names, Surrogate
+
+_STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "description")
 
 
 def from_onnx(
@@ -55,6 +57,8 @@ def from_onnx(
         path = Path(os.fspath(model))
         content, folder, title = path.read_bytes(), path.parent, path.stem
     columns, results = _metafmu.onnx_columns(content, folder)
+    if not isinstance(states or {}, Mapping):
+        raise _metafmu.Error(f"states: {states!r}, expected a dict: {{\"INPUT\": \"OUTPUT\", ...}}")
     of_states = {name: _state(name, about) for name, about in (states or {}).items()}
     columns = _without(columns, [about["column"] for about in of_states.values()])
     results = _without(results, [about.get("next", about.get("derivative", "")) for about in of_states.values()])
@@ -69,10 +73,13 @@ def from_onnx(
 
 def _state(name, about):
     """The entry of a state, from its next value or a dict."""
-    about = {"next": about} if isinstance(about, str) else dict(about)
-    about.setdefault("column", name)
-    about.setdefault("start", 0.0)
-    return about
+    what = f"state `{name}`"
+    about = {"next": about} if isinstance(about, str) else about
+    if not isinstance(about, Mapping):
+        raise _metafmu.Error(f"{what}: {about!r}, expected the output that is its next value, or a dict")
+    check_keys(about, _STATE_KEYS, what)
+    about = {"column": name, "start": 0.0, **about}
+    return about | {key: number(about[key], f"{what}: {key}") for key in ("start", "min", "max") if key in about}
 
 
 def _without(columns, taken):
