@@ -195,6 +195,10 @@ fn later_names(input: &str) -> Option<Vec<String>> {
     let stem = ["initial_", "prev_", "previous_", "last_"].iter().find_map(|prefix| input.strip_prefix(prefix));
     let stem = stem.or_else(|| ["_in", "_prev", "_0", "0"].iter().find_map(|suffix| input.strip_suffix(suffix)));
     let stem = stem.or(["h", "c", "state", "hidden", "hx", "cx"].into_iter().find(|name| *name == input))?;
+    // tensors may be numbered
+    if stem.is_empty() {
+        return None;
+    }
     let names = ["n", "1", "_n", "_1", "_out", "_next", "_new"].iter().map(|suffix| format!("{stem}{suffix}"));
     let names = names.chain(["next_", "new_", "Y_"].iter().map(|prefix| format!("{prefix}{stem}")));
     Some(names.filter(|name| name != input).collect())

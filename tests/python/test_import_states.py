@@ -325,6 +325,12 @@ def test_the_starter_proposes_what_names_say(tmp_path):
     (tmp_path / "cell.onnx").write_bytes(cell("gru", explicit=False).SerializeToString())
     metafmu("import", "cell.onnx", "--new", "implicit.toml", cwd=tmp_path)
     assert "# the model keeps Y.h from one sample to the next" in (tmp_path / "implicit.toml").read_text()
+    # numbers are no names of states
+    numbered = model([node("Tanh", "0", "1")], inputs=[("0", [1, 3])], outputs=[("1", [1, 3])])
+    (tmp_path / "numbered.onnx").write_bytes(numbered.SerializeToString())
+    metafmu("import", "numbered.onnx", "--new", "numbered.toml", cwd=tmp_path)
+    text = (tmp_path / "numbered.toml").read_text()
+    assert "[states" not in text and text.count("[inputs.") == text.count("[outputs.") == 3
 
 
 MISTAKES = {
