@@ -2,6 +2,7 @@
 
 use metafmu_runtime::{Cover, Domain, Input};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
+use rayon::prelude::*;
 use std::collections::HashSet;
 
 /// Cubes of a cover at most: what a step of an FMU may have to look through.
@@ -44,9 +45,11 @@ pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
     let (some, others) = rows.split_at(rows.len() / 2);
     let gap = gap(&some[..some.len().min(DISTANCES)], &others[..others.len().min(CANDIDATES)]);
     let centres = centres(&rows[..rows.len().min(CANDIDATES)], 0.5 * gap);
-    let radius = rows.iter().map(|row| nearest(row, &centres)).fold(0.0, f32::max) + gap;
-    let mut point = || columns.iter().map(|_| random.random::<f32>()).collect::<Vec<f32>>();
-    if (0..POINTS).all(|_| nearest(&point(), &centres) <= radius) {
+    let table = Table::new(&centres);
+    let radius = nearest(&rows, &table).into_iter().fold(0.0, f32::max) + gap;
+    let point = |_| columns.iter().map(|_| random.random::<f32>()).collect();
+    let points: Vec<Vec<f32>> = (0..POINTS).map(point).collect();
+    if nearest(&points, &table).into_iter().all(|distance| distance <= radius) {
         return None;
     }
     Some(Cover {
@@ -82,10 +85,49 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
     }
 }
 
+/// Rows by columns, so that the distances of all from a row are taken in one go.
+struct Table {
+    columns: Vec<Vec<f32>>,
+}
+
+impl Table {
+    fn new(rows: &[Vec<f32>]) -> Self {
+        Self { columns: (0..rows[0].len()).map(|column| rows.iter().map(|row| row[column]).collect()).collect() }
+    }
+
+    /// Distances of the rows from this one: the largest difference of a column.
+    fn distances<'a>(&self, row: &[f32], found: &'a mut Vec<f32>) -> &'a [f32] {
+        found.clear();
+        found.resize(self.columns[0].len(), 0.0);
+        for (column, value) in self.columns.iter().zip(row) {
+            for (found, other) in found.iter_mut().zip(column) {
+                let difference = (other - value).abs();
+                *found = if difference > *found { difference } else { *found };
+            }
+        }
+        found
+    }
+
+    /// Distance from the nearest of the rows.
+    fn nearest(&self, row: &[f32], found: &mut Vec<f32>) -> f32 {
+        let mut least = [f32::INFINITY; 8];
+        let (blocks, rest) = self.distances(row, found).as_chunks::<8>();
+        for block in blocks {
+            for (least, found) in least.iter_mut().zip(block) {
+                *least = if found < least { *found } else { *least };
+            }
+        }
+        least.iter().chain(rest).copied().fold(f32::INFINITY, f32::min)
+    }
+}
+
 /// Rows that are farthest from each other, until all are that near to one of them, or there are enough.
 fn centres(rows: &[Vec<f32>], near: f32) -> Vec<Vec<f32>> {
+    let table = Table::new(rows);
     let mut centres = vec![rows[0].clone()];
-    let mut distances: Vec<f32> = rows.iter().map(|row| distance(row, &rows[0])).collect();
+    let mut distances = Vec::new();
+    table.distances(&rows[0], &mut distances);
+    let mut from_centre = Vec::new();
     while centres.len() < CUBES {
         let (farthest, largest) = distances
             .iter()
@@ -94,30 +136,25 @@ fn centres(rows: &[Vec<f32>], near: f32) -> Vec<Vec<f32>> {
         if largest <= near {
             break;
         }
-        centres.push(rows[farthest].clone());
-        for (found, row) in distances.iter_mut().zip(rows) {
-            *found = found.min(distance(row, &rows[farthest]));
+        for (found, distance) in distances.iter_mut().zip(table.distances(&rows[farthest], &mut from_centre)) {
+            *found = found.min(*distance);
         }
+        centres.push(rows[farthest].clone());
     }
     centres
 }
 
 /// The distance that the share of further rows does not exceed, by the distances of some rows from others.
 fn gap(some: &[Vec<f32>], others: &[Vec<f32>]) -> f32 {
-    let mut distances: Vec<f32> = some.iter().map(|row| nearest(row, others)).collect();
+    let mut distances = nearest(some, &Table::new(others));
     distances.sort_by(f32::total_cmp);
     let rank = ((distances.len() + 1) as f64 * SHARE).ceil() as usize;
     distances[rank.clamp(1, distances.len()) - 1]
 }
 
-/// Distance from the nearest of some rows.
-fn nearest(row: &[f32], others: &[Vec<f32>]) -> f32 {
-    others.iter().map(|other| distance(row, other)).fold(f32::INFINITY, f32::min)
-}
-
-/// The largest difference of a column.
-fn distance(a: &[f32], b: &[f32]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+/// Distance of each row from the nearest of others.
+fn nearest(rows: &[Vec<f32>], others: &Table) -> Vec<f32> {
+    rows.par_iter().map_init(Vec::new, |found, row| others.nearest(row, found)).collect()
 }
 
 #[cfg(test)]
