@@ -47,7 +47,7 @@ def fitting(of=np.float32):
     r = lambda *shape, **more: reals(*shape, of=of, **more)
     unary = {
         "Abs": {}, "Atan": {}, "Celu": {"alpha": 1.5}, "Cos": {}, "Cosh": {}, "Elu": {"alpha": 0.5}, "Erf": {}, "Exp": {},
-        "HardSigmoid": {"alpha": 0.25}, "HardSwish": {}, "LeakyRelu": {"alpha": 0.25}, "Mish": {}, "Neg": {}, "Relu": {},
+        "HardSigmoid": {"alpha": 0.25}, "HardSwish": {}, "LeakyRelu": {"alpha": 0.25}, "LogSoftmax": {}, "Mish": {}, "Neg": {}, "Relu": {},
         "Selu": {}, "Sigmoid": {}, "Sin": {}, "Sinh": {}, "Softmax": {"axis": -1}, "Softplus": {}, "Softsign": {}, "Tan": {},
         "Tanh": {}, "ThresholdedRelu": {"alpha": 0.25}, "Identity": {},
     }
@@ -110,8 +110,13 @@ def fitting(of=np.float32):
     yield "Gather", make(node("Gather", "x i", axis=1), i=integers(2, 0, -2))
     yield "Expand", make(node("Slice", "x s e a", "c"), node("Expand", "c t"), s=integers(0), e=integers(1), a=integers(1), t=integers(1, 4))
     yield "Tile", make(node("Tile", "x t"), t=integers(1, 2))
-    for operator in ["ReduceMean", "ReduceSum", "ReduceProd", "ReduceSumSquare", "ReduceL2"]:
-        yield operator, make(node(operator, "x a"), a=integers(1))
+    for operator in ["L1", "L2", "LogSumExp", "Max", "Mean", "Min", "Prod", "Sum", "SumSquare"]:
+        yield f"Reduce{operator}", make(node(f"Reduce{operator}", "x a"), a=integers(1))
+    yield "Reduce-of-many", make(
+        node("MatMul", "x w", "m"), node("Reshape", "m s", "r"), node("ReduceMax", "r a", "h"), node("ReduceProd", "h e", "p", keepdims=0),
+        node("LogSoftmax", "r", "l", axis=1), node("ReduceMin", "l t", "o", keepdims=0), node("Concat", "p o", axis=1),
+        w=r(3, 22), s=integers(-1, 11, 2), a=integers(1), e=integers(2), t=integers(-1),
+    )
     yield "ReduceMean-flat", make(node("ReduceMean", "x a", keepdims=0), a=integers(-1))
     yield "Cast", make(node("Cast", "x", "c", to=DOUBLE), node("Mul", "c d", "p"), node("Cast", "p", to=kind), d=np.array([2.0, 3.0, 4.0]))
     yield "Constant", make(node("Constant", "", "c", value=numpy_helper.from_array(r(3))), node("Mul", "x c"))

@@ -23,7 +23,7 @@ use metafmu_runtime::{
 };
 
 /// Operators of the standard set that are known here.
-pub const STANDARD: [&str; 80] = [
+pub const STANDARD: [&str; 85] = [
     "Abs",
     "Add",
     "Atan",
@@ -51,6 +51,7 @@ pub const STANDARD: [&str; 80] = [
     "LayerNormalization",
     "LeakyRelu",
     "Log",
+    "LogSoftmax",
     "MatMul",
     "Max",
     "Mean",
@@ -62,7 +63,11 @@ pub const STANDARD: [&str; 80] = [
     "Pow",
     "Range",
     "Reciprocal",
+    "ReduceL1",
+    "ReduceLogSumExp",
+    "ReduceMax",
     "ReduceMean",
+    "ReduceMin",
     "ReduceProd",
     "ReduceSum",
     "Relu",
@@ -235,7 +240,9 @@ impl Reader {
             "LayerNormalization" => return self.layer_normalization(node),
             "RMSNormalization" => return self.rms_normalization(node),
             "Softmax" => return self.softmax(node),
-            "ReduceMean" | "ReduceProd" | "ReduceSum" | "ReduceSumSquare" | "ReduceL2" => return self.reduce(node),
+            "LogSoftmax" => return self.log_softmax(node),
+            "ReduceL1" | "ReduceL2" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin" | "ReduceProd"
+            | "ReduceSum" | "ReduceSumSquare" => return self.reduce(node),
             "HardSwish" => {
                 let value = self.input(node, 0)?;
                 let gate = self.hard_sigmoid(&value, 1.0 / 6.0, 0.5)?;

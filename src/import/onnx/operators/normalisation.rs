@@ -96,21 +96,46 @@ impl Reader {
         Ok(Value::Row(Row { value: self.builder.columns(columns)?, ..row.clone() }))
     }
 
+    /// The axis of a softmax, and whether those after it belong to it as well.
+    fn normalised_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
+        // before version 13 all axes from this one on are one
+        let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
+        Ok((axis(Attributes::of(node).integer("axis").unwrap_or(default), rank)?, whole))
+    }
+
     pub(super) fn softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let rank = value.shape().len();
-        // before version 13 all axes from this one on are one
-        let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
-        let at = axis(Attributes::of(node).integer("axis").unwrap_or(default), rank)?;
+        let (at, whole) = self.normalised_axis(node, rank)?;
         if !whole && at + 1 != rank {
             return Err(format!("axis {at} of {rank}, expected the last one"));
         }
         self.in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
     }
 
+    /// What is subtracted is a logarithm of a sum that is at least 1, so nothing underflows to -inf.
+    pub(super) fn log_softmax(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let (at, whole) = self.normalised_axis(node, value.shape().len())?;
+        let is_one = |place: usize| place == at || (whole && place > at);
+        let kept = value.shape().iter().enumerate().map(|(place, dim)| if is_one(place) { 1 } else { *dim }).collect();
+        let logarithm = self.logarithm_of_sum(&value, kept)?;
+        self.combined(Operation::Subtract, &value, &logarithm)
+    }
+
+    /// log(sum(exp x)) of elements, `kept` the shape of the sums.
+    fn logarithm_of_sum(&mut self, value: &Value, kept: Vec<usize>) -> Made {
+        let largest = self.folded(Operation::Maximum, value, kept.clone())?;
+        let below = self.combined(Operation::Subtract, value, &largest)?;
+        let exponentials = self.mapped(&below, Elementwise::Exponential, Vec::new())?;
+        let sum = self.sum(&exponentials, kept, 1.0)?;
+        let logarithm = self.mapped(&sum, Elementwise::Logarithm, Vec::new())?;
+        self.combined(Operation::Add, &largest, &logarithm)
+    }
+
     pub(super) fn reduce(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
-        let mut value = self.input(node, 0)?;
+        let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
         let axes = self.integers(node, 1, "axes")?;
         if axes.as_ref().is_none_or(Vec::is_empty) && attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 {
@@ -120,9 +145,6 @@ impl Reader {
             Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
             None => (0..shape.len()).collect(),
         };
-        if matches!(node.op_type.as_str(), "ReduceSumSquare" | "ReduceL2") {
-            value = self.mapped(&value, Elementwise::Power, vec![2.0])?;
-        }
         let kept: Vec<usize> =
             shape.iter().enumerate().map(|(at, dim)| if axes.contains(&at) { 1 } else { *dim }).collect();
         let (count, width) = (kept.iter().product::<usize>(), shape.iter().product::<usize>());
@@ -133,45 +155,75 @@ impl Reader {
             0 => shape.iter().enumerate().filter(|(at, _)| !axes.contains(at)).map(|(_, dim)| *dim).collect(),
             _ => kept.clone(),
         };
-        if node.op_type == "ReduceProd" {
-            let product = self.factors(&value, &broadcast_places(&kept, &shape), kept)?;
-            return self.reshaped(&product, rest);
-        }
+        let reduced = match node.op_type.as_str() {
+            "ReduceProd" => self.folded(Operation::Multiply, &value, kept)?,
+            "ReduceMax" => self.folded(Operation::Maximum, &value, kept)?,
+            "ReduceMin" => self.folded(Operation::Minimum, &value, kept)?,
+            "ReduceMean" => self.sum(&value, kept, count as f64 / width as f64)?,
+            "ReduceLogSumExp" => self.logarithm_of_sum(&value, kept)?,
+            "ReduceL1" => {
+                let magnitude = self.mapped(&value, Elementwise::Absolute, Vec::new())?;
+                self.sum(&magnitude, kept, 1.0)?
+            }
+            "ReduceSumSquare" | "ReduceL2" => {
+                let square = self.mapped(&value, Elementwise::Power, vec![2.0])?;
+                let sum = self.sum(&square, kept, 1.0)?;
+                if node.op_type == "ReduceL2" { self.mapped(&sum, Elementwise::Power, vec![0.5])? } else { sum }
+            }
+            _ => self.sum(&value, kept, 1.0)?,
+        };
+        self.reshaped(&reduced, rest)
+    }
+
+    /// Sums of elements times a factor.
+    fn sum(&mut self, value: &Value, kept: Vec<usize>, factor: f64) -> Made {
+        let into = broadcast_places(&kept, value.shape());
+        let (count, width) = (kept.iter().product::<usize>(), into.len());
         weights_within_limits(count, width)?;
-        let share = if node.op_type == "ReduceMean" { count as f64 / width as f64 } else { 1.0 };
-        let into = broadcast_places(&kept, &shape);
         let mut weight = vec![0.0; count * width];
-        into.iter().enumerate().for_each(|(column, row)| weight[row * width + column] = share);
-        let mut sum = match &value {
-            Value::Row(row) => self.affine(row, weight.into(), vec![0.0; count].into(), kept.clone())?,
+        into.iter().enumerate().for_each(|(column, row)| weight[row * width + column] = factor);
+        match value {
+            Value::Row(row) => self.affine(row, weight.into(), vec![0.0; count].into(), kept),
             Value::Constant(tensor) => {
                 let numbers = tensor.data.doubles();
                 let rows = weight.chunks_exact(width);
                 let sums = rows.map(|row| row.iter().zip(&numbers).map(|(weight, number)| weight * number).sum());
-                Value::Constant(Tensor::like(&tensor.data, kept.clone(), sums.collect()))
+                Ok(Value::Constant(Tensor::like(&tensor.data, kept, sums.collect())))
             }
-        };
-        if node.op_type == "ReduceL2" {
-            sum = self.mapped(&sum, Elementwise::Power, vec![0.5])?;
         }
-        self.reshaped(&sum, rest)
     }
 
-    /// Products of elements; `into`: of each element the place of its product.
-    pub(super) fn factors(&mut self, value: &Value, into: &[usize], shape: Vec<usize>) -> Made {
-        let count: usize = shape.iter().product();
-        let mut of: Vec<Vec<usize>> = vec![Vec::new(); count];
-        into.iter().enumerate().for_each(|(element, place)| of[*place].push(element));
-        let each = of.first().map_or(0, Vec::len);
-        let mut product = None;
-        for number in 0..each {
-            let places: Vec<usize> = of.iter().map(|elements| elements[number]).collect();
-            let factor = self.pick(value, &places, shape.clone())?;
-            product = Some(match product {
-                None => factor,
-                Some(product) => self.combined(Operation::Multiply, &product, &factor)?,
-            });
+    /// The product of elements, or the largest or smallest: one half with the other, until one is left.
+    pub(super) fn folded(&mut self, operation: Operation, value: &Value, kept: Vec<usize>) -> Made {
+        let mut of: Vec<Vec<usize>> = vec![Vec::new(); kept.iter().product()];
+        let into = broadcast_places(&kept, value.shape());
+        into.into_iter().enumerate().for_each(|(element, place)| of[place].push(element));
+        let mut each = of.first().map_or(0, Vec::len);
+        if each == 0 {
+            return Err("a product of nothing".into());
         }
-        product.ok_or_else(|| "a product of nothing".into())
+        let mut value = self.pick(value, &of.concat(), vec![of.len(), each])?;
+        let mut odd: Option<Value> = None;
+        while each > 1 {
+            let half = each / 2;
+            let places = |from: usize, to: usize| -> Vec<usize> {
+                (0..of.len()).flat_map(|group| (from..to).map(move |element| group * each + element)).collect()
+            };
+            let [first, second] = [places(0, half), places(half, 2 * half)]
+                .map(|places| self.pick(&value, &places, vec![of.len(), half]));
+            if each % 2 == 1 {
+                let last = self.pick(&value, &places(each - 1, each), vec![of.len(), 1])?;
+                odd = Some(match odd {
+                    None => last,
+                    Some(odd) => self.combined(operation, &odd, &last)?,
+                });
+            }
+            value = self.combined(operation, &first?, &second?)?;
+            each = half;
+        }
+        if let Some(odd) = odd {
+            value = self.combined(operation, &value, &odd)?;
+        }
+        self.reshaped(&value, kept)
     }
 }
