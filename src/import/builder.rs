@@ -6,7 +6,7 @@ use metafmu_runtime::{
 };
 
 /// How many weights a step may have: what a file of a few kilobytes asks for must not take gigabytes.
-const MAX_WEIGHTS: usize = 1 << 25;
+pub const MAX_WEIGHTS: usize = 1 << 25;
 
 /// A graph that is being made: every step is added behind those whose values it takes.
 #[derive(Debug)]

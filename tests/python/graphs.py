@@ -175,10 +175,15 @@ def malformed():
     yield "negative-reshape", make(node("Reshape", "x s"), s=integers(-3, -1)), "a dimension of -3"
     yield "shape-of-input", make(node("Reshape", "x x")), "follows from the graph's inputs, expected a constant"
     yield "real-shape", make(node("Reshape", "x s"), s=reals(2)), "expected whole ones"
-    yield "huge-reshape", make(node("Expand", "x s"), s=integers(1 << 40, 3)), "more than"
-    yield "huge-tile", make(node("Tile", "x t"), t=integers(1, 1 << 62)), "more than"
-    yield "huge-constant", make(node("ConstantOfShape", "s", "c"), node("Add", "x c"), s=integers(1 << 20, 1 << 20)), "more than"
-    yield "huge-range", make(node("Range", "a e d", "r"), node("Gather", "x r"), a=integers(0), e=integers(1 << 62), d=integers(1)), "more than"
+    yield "huge-reshape", make(node("Expand", "x s"), s=integers(1 << 40, 3)), "expected at most"
+    yield "huge-tile", make(node("Tile", "x t"), t=integers(1, 1 << 62)), "expected at most"
+    yield "huge-constant", make(node("ConstantOfShape", "s", "c"), node("Add", "x c"), s=integers(1 << 20, 1 << 20)), "expected at most"
+    yield "large-expand", make(node("Slice", "x s e a", "c"), node("Expand", "c t"), s=integers(0), e=integers(1), a=integers(1), t=integers(11_075_713, 12)), "expected at most"
+    yield "large-constants", make(
+        node("ConstantOfShape", "s", "c"), node("Neg", "c", "d"), node("Neg", "d", "e"), node("Gather", "e i", "f"), node("Add", "x f"),
+        s=integers(1 << 24), i=integers(0),
+    ), "constants of"
+    yield "huge-range", make(node("Range", "a e d", "r"), node("Gather", "x r"), a=integers(0), e=integers(1 << 62), d=integers(1)), "expected at most"
     yield "many-values", make(node("Expand", "x s", "e"), node("Tanh", "e"), s=integers(1 << 22, 3)), "expected at most"
     yield "wide-product", make(node("Expand", "x s", "e"), node("ReduceSum", "e a", "r"), node("Expand", "r s"), s=integers(1 << 20, 3), a=integers(1)), "expected at most"
     yield "wrong-axis", make(node("Gather", "x i", axis=5), i=integers(0)), "axis 5 of a tensor of 2 dimensions"
@@ -196,7 +201,7 @@ def malformed():
     yield "cast-to-integer", make(node("Cast", "x", to=INT64)), "a cast to int64, expected float or double"
     yield "too-few-numbers", tensor(dims=[3], data_type=FLOAT, raw_data=b"1234"), "1 elements of data, its shape has 3"
     yield "odd-bytes", tensor(dims=[3], data_type=FLOAT, raw_data=b"12345678901"), "elements of data"
-    yield "huge-tensor", tensor(dims=[1 << 31, 1 << 31], data_type=FLOAT), "more than"
+    yield "huge-tensor", tensor(dims=[1 << 31, 1 << 31], data_type=FLOAT), "expected at most"
     yield "negative-tensor", tensor(dims=[-3], data_type=FLOAT), "a negative dimension"
     yield "deep-tensor", tensor(dims=[1] * 99, data_type=FLOAT), "99 dimensions"
     yield "half", tensor(dims=[3], data_type=TensorProto.FLOAT16, raw_data=b"123456"), "elements of type float16"

@@ -88,6 +88,8 @@ struct Reader {
     builder: Builder,
     /// What is known of each name.
     values: HashMap<String, Value>,
+    /// Numbers of the constants that nodes made.
+    constants: usize,
     inputs: Vec<String>,
     is_single: bool,
     /// States that are no inputs of the graph.
@@ -133,7 +135,7 @@ impl Reader {
             values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
             first += count;
         }
-        Ok(Self { opset, builder, values, inputs, is_single, recurrences: Vec::new(), has_trees })
+        Ok(Self { opset, builder, values, constants: 0, inputs, is_single, recurrences: Vec::new(), has_trees })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
@@ -186,7 +188,11 @@ fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Resul
             (_, Some(value)) if is_recurrent => shape.push(value as usize),
             (_, None) if is_recurrent => shape.push(1),
             (0, Some(1)) => shape.push(1),
-            (0, Some(rows)) => return Err(format!("a batch of {rows} rows, expected 1 or a dimension that is free")),
+            (0, Some(rows)) => {
+                return Err(format!(
+                    "a batch of {rows} rows, expected 1 or a dimension that is free: export it with an example of one row"
+                ));
+            }
             (_, Some(value)) => shape.push(value as usize),
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");

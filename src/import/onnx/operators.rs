@@ -14,7 +14,7 @@ use super::{
     node::{Row, Value, constant_row, is_standard, operator},
     proto::{DOUBLE, FLOAT, INT32, INT64, NodeProto, type_name},
     shape::{axis, broadcast, broadcast_places, places, strides},
-    tensor::{Data, Tensor, within_limits},
+    tensor::{Data, MAX_ELEMENTS, Tensor, within_limits},
     trees::refuse_transform,
 };
 use metafmu_runtime::{
@@ -175,6 +175,13 @@ impl Reader {
             return Err("it gives nothing".into());
         }
         for (name, value) in node.output.iter().zip(made).filter(|(name, _)| !name.is_empty()) {
+            self.constants += value.constant().map_or(0, |tensor| tensor.data.len());
+            if self.constants > MAX_ELEMENTS {
+                return Err(format!(
+                    "constants of {} numbers up to here, expected at most {MAX_ELEMENTS}",
+                    self.constants
+                ));
+            }
             if self.values.insert(name.clone(), value).is_some() {
                 return Err(format!("output `{name}` is made twice"));
             }

@@ -32,7 +32,7 @@ pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
 }
 
 /// For each element of a tensor of a shape something of its index.
-pub fn places(shape: &[usize], mut place: impl FnMut(&[usize]) -> usize) -> Vec<usize> {
+pub fn places<T>(shape: &[usize], place: impl Fn(&[usize]) -> T) -> Vec<T> {
     let count = shape.iter().product();
     let mut index = vec![0; shape.len()];
     let mut found = Vec::with_capacity(count);

@@ -1,14 +1,16 @@
 //! Constants of an ONNX file: initializers, attributes, and what follows from them.
 
 use super::proto::{BOOL, DOUBLE, FLOAT, INT32, INT64, TensorProto, type_name};
+use crate::import::builder::MAX_WEIGHTS;
 use std::{
     fs::File,
     io::{Read, Seek, SeekFrom},
     path::{Component, Path},
 };
 
-/// How many numbers a constant may have: what a file of a few kilobytes asks for must not take gigabytes.
-pub const MAX_ELEMENTS: usize = 1 << 27;
+/// How many numbers a tensor may have, and all constants that nodes make together: what a file of a few kilobytes asks for must not take
+/// gigabytes. No more weights fit into a graph.
+pub const MAX_ELEMENTS: usize = MAX_WEIGHTS;
 
 /// Dimensions a tensor may have.
 const MAX_DIMENSIONS: usize = 16;
@@ -150,7 +152,7 @@ pub fn within_limits(shape: &[usize]) -> Result<usize, String> {
     let count = shape.iter().try_fold(1usize, |product, dim| product.checked_mul(*dim));
     count
         .filter(|count| *count <= MAX_ELEMENTS)
-        .ok_or_else(|| format!("a shape of {shape:?}, more than {MAX_ELEMENTS} numbers"))
+        .ok_or_else(|| format!("a shape of {shape:?}, expected at most {MAX_ELEMENTS} numbers"))
 }
 
 fn numbers<T: Copy, const N: usize>(

@@ -130,20 +130,18 @@ impl Reader {
             of.extend((0..value.shape()[at]).map(|within| (number, within)));
         }
         let strides: Vec<Vec<usize>> = values.iter().map(|value| strides(value.shape())).collect();
-        let place = |index: &[usize]| -> (usize, usize) {
+        let place = |index: &[usize]| {
             let (number, within) = of[index[at]];
             let dims = index.iter().zip(&strides[number]).enumerate();
-            (number, dims.map(|(place, (index, stride))| stride * if place == at { within } else { *index }).sum())
+            let place: usize =
+                dims.map(|(place, (index, stride))| stride * if place == at { within } else { *index }).sum();
+            [number as u32, place as u32]
         };
-        let mut found = Vec::new();
-        places(&shape, |index| {
-            found.push(place(index));
-            0
-        });
+        let mut found = places(&shape, place);
         let constants: Option<Vec<&Tensor>> = values.iter().map(Value::constant).collect();
         if let Some(tensors) = constants {
             let all: Vec<Vec<f64>> = tensors.iter().map(|tensor| tensor.data.doubles()).collect();
-            let values = found.iter().map(|(number, place)| all[*number][*place]).collect();
+            let values = found.iter().map(|[number, place]| all[*number as usize][*place as usize]).collect();
             return Ok(Value::Constant(Tensor::like(&tensors[0].data, shape, values)));
         }
         let mut rows = Vec::new();
@@ -153,9 +151,9 @@ impl Reader {
                 Value::Constant(tensor) => constant_row(&mut self.builder, tensor)?,
             });
         }
-        let columns = found.iter().map(|(number, place)| [rows[*number].value as u32, *place as u32]).collect();
+        found.iter_mut().for_each(|[number, _]| *number = rows[*number as usize].value as u32);
         let is_single = rows.iter().all(|row| row.is_single);
-        Ok(Value::Row(Row { shape, value: self.builder.columns(columns)?, is_single }))
+        Ok(Value::Row(Row { shape, value: self.builder.columns(found)?, is_single }))
     }
 
     pub(super) fn slice(&mut self, node: &NodeProto) -> Made {
