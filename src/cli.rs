@@ -217,7 +217,7 @@ They take effect in the next shell.")]
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("source").required(true)), group(ArgGroup::new("samples")))]
 pub struct NewArgs {
-    /// Name of the study; the file is NAME.toml, which may be given as well
+    /// Name of the study, in a folder or not; the file is NAME.toml, which may be given as well
     pub name: String,
     /// Built-in system to sample
     #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]

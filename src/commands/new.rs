@@ -18,30 +18,58 @@ use metafmu::{
 };
 use std::{
     fmt::Write,
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
 };
 
 pub fn run(args: &NewArgs) -> Result<Outcome> {
     let name = args.name.strip_suffix(".toml").unwrap_or(&args.name);
     let path = PathBuf::from(format!("{name}.toml"));
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let name = Path::new(name).file_name().and_then(|name| name.to_str()).unwrap_or(name);
+    if !folder.as_os_str().is_empty() && !folder.is_dir() {
+        let message = "is no folder: make it first".into();
+        return Err(Error::Stale { path: folder.to_owned(), message });
+    }
     if path.exists() {
         let message = "exists already and is not overwritten: remove it, or choose another name".into();
         return Err(Error::Stale { path, message });
     }
+    let target = &Target { name, folder };
     let text = match (&args.mechanism, &args.fmu, &args.table) {
-        (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(name, file)?,
-        (Some(file), _, _) => of_mechanism(name, file)?,
-        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(name, file)?,
-        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(name, file)?,
-        (None, Some(file), _) => fmu::study(name, file)?,
-        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(name, file, args)?,
-        (None, None, Some(file)) => table::study(name, file, args)?,
+        (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(target, file)?,
+        (Some(file), _, _) => of_mechanism(target, file)?,
+        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(target, file)?,
+        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(target, file)?,
+        (None, Some(file), _) => fmu::study(target, file)?,
+        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(target, file, args)?,
+        (None, None, Some(file)) => table::study(target, file, args)?,
         (None, None, None) => of_system(name, args)?,
     };
     Study::parse(&text, &path)?;
     files::write_whole(&path, text.as_bytes())?;
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(Outcome::Fine)
+}
+
+/// What a study is called, and the folder of its file.
+struct Target<'a> {
+    name: &'a str,
+    folder: &'a Path,
+}
+
+impl Target<'_> {
+    /// A file as the study names it: relative to the study's folder, unless its whole path was given.
+    fn path_from(&self, file: &Path) -> String {
+        let is_here = self.folder.as_os_str().is_empty();
+        let (false, Ok(folder), Ok(found)) =
+            (is_here || file.is_absolute(), self.folder.canonicalize(), file.canonicalize())
+        else {
+            return file.display().to_string();
+        };
+        let common = folder.components().zip(found.components()).take_while(|(a, b)| a == b).count();
+        let up = folder.components().skip(common).map(|_| Component::ParentDir);
+        up.chain(found.components().skip(common)).collect::<PathBuf>().display().to_string()
+    }
 }
 
 fn of_system(name: &str, args: &NewArgs) -> Result<String> {
@@ -60,14 +88,14 @@ fn of_system(name: &str, args: &NewArgs) -> Result<String> {
 }
 
 /// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.
-fn of_mechanism(name: &str, file: &Path) -> Result<String> {
+fn of_mechanism(target: &Target, file: &Path) -> Result<String> {
     let mechanism = Mechanism::load(file)?;
     if mechanism.parameters().values().all(|parameter| parameter.min.is_none()) {
         let message = "none has a range, expected `min` and `max` of each that the study is to vary";
         mechanism.refuse(Problems::one("parameters", message))?;
     }
     describe(&mechanism, control()?);
-    let file = file.display().to_string();
+    let (name, file) = (target.name, target.path_from(file));
     let mut text = format!(
         "# Made by `metafmu new {name} --mechanism {file}`; build it with `metafmu build {name}.toml`.
 

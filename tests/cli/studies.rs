@@ -147,13 +147,31 @@ fn new_writes_the_example_and_overwrites_nothing() {
     for name in ["single-pendulum", "single-pendulum.toml"] {
         bench.fails(&["new", name, "--system", "single-pendulum"], &says);
     }
-    bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["`a/b` is not a valid name"]);
+    bench.fails(&["new", "a/b", "--system", "single-pendulum"], &["a: is no folder"]);
+    bench.fails(&["new", "a b", "--system", "single-pendulum"], &["`a b` is not a valid name"]);
     let output = bench.run(&["new", "mine", "--system", "single-pendulum"]);
     assert!(output.status.success());
     let mine = fs::read_to_string(bench.path("mine.toml")).unwrap();
     assert!(mine.contains("name = \"mine\"") && !mine.contains("\nlicense = "), "{mine}");
     assert!(bench.run(&["new", "its.toml", "--system", "single-pendulum"]).status.success());
     assert!(fs::read_to_string(bench.path("its.toml")).unwrap().contains("name = \"its\""));
+}
+
+#[test]
+fn a_new_study_in_a_folder_finds_its_source() {
+    let bench = Bench::new();
+    fs::create_dir_all(bench.path("deep/er")).unwrap();
+    fs::write(bench.path("four-bar.toml"), include_str!("../../examples/mechanisms/four-bar.toml")).unwrap();
+    let folder = bench.folder.path().display().to_string();
+    for name in ["deep/er/arm", "deep/../deep/er/arm2.toml", &format!("{folder}/deep/er/arm3")] {
+        let output = bench.run(&["new", name, "--mechanism", "four-bar.toml"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    for name in ["arm", "arm2", "arm3"] {
+        let study = fs::read_to_string(bench.path(&format!("deep/er/{name}.toml"))).unwrap();
+        assert!(study.contains(&format!("name = \"{name}\"")), "{study}");
+        assert!(study.contains("mechanism = \"../../four-bar.toml\""), "{study}");
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! A study of a mechanism's equations of motion.
 
-use super::{control, describe, quoted};
+use super::{Target, control, describe, quoted};
 use metafmu::{
     Error, Result,
     diagnostics::Problems,
@@ -12,15 +12,15 @@ use metafmu::{
 use std::{f64::consts::TAU, fmt::Write, path::Path};
 
 /// A study of a mechanism file.
-pub fn of_mechanism(name: &str, file: &Path) -> Result<String> {
+pub fn of_mechanism(target: &Target, file: &Path) -> Result<String> {
     let mechanism = Mechanism::load(file)?;
-    let file = file.display().to_string();
+    let file = target.path_from(file);
     let source = format!(
         "mechanism = {}    # relative to this file
 # Parameters of the mechanism that are not varied here: their defaults there, or constants = {{ NAME = VALUE }}",
         quoted(&file),
     );
-    study(name, &mechanism, &format!("--mechanism {file}"), &source)
+    study(target.name, &mechanism, &format!("--mechanism {file}"), &source)
 }
 
 /// A study of the mechanism that describes a built-in system.

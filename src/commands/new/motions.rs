@@ -1,7 +1,7 @@
 //! A study of motions in a table.
 
 use super::{
-    key, quoted,
+    Target, key, quoted,
     table::{Column, Survey, survey},
 };
 use crate::{cli::NewArgs, commands::say};
@@ -18,7 +18,7 @@ const LEARNED: f64 = 0.75;
 const ENOUGH: usize = 10;
 
 /// A study of all columns that change: those whose differences another column has are coordinates; without any all are.
-pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
+pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
     let moving: Vec<&Column> = numbers().filter(|column| !column.is_constant_in_runs).collect();
@@ -61,7 +61,7 @@ pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
         format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
     };
     let (stop, rows) = (runs.stop, (runs.stop / runs.step).round().max(1.0));
-    let file = file.display().to_string();
+    let (name, file) = (target.name, target.path_from(file));
     let mut text = format!(
         "# Made by `metafmu new {name} --table {file} --structure dynamics`; build it with `metafmu build {name}.toml`.
 

@@ -1,6 +1,6 @@
 //! A study of a table of recorded runs, from its columns and their content.
 
-use super::{DISCRETE, key, quoted, rest};
+use super::{DISCRETE, Target, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{Result, table::Table};
 use metafmu_runtime::BuiltIn;
@@ -81,7 +81,7 @@ struct Roles<'a> {
     others: Vec<(&'a Column, String)>,
 }
 
-pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
+pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let mut roles = roles(&time, label.as_deref(), &runs, &columns);
     let is_discrete = args.structure == "discrete";
@@ -99,7 +99,7 @@ pub fn study(name: &str, file: &Path, args: &NewArgs) -> Result<String> {
     for (Column { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
         say(format_args!("column `{title}`: {why}"));
     }
-    Ok(text(name, file, &runs, &roles))
+    Ok(text(target, file, &runs, &roles))
 }
 
 /// Reads a table.
@@ -283,9 +283,9 @@ fn shortest(number: f64) -> f64 {
     (0..16).map(rounded).find(|other: &f64| (other - number).abs() <= 1e-12 * number.abs()).unwrap_or(number)
 }
 
-fn text(name: &str, file: &Path, runs: &Runs, roles: &Roles) -> String {
+fn text(target: &Target, file: &Path, runs: &Runs, roles: &Roles) -> String {
     let Roles { time, label, varied, inputs, outputs, others } = roles;
-    let file = file.display().to_string();
+    let (name, file) = (target.name, target.path_from(file));
     let renamed = varied.iter().chain(inputs).chain(outputs).filter(|column| column.name != column.title);
     let renamed = renamed.map(|column| (column.name.as_str(), column.title.as_str()));
     let own = [("time", Some(*time)), ("run", *label)];
