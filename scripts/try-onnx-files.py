@@ -50,7 +50,7 @@ def rows_of(model, names):
 
 def newer(path, folder):
     """The file, or one of opset 13 made by ONNX's own converter of one that is older than what is read."""
-    model = onnx.load(path)
+    model = onnx.load(path, load_external_data=False)
     opset = next((opset.version for opset in model.opset_import if opset.domain in ("", "ai.onnx")), 1)
     if opset >= OLDEST:
         return path

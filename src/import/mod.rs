@@ -29,6 +29,8 @@ use std::path::Path;
 pub struct Imported {
     /// Names of the columns that it takes, in the order of the graph's.
     pub inputs: Vec<String>,
+    /// Inputs of several rows, which may be a batch: the name, how many rows, and how many numbers a row has.
+    pub stacked: Vec<(String, usize, usize)>,
     /// Names of the columns that it gives.
     pub outputs: Vec<String>,
     /// The graph.

@@ -178,6 +178,7 @@ pub fn layers(tensors: &Tensors, interface: &Interface) -> crate::Result<Importe
     let builder = builder.unwrap_or_else(|| Builder::new(1));
     let names = |what: &str, count: usize| (0..count).map(|place| format!("{what}[{place}]")).collect();
     Ok(Imported {
+        stacked: Vec::new(),
         inputs: names("x", builder.width(0)),
         outputs: names("y", width),
         columns: (0..width).map(|column| [value as u32, column as u32]).collect(),

@@ -132,6 +132,13 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         let names: Vec<&str> = imported.recurrences.iter().map(|state| state.name.as_str()).collect();
         text += &format!("\n# the model keeps {} from one sample to the next: hidden states\n", listed(&names));
     }
+    for (name, rows, width) in
+        imported.stacked.iter().filter(|(name, ..)| states.iter().all(|(state, _)| state != name))
+    {
+        text += &format!(
+            "\n# {name}: {rows} rows of {width} numbers, which are all inputs; if they are a batch, export the model with one row\n"
+        );
+    }
     for (column, next) in &states {
         text += &format!(
             "\n[states.{}]\ncolumn = {}\nnext = {}    # what it is a sample later; `derivative = ` if it is its derivative\nstart = 0.0\n",
@@ -179,7 +186,7 @@ fn feedback(imported: &Imported) -> Vec<(String, String)> {
     let (inputs, outputs) = (tensors(&imported.inputs), tensors(&imported.outputs));
     let mut states: Vec<(String, String)> = Vec::new();
     for (input, width) in &inputs {
-        let Some(later) = later_names(input) else { continue };
+        let later = later_names(input);
         let is_free = |output: &str| states.iter().all(|(_, other)| other != output);
         let fits =
             |name: &String| outputs.iter().find(|(output, count)| output == name && count == width && is_free(output));
@@ -190,18 +197,21 @@ fn feedback(imported: &Imported) -> Vec<(String, String)> {
     states
 }
 
-/// What the next value of an input is called, if it is called as a state is.
-fn later_names(input: &str) -> Option<Vec<String>> {
+/// What the next value of an input may be called.
+fn later_names(input: &str) -> Vec<String> {
+    let named = |stem: &str, before: &[&str], behind: &[&str]| -> Vec<String> {
+        let behind = behind.iter().map(|suffix| format!("{stem}{suffix}"));
+        behind.chain(before.iter().map(|prefix| format!("{prefix}{stem}"))).collect()
+    };
+    let any = named(input, &["next_", "new_"], &["_next", "_new", "1"]);
     let stem = ["initial_", "prev_", "previous_", "last_"].iter().find_map(|prefix| input.strip_prefix(prefix));
     let stem = stem.or_else(|| ["_in", "_prev", "_0", "0"].iter().find_map(|suffix| input.strip_suffix(suffix)));
-    let stem = stem.or(["h", "c", "state", "hidden", "hx", "cx"].into_iter().find(|name| *name == input))?;
+    let stem = stem.or(["h", "c", "state", "hidden", "hx", "cx"].into_iter().find(|name| *name == input));
     // tensors may be numbered
-    if stem.is_empty() {
-        return None;
-    }
-    let names = ["n", "1", "_n", "_1", "_out", "_next", "_new"].iter().map(|suffix| format!("{stem}{suffix}"));
-    let names = names.chain(["next_", "new_", "Y_"].iter().map(|prefix| format!("{prefix}{stem}")));
-    Some(names.filter(|name| name != input).collect())
+    let of_states = stem
+        .filter(|stem| !stem.is_empty())
+        .map(|stem| named(stem, &["next_", "new_", "Y_"], &["n", "1", "_n", "_1", "_out", "_next", "_new"]));
+    of_states.into_iter().flatten().chain(any).filter(|name| name != input).collect()
 }
 
 /// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.

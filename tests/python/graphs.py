@@ -87,6 +87,17 @@ def fitting(of=np.float32):
         node("Exp", "x", "e"), node("Div", "x e", "d"), node("Max", "x d c", "m"), node("Min", "m e", "n"), node("Sum", "n x e", "s"),
         node("Mean", "s d"), c=r(3),
     )
+    yield "MatMul-of-rows", make(
+        node("Reshape", "x s", "r"), node("Exp", "r", "e"), node("Transpose", "e", "t", perm=[0, 2, 1]), node("MatMul", "r t", "p"), node("MatMul", "p e"),
+        s=integers(-1, 3, 1),
+    )
+    yield "MatMul-of-several", make(
+        node("MatMul", "x w", "a"), node("Reshape", "a s", "r"), node("MatMul", "r v", "p"), node("Flatten", "p"), w=r(3, 12), s=integers(-1, 4, 3), v=r(3, 2)
+    )
+    yield "attention", make(
+        node("MatMul", "x w", "a"), node("Reshape", "a s", "r"), node("MatMul", "r q", "u"), node("MatMul", "r k", "v"), node("Transpose", "v", "t", perm=[0, 2, 1]),
+        node("MatMul", "u t", "l"), node("Softmax", "l", "p"), node("MatMul", "p r", "o"), node("Flatten", "o"), w=r(3, 15), s=integers(-1, 5, 3), q=r(3, 4), k=r(3, 4),
+    )
     yield "residual", make(node("MatMul", "x w", "a"), node("Tanh", "a", "t"), node("Add", "t x", "s"), node("MatMul", "s v"), w=r(3, 3), v=r(3, 2))
     yield "BatchNormalization", make(node("BatchNormalization", "x s b m v", epsilon=2.0**-16), s=r(3), b=r(3), m=r(3), v=r(3, low=0.5))
     yield "LayerNormalization", make(node("LayerNormalization", "x s b", epsilon=2.0**-16), s=r(3), b=r(3))
@@ -165,7 +176,7 @@ def malformed():
     yield "conv", make(node("Conv", "x w"), w=w), "expected a feed-forward network of dense layers"
     yield "branch", make(node("If", "x")), "expected a graph without branches"
     yield "classifier", make(node("ArgMax", "x")), "expected a regression"
-    yield "two-products", make(node("Transpose", "x", "t", perm=[1, 0]), node("MatMul", "x t")), "both follow from the inputs"
+    yield "dropout-in-training", make(node("Dropout", "x r t"), r=np.array(0.5, np.float32), t=np.array(True)), "a network in training"
     yield "wrong-width", make(node("MatMul", "x w"), w=reals(4, 2)), "a product of shapes [1, 3] and [4, 2]"
     yield "wrong-bias", make(node("Gemm", "x w b"), w=w, b=reals(3)), "shapes [1, 2] and [3]"
     yield "gemm-of-three", make(node("Gemm", "x w"), w=reals(1, 3, 2)), "expected two dimensions"
@@ -214,7 +225,6 @@ def malformed():
     yield "external-without-location", external(offset=0), "without a `location`"
     yield "external-beyond", external(location="data.bin", offset=8, length=1 << 40), "but the file has 12"
     yield "external-offset", external(location="data.bin", offset="ten"), '`offset` "ten", expected a number'
-    yield "batch", model([node("Tanh", "x")], inputs=(("x", [8, 3]),)), "a batch of 8 rows"
     yield "free-width", model([node("Tanh", "x")], inputs=(("x", ["n", "m"]),)), "dimension 1 is free (`m`)"
     yield "integer-input", model([node("Tanh", "x")], kind=INT64), "input `x`: elements of type int64"
     yield "wide-input", model([node("Tanh", "x")], inputs=(("x", ["n", 1 << 26]),)), "expected at most"

@@ -13,7 +13,7 @@ import pytest
 from conftest import METAFMU, OUTPUTS, ROOT, fmu_of, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
-from graphs import fitting, malformed
+from graphs import fitting, integers, malformed, reals
 from onnx.reference import ReferenceEvaluator
 from safetensors.numpy import save_file
 from skl2onnx import to_onnx
@@ -52,7 +52,7 @@ def imported(folder, model, rows, expected, of=np.float32):
     path = folder / "model.onnx"
     path.write_bytes(model.SerializeToString())
     names = [f"y{k}" for k in range(expected.shape[1])]
-    table = pd.DataFrame(np.c_[rows, expected].astype(float), columns=["a", "b", "c", *names])
+    table = pd.DataFrame(np.c_[rows, expected].astype(float), columns=["a", "b", "c", *(f"d{k}" for k in range(3, rows.shape[1])), *names])
     table.to_csv(folder / "rows.csv", index=False, float_format="%.17g")
     metafmu("import", path, "--new", folder / "interface.toml", "--data", folder / "rows.csv", cwd=folder)
     run = metafmu("import", path, "--interface", folder / "interface.toml", "--data", folder / "rows.csv", "--check", folder / "rows.csv",
@@ -77,6 +77,26 @@ def test_operators_are_those_of_onnx(tmp_path, of):
             raise AssertionError(name) from error
         count += 1
     assert count > 40, count
+
+
+def test_inputs_of_fixed_shapes_are_read_as_a_whole(tmp_path):
+    """Rows that are mixed with each other are no batch, and an export with a batch of several rows is what it says."""
+    mixed = [
+        graphs.node("MatMul", "x w", "a"), graphs.node("Tanh", "a", "t"), graphs.node("ReduceMax", "t k", "m"), graphs.node("Sub", "t m", "d"),
+        graphs.node("MatMul", "d u", "e"), graphs.node("Add", "e v"),
+    ]
+    constants = {"w": reals(3, 5), "k": integers(0), "u": reals(5, 2)}
+    graph = graphs.model(mixed, constants, inputs=(("x", [4, 3]), ("v", [2])))
+    random = np.random.default_rng(3)
+    rows = random.uniform(-1.0, 1.0, (20, 14)).astype(np.float32)
+    session = onnxruntime.InferenceSession(graph.SerializeToString())
+    expected = np.array([session.run(None, {"x": row[:12].reshape(4, 3), "v": row[12:]})[0].ravel() for row in rows])
+    assert expected.shape == (20, 8)
+    imported(tmp_path, graph, rows, expected)
+    (tmp_path / "i.toml").unlink(missing_ok=True)
+    metafmu("import", "model.onnx", "--new", "i.toml", cwd=tmp_path)
+    text = (tmp_path / "i.toml").read_text()
+    assert "# x: 4 rows of 3 numbers, which are all inputs; if they are a batch, export the model with one row" in text and "# v" not in text
 
 
 REGRESSIONS = {

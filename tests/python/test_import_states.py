@@ -160,6 +160,38 @@ def test_a_cell_that_begins_with_zeros_is_a_state_of_the_model(tmp_path, name):
     assert run.returncode == 1 and "not what was expected" in run.stdout and not (tmp_path / "cell.safetensors").exists()
 
 
+def test_windows_of_past_samples_are_states(tmp_path):
+    """A model that has the last samples of inputs and outputs as inputs, and moves them on, beside ONNX Runtime in a loop."""
+    random = np.random.default_rng(8)
+    drawn = lambda *shape: random.uniform(-0.5, 0.5, shape).astype(np.float32)
+    constants = {
+        "one": integers(1), "zero": integers(0), "end": integers(9), "flat": integers(1, -1), "w": drawn(4 * INPUTS + INPUTS + 2 * 2, 6), "v": drawn(6, 2),
+    }
+    nodes = [
+        node("Reshape", "U flat", "pastU"), node("Reshape", "X flat", "pastX"), node("Concat", "pastU x pastX", "all", axis=1),
+        node("MatMul", "all w", "a"), node("Tanh", "a", "t"), node("MatMul", "t v", "y"),
+        node("Slice", "U one end zero", "laterU"), node("Concat", "laterU x", "U1", axis=0),
+        node("Slice", "X one end zero", "laterX"), node("Concat", "laterX y", "X1", axis=0),
+    ]
+    inputs = [("U", [4, INPUTS]), ("X", [2, 2]), ("x", [1, INPUTS])]
+    graph = model(nodes, constants, inputs=inputs, outputs=[("y", [1, 2]), ("U1", [4, INPUTS]), ("X1", [2, 2])])
+    session, x = session_of(graph), signal()
+    states, expected = {"U": np.zeros((4, INPUTS), np.float32), "X": np.zeros((2, 2), np.float32)}, []
+    for row in x:
+        y, later_u, later_x = session.run(None, {"x": row[None], **states})
+        expected.append(y.ravel())
+        states = {"U": later_u, "X": later_x}
+    expected = np.array(expected)
+    assert np.ptp(expected, axis=0).min() > 0.05
+    (tmp_path / "cell.onnx").write_bytes(graph.SerializeToString())
+    metafmu("import", "cell.onnx", "--new", "starter.toml", cwd=tmp_path)
+    starter = (tmp_path / "starter.toml").read_text()
+    assert '[states.U]\ncolumn = "U"\nnext = "U1"' in starter and '[states.X]\ncolumn = "X"\nnext = "X1"' in starter, starter
+    windows = '[states.U]\ncolumn = "U"\nnext = "U1"\nstart = 0.0\n[states.X]\ncolumn = "X"\nnext = "X1"\nstart = 0.0\n'
+    run = imported(tmp_path, graph, interface(windows), "--check", table_of(tmp_path, x, expected), "--tolerance", "1e-6")
+    assert "y1: largest difference" in run.stdout
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_fmu_of_a_cell_in_fmpy(tmp_path, version):
     """A whole run, states that are set again and serialized in the middle of it, and steps that are not samples."""

@@ -91,6 +91,7 @@ struct Reader {
     /// Numbers of the constants that nodes made.
     constants: usize,
     inputs: Vec<String>,
+    stacked: Vec<(String, usize, usize)>,
     is_single: bool,
     /// States that are no inputs of the graph.
     recurrences: Vec<Recurrence>,
@@ -120,6 +121,13 @@ impl Reader {
         }
         let names = rows.iter().flat_map(|(name, (shape, _))| element_names(name, shape.iter().product()));
         let inputs: Vec<String> = names.collect();
+        let of_rows = |(name, (shape, _)): &(&String, (Vec<usize>, bool))| match shape.as_slice() {
+            [rows, rest @ ..] if *rows > 1 && !rest.is_empty() => {
+                Some((name.to_string(), *rows, rest.iter().product()))
+            }
+            _ => None,
+        };
+        let stacked = rows.iter().filter_map(of_rows).collect();
         let mut builder = Builder::new(inputs.len());
         let is_single = rows.iter().all(|(_, (_, is_single))| *is_single);
         let has_trees = graph.node.iter().any(|node| node.op_type.starts_with("TreeEnsemble"));
@@ -135,11 +143,21 @@ impl Reader {
             values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
             first += count;
         }
-        Ok(Self { opset, builder, values, constants: 0, inputs, is_single, recurrences: Vec::new(), has_trees })
+        Ok(Self {
+            opset,
+            builder,
+            values,
+            constants: 0,
+            inputs,
+            stacked,
+            is_single,
+            recurrences: Vec::new(),
+            has_trees,
+        })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
-        let Self { mut builder, values, inputs, is_single, recurrences, .. } = self;
+        let Self { mut builder, values, inputs, stacked, is_single, recurrences, .. } = self;
         let (mut columns, mut outputs) = (Vec::new(), Vec::new());
         for output in &graph.output {
             let row = match values.get(&output.name) {
@@ -156,7 +174,7 @@ impl Reader {
         if columns.is_empty() {
             return Err(vec!["the graph has no outputs".into()]);
         }
-        Ok(Imported { inputs, outputs, builder, columns, recurrences, is_single, producer })
+        Ok(Imported { inputs, stacked, outputs, builder, columns, recurrences, is_single, producer })
     }
 }
 
@@ -182,18 +200,10 @@ fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Resul
     let mut shape = Vec::new();
     for (place, dim) in dims.iter().enumerate() {
         match (place, known(dim)) {
-            // one row; a vector of known length without a batch is one as well
-            (0, None) => shape.push(1),
-            (0, Some(rows)) if dims.len() == 1 => shape.push(rows as usize),
-            (_, Some(value)) if is_recurrent => shape.push(value as usize),
-            (_, None) if is_recurrent => shape.push(1),
-            (0, Some(1)) => shape.push(1),
-            (0, Some(rows)) => {
-                return Err(format!(
-                    "a batch of {rows} rows, expected 1 or a dimension that is free: export it with an example of one row"
-                ));
-            }
             (_, Some(value)) => shape.push(value as usize),
+            // one row
+            (0, None) => shape.push(1),
+            (_, None) if is_recurrent => shape.push(1),
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");
                 return Err(format!("dimension {place} is free (`{name}`), expected a number"));

@@ -130,18 +130,19 @@ impl Reader {
     pub fn pick(&mut self, value: &Value, places: &[usize], shape: Vec<usize>) -> Result<Value, String> {
         match value {
             Value::Constant(tensor) => Ok(Value::Constant(Tensor { shape, data: tensor.data.picked(places) })),
-            Value::Row(row) => {
-                let is_whole = places.len() == self.builder.width(row.value)
-                    && places.iter().enumerate().all(|(index, place)| index == *place);
-                let number = match is_whole {
-                    true => row.value,
-                    false => {
-                        self.builder.columns(places.iter().map(|place| [row.value as u32, *place as u32]).collect())?
-                    }
-                };
-                Ok(Value::Row(Row { shape, value: number, is_single: row.is_single }))
-            }
+            Value::Row(row) => Ok(Value::Row(self.picked(row, places, shape)?)),
         }
+    }
+
+    /// Elements of what follows from the inputs.
+    pub fn picked(&mut self, row: &Row, places: &[usize], shape: Vec<usize>) -> Result<Row, String> {
+        let is_whole = places.len() == self.builder.width(row.value)
+            && places.iter().enumerate().all(|(index, place)| index == *place);
+        let value = match is_whole {
+            true => row.value,
+            false => self.builder.columns(places.iter().map(|place| [row.value as u32, *place as u32]).collect())?,
+        };
+        Ok(Row { shape, value, is_single: row.is_single })
     }
 
     /// The same elements in another shape.

@@ -193,7 +193,8 @@ impl Reader {
         let attributes = Attributes::of(node);
         let activation = |activation| (Elementwise::Activation(activation), Vec::new());
         let (function, parameters) = match node.op_type.as_str() {
-            "Identity" | "Dropout" => return self.input(node, 0),
+            "Identity" => return self.input(node, 0),
+            "Dropout" => return self.dropout(node),
             "Cast" => return self.cast(node),
             "CastLike" => return self.input(node, 0),
             "Constant" => return constants::constant(attributes),

@@ -149,10 +149,12 @@ fn shape(dims: &[i64]) -> Result<Vec<usize>, String> {
 
 /// Makes sure that a tensor of this shape is not too large; the result is how many elements it has.
 pub fn within_limits(shape: &[usize]) -> Result<usize, String> {
-    let count = shape.iter().try_fold(1usize, |product, dim| product.checked_mul(*dim));
-    count
-        .filter(|count| *count <= MAX_ELEMENTS)
-        .ok_or_else(|| format!("a shape of {shape:?}, expected at most {MAX_ELEMENTS} numbers"))
+    // where one dimension is 0, the others still have indices
+    let indices = shape.iter().try_fold(1usize, |product, dim| product.checked_mul((*dim).max(1)));
+    match indices {
+        Some(indices) if indices <= MAX_ELEMENTS => Ok(if shape.contains(&0) { 0 } else { indices }),
+        _ => Err(format!("a shape of {shape:?}, expected at most {MAX_ELEMENTS} numbers")),
+    }
 }
 
 fn numbers<T: Copy, const N: usize>(

@@ -2,11 +2,22 @@
 
 use super::*;
 
+const IN_TRAINING: &str = "a network in training, expected one for inference: export it after `eval()`";
+
 impl Reader {
+    pub(super) fn dropout(&mut self, node: &NodeProto) -> Made {
+        let is_not_zero = |tensor: Tensor| tensor.data.doubles().iter().any(|number| *number != 0.0);
+        let drops = self.constant(node, 1)?.is_none_or(is_not_zero);
+        if drops && self.constant(node, 2)?.is_some_and(is_not_zero) {
+            return Err(IN_TRAINING.into());
+        }
+        self.input(node, 0)
+    }
+
     pub(super) fn batch_normalization(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         if attributes.integer("training_mode").unwrap_or(0) != 0 {
-            return Err("a network in training, expected one for inference: export it after `eval()`".into());
+            return Err(IN_TRAINING.into());
         }
         let epsilon = attributes.float("epsilon", 1e-5)?;
         let value = self.input(node, 0)?;

@@ -2,6 +2,9 @@
 
 use super::*;
 
+/// Vectors that may be multiplied with a matrix one by one.
+const VECTORS: usize = 256;
+
 impl Reader {
     pub(super) fn gemm(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
@@ -80,22 +83,40 @@ impl Reader {
                 (row, constant)
             }
             (Value::Row(_), Value::Row(_)) => {
-                return Err(
-                    "a product of two matrices that both follow from the inputs, expected one of them to be a constant"
-                        .into(),
-                );
+                within_limits(&[count, inner])?;
+                let factor = |reader: &mut Self, value: &Value, place: &dyn Fn(usize, usize) -> usize| {
+                    let elements = (0..count).flat_map(|element| (0..inner).map(move |k| (element, k)));
+                    let places: Vec<usize> = elements.map(|(element, k)| place(element, k)).collect();
+                    reader.pick(value, &places, vec![count, inner])
+                };
+                let x = factor(self, a, &|element, k| begins(element).0 + k)?;
+                let y = factor(self, b, &|element, k| begins(element).1 + k * columns)?;
+                let products = self.combined(Operation::Multiply, &x, &y)?;
+                let sums = self.folded(Operation::Add, &products, vec![count, 1])?;
+                return self.reshaped(&sums, shape);
             }
         };
-        let (width, row_is_first) = (self.builder.width(row.value), matches!(a, Value::Row(_)));
-        weights_within_limits(count, width)?;
-        // a vector times a matrix, which is most of them, keeps its precision
-        if row_is_first && width == inner && rows == 1 && batch.iter().all(|dim| *dim == 1) {
-            let transposed: Vec<usize> =
-                (0..columns).flat_map(|column| (0..inner).map(move |k| k * columns + column)).collect();
-            let weight = of_data(constant.data.picked(&transposed));
-            let bias = zeros_like(&weight, columns);
-            return self.affine(row, weight, bias, shape);
+        let width = self.builder.width(row.value);
+        let row_is_first = matches!(a, Value::Row(_));
+        // a vector times a matrix, which is most of them, keeps its precision; weights of other vectors would be zero
+        if row_is_first && count > 0 && count / columns <= VECTORS {
+            weights_within_limits(count, inner)?;
+            let mut products = Vec::new();
+            for element in (0..count).step_by(columns) {
+                let (first, second) = begins(element);
+                let of_column = |column| (0..inner).map(move |k| second + column + k * columns);
+                let weight = of_data(constant.data.picked(&(0..columns).flat_map(of_column).collect::<Vec<_>>()));
+                let bias = zeros_like(&weight, columns);
+                let vector = self.picked(row, &(first..first + inner).collect::<Vec<_>>(), vec![inner])?;
+                products.push(self.affine(&vector, weight, bias, vec![columns])?);
+            }
+            let products = match products.as_slice() {
+                [product] => product.clone(),
+                products => self.concatenated(products, 0)?,
+            };
+            return self.reshaped(&products, shape);
         }
+        weights_within_limits(count, width)?;
         let numbers = constant.data.doubles();
         let mut weight = vec![0.0; count * width];
         for element in 0..count {
