@@ -113,6 +113,8 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
     ]:
         with pytest.raises(metafmu.Error, match=message):
             metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states=states, sample=0.1)
+    with pytest.raises(metafmu.Error, match=r"1 inputs \(x\), the model has 5: x, h\[0\], h\[1\], h\[2\], h\[3\]"):
+        metafmu.from_onnx(model, inputs=["x"], data=np.zeros((2, 5)))
     with pytest.raises(metafmu.Error, match="sample: nan, expected a finite number"):
         metafmu.from_onnx(model, inputs={"x": (-1, 1)}, states={"h": "h1"}, sample=float("nan"))
     with pytest.raises(metafmu.Error, match="input `x`: max: inf, expected a finite number"):

@@ -74,7 +74,10 @@ def of_section(given, count, prefix, what, keys, names=None):
         section[name] = about
     say_which = bool(section) and all("column" in about for about in section.values())
     if len(section) != count and not say_which:
-        raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), the model has {count}")
+        expected = f"the model has {count}"
+        if names is not None and len(names) == count:
+            expected += ": " + ", ".join([*names[:12], *(["..."] if count > 12 else [])])
+        raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), {expected}")
     return section
 
 
