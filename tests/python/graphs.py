@@ -135,6 +135,42 @@ def fitting(of=np.float32):
     yield "unused", make(node("MatMul", "x w", "a"), node("Tanh", "x", "t"), node("Identity", "a"), w=r(3, 2))
 
 
+def windowed(of=np.float32):
+    """Names and models of convolutions and what goes with them; inputs `x` of other shapes."""
+    kind = FLOAT if of == np.float32 else DOUBLE
+    r = lambda *shape: reals(*shape, of=of)
+
+    def make(shape, *nodes, **constants):
+        return model(nodes, constants, inputs=(("x", ["n", *shape]),), kind=kind, opset=20)
+
+    conv = lambda *inputs, **more: node("Conv", " ".join(["x", *inputs]), **more)
+    yield "conv-1d", make([3, 8], conv("w", "b"), w=r(4, 3, 3), b=r(4))
+    yield "conv-padded", make([3, 8], conv("w", pads=[2, 1], strides=[2], dilations=[2]), w=r(4, 3, 3))
+    yield "conv-groups", make([4, 7], conv("w", "b", group=2, pads=[1, 1]), w=r(6, 2, 3), b=r(6))
+    yield "conv-depthwise", make([3, 5, 4], conv("w", group=3, kernel_shape=[2, 3]), w=r(3, 1, 2, 3))
+    for pad in ["SAME_UPPER", "SAME_LOWER", "VALID"]:
+        yield f"conv-{pad}", make([2, 6, 5], conv("w", auto_pad=pad, strides=[2, 1]), w=r(3, 2, 3, 2))
+    yield "conv-causal", make(
+        [3, 8], node("Pad", "x p", "c"), node("Conv", "c w b", "d", dilations=[2]), node("Relu", "d", "e"), node("Slice", "e s t a", "l"), node("Flatten", "l"),
+        p=integers(0, 0, 4, 0, 0, 0), w=r(5, 3, 3), b=r(5), s=integers(-1), t=integers(9), a=integers(2),
+    )
+    pool = lambda operator, **more: node(operator, "x", **more)
+    yield "average-pool", make([3, 7], pool("AveragePool", kernel_shape=[3], strides=[2], pads=[1, 1]))
+    yield "average-pool-all", make([2, 5, 4], pool("AveragePool", kernel_shape=[3, 2], pads=[1, 0, 1, 1], count_include_pad=1))
+    yield "max-pool", make([3, 7], pool("MaxPool", kernel_shape=[3], strides=[2], pads=[1, 1]))
+    if of == np.float32:
+        # the reference mixes up the dimensions
+        yield "max-pool-2d", make([2, 5, 4], pool("MaxPool", kernel_shape=[3, 2], pads=[1, 0, 1, 1]))
+        # nor does it take away what is padded by a negative number
+        yield "pad-negative", make([2, 4], node("Pad", "x p c"), p=integers(0, 1, 2, 0, 0, -1), c=np.array(0.5, of))
+    yield "global-average-pool", make([3, 4, 2], pool("GlobalAveragePool"))
+    yield "global-max-pool", make([3, 4, 2], pool("GlobalMaxPool"))
+    yield "pad-constant", make([2, 4], node("Pad", "x p c"), p=integers(0, 1, 2, 0, 0, 1), c=np.array(0.5, of))
+    yield "pad-axes", make([2, 4], node("Pad", "x p - a"), p=integers(1, 2), a=integers(-1))
+    yield "pad-edge", make([2, 4], node("Pad", "x p", mode="edge"), p=integers(0, 0, 3, 0, 0, 2))
+    yield "pad-reflect", make([2, 4], node("Pad", "x p", mode="reflect"), p=integers(0, 0, 3, 0, 0, 2))
+
+
 def malformed():
     """Names, bytes or models, and a part of the message of what is refused."""
     make = lambda *nodes, **constants: model(nodes, constants)
@@ -173,7 +209,8 @@ def malformed():
     yield "unknown-operator", make(node("Tanhh", "x")), "operator `Tanhh` (node 0 (Tanhh)) is not supported; did you mean `Tanh`?"
     yield "other-domain", changed(lambda m: setattr(m.graph.node[0], "domain", "com.microsoft")), "operator `com.microsoft.Tanh`"
     yield "lstm", make(node("LSTM", "x w w"), w=w), "node 0 (LSTM): a sequence of shape [1, 3], expected three dimensions"
-    yield "conv", make(node("Conv", "x w"), w=w), "expected a feed-forward network of dense layers"
+    yield "conv", make(node("Conv", "x w"), w=w), "do not fit each other"
+    yield "conv-transposed", make(node("ConvTranspose", "x w"), w=w), "operator `ConvTranspose` (node 0 (ConvTranspose)) is not supported"
     yield "branch", make(node("If", "x")), "expected a graph without branches"
     yield "classifier", make(node("ArgMax", "x")), "expected a regression"
     yield "dropout-in-training", make(node("Dropout", "x r t"), r=np.array(0.5, np.float32), t=np.array(True)), "a network in training"
@@ -197,6 +234,21 @@ def malformed():
     yield "huge-range", make(node("Range", "a e d", "r"), node("Gather", "x r"), a=integers(0), e=integers(1 << 62), d=integers(1)), "expected at most"
     yield "many-values", make(node("Expand", "x s", "e"), node("Tanh", "e"), s=integers(1 << 22, 3)), "expected at most"
     yield "wide-product", make(node("Expand", "x s", "e"), node("ReduceSum", "e a", "r"), node("Expand", "r s"), s=integers(1 << 20, 3), a=integers(1)), "expected at most"
+    image = lambda *nodes, shape=(1, 2, 5), **constants: model(nodes, constants, inputs=(("x", shape),))
+    yield "conv-channels", image(node("Conv", "x w"), w=reals(4, 3, 2)), "do not fit each other in these groups"
+    yield "conv-too-wide", image(node("Conv", "x w"), w=reals(4, 2, 7)), "a window of [7] elements for dimensions [5]"
+    yield "conv-bias", image(node("Conv", "x w b"), w=reals(4, 2, 3), b=reals(3)), "a bias of 3 numbers, expected 4"
+    yield "conv-of-image", image(node("Conv", "x w"), shape=(1, 3, 224, 224), w=reals(4, 3, 3, 3)), "expected at most 4096"
+    yield "conv-dilated", image(node("Conv", "x w", dilations=[1 << 62]), w=reals(4, 2, 3)), "attribute `dilations`"
+    yield "conv-without-groups", image(node("Conv", "x w", group=0), w=reals(4, 2, 3)), "do not fit each other in these groups"
+    yield "pool-of-padding", image(node("MaxPool", "x", kernel_shape=[2], pads=[4, 0])), "a window that has nothing of the tensor"
+    yield "pool-without-kernel", image(node("MaxPool", "x")), "attribute `kernel_shape` is missing"
+    yield "pool-rounded-up", image(node("MaxPool", "x", kernel_shape=[2], strides=[2], ceil_mode=1)), "attribute `ceil_mode` is not 0"
+    yield "pool-of-nothing", image(
+        node("ConstantOfShape", "s", "c"), node("MaxPool", "c", kernel_shape=[2], auto_pad="SAME_UPPER"), s=integers(1, 2, 0)
+    ), "a shape of [1, 2, 0], expected the batch, channels, and other dimensions"
+    yield "pad-huge", image(node("Pad", "x p"), p=integers(0, 0, 1 << 62, 0, 0, 1 << 62)), "pads of"
+    yield "pad-reflect-twice", image(node("Pad", "x p", mode="reflect"), p=integers(0, 0, 9, 0, 0, 0)), "pads of"
     yield "wrong-axis", make(node("Gather", "x i", axis=5), i=integers(0)), "axis 5 of a tensor of 2 dimensions"
     yield "wrong-index", make(node("Gather", "x i", axis=1), i=integers(3)), "index 3 of 3"
     yield "wrong-permutation", make(node("Transpose", "x", perm=[0, 0])), "perm [0, 0] of 2 dimensions"

@@ -13,7 +13,7 @@ import pytest
 from conftest import METAFMU, OUTPUTS, ROOT, fmu_of, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
-from graphs import fitting, integers, malformed, reals
+from graphs import fitting, integers, malformed, reals, windowed
 from onnx.reference import ReferenceEvaluator
 from safetensors.numpy import save_file
 from skl2onnx import to_onnx
@@ -66,11 +66,14 @@ def test_operators_are_those_of_onnx(tmp_path, of):
     """Of ONNX Runtime in single precision, of the definition in double."""
     evaluate = of_runtime if of == np.float32 else of_reference
     count = 0
-    for name, model in fitting(of):
+    for name, model in [*fitting(of), *windowed(of)]:
         folder = tmp_path / name
         folder.mkdir()
         rows = ROWS.astype(of)
-        expected = evaluate(model, rows)
+        shape = [dim.dim_value for dim in model.graph.input[0].type.tensor_type.shape.dim][1:]
+        if shape != [3]:
+            rows = np.random.default_rng(6).uniform(-1.0, 1.0, (20, np.prod(shape))).astype(of)
+        expected = evaluate(model, rows.reshape(len(rows), *shape))
         try:
             imported(folder, model, rows, expected, of)
         except AssertionError as error:

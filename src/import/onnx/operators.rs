@@ -7,6 +7,7 @@ mod pairs;
 mod products;
 mod recurrent;
 mod shapes;
+mod windows;
 
 use super::{
     Reader,
@@ -23,7 +24,7 @@ use metafmu_runtime::{
 };
 
 /// Operators of the standard set that are known here.
-pub const STANDARD: [&str; 85] = [
+pub const STANDARD: [&str; 91] = [
     "Abs",
     "Add",
     "Atan",
@@ -109,6 +110,12 @@ pub const STANDARD: [&str; 85] = [
     "Or",
     "Sign",
     "Where",
+    "AveragePool",
+    "Conv",
+    "GlobalAveragePool",
+    "GlobalMaxPool",
+    "MaxPool",
+    "Pad",
 ];
 
 /// Those of `ai.onnx.ml`.
@@ -144,9 +151,6 @@ pub fn instead(operator: &str) -> String {
             ": expected one step of the loop, with the state among the inputs and outputs of the graph".into()
         }
         "If" => ": expected a graph without branches".into(),
-        "Conv" | "ConvTranspose" | "MaxPool" | "AveragePool" | "GlobalAveragePool" => {
-            ": expected a feed-forward network of dense layers".into()
-        }
         "TreeEnsembleClassifier" | "LinearClassifier" | "SVMClassifier" | "ArgMax" | "ZipMap" => {
             ": expected a regression, whose outputs are real numbers".into()
         }
@@ -249,6 +253,11 @@ impl Reader {
             "RMSNormalization" => return self.rms_normalization(node),
             "Softmax" => return self.softmax(node),
             "LogSoftmax" => return self.log_softmax(node),
+            "Conv" => return self.convolution(node),
+            "AveragePool" => return self.average_pool(node),
+            "MaxPool" => return self.max_pool(node),
+            "GlobalAveragePool" | "GlobalMaxPool" => return self.global_pool(node),
+            "Pad" => return self.pad(node),
             "ReduceL1" | "ReduceL2" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin" | "ReduceProd"
             | "ReduceSum" | "ReduceSumSquare" => return self.reduce(node),
             "HardSwish" => {

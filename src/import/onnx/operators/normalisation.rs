@@ -187,7 +187,7 @@ impl Reader {
     }
 
     /// Sums of elements times a factor.
-    fn sum(&mut self, value: &Value, kept: Vec<usize>, factor: f64) -> Made {
+    pub(super) fn sum(&mut self, value: &Value, kept: Vec<usize>, factor: f64) -> Made {
         let into = broadcast_places(&kept, value.shape());
         let (count, width) = (kept.iter().product::<usize>(), into.len());
         weights_within_limits(count, width)?;

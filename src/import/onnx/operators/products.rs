@@ -132,7 +132,7 @@ impl Reader {
 }
 
 /// Weights of a file, in its precision.
-fn of_data(data: Data) -> Numbers {
+pub(super) fn of_data(data: Data) -> Numbers {
     match data {
         Data::Single(values) => values.into(),
         Data::Double(values) => values.into(),

@@ -1,0 +1,281 @@
+//! What moves a window over a tensor: convolutions, pooling, and what is put around it.
+
+use super::{products::of_data, *};
+
+/// Places of a window that may be computed one by one.
+const PARTS: usize = 4096;
+
+/// A window that moves over the dimensions behind the batch and the channels.
+struct Window {
+    /// Where it can be along each dimension.
+    positions: Vec<usize>,
+    /// For each position the elements that it has there, none where it reaches over the edge.
+    elements: Vec<Vec<Option<usize>>>,
+}
+
+impl Window {
+    fn new(node: &NodeProto, shape: &[usize], kernel: &[usize]) -> Result<Self, String> {
+        let attributes = Attributes::of(node);
+        let rank = shape.len();
+        if kernel.len() != rank || rank == 0 || kernel.contains(&0) || shape.contains(&0) {
+            return Err(format!("a kernel of shape {kernel:?} for dimensions {shape:?}"));
+        }
+        if attributes.integer("ceil_mode").unwrap_or(0) != 0 {
+            return Err("attribute `ceil_mode` is not 0".into());
+        }
+        let given = |name: &str, count: usize, default: usize| -> Result<Vec<usize>, String> {
+            let lengths = attributes.integers(name).map_or_else(|| Ok(vec![default; count]), lengths)?;
+            let fits = lengths.len() == count && lengths.iter().all(|length| (default..MAX_ELEMENTS).contains(length));
+            if fits { Ok(lengths) } else { Err(format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}")) }
+        };
+        let (strides, dilations) = (given("strides", rank, 1)?, given("dilations", rank, 1)?);
+        let mut pads = given("pads", 2 * rank, 0)?;
+        let reach: Vec<usize> =
+            (0..rank).map(|at| (kernel[at] - 1).saturating_mul(dilations[at]).saturating_add(1)).collect();
+        let same = match attributes.text("auto_pad").as_deref() {
+            None | Some("NOTSET" | "") => None,
+            Some("VALID") => {
+                pads = vec![0; 2 * rank];
+                None
+            }
+            Some("SAME_UPPER") => Some(0),
+            Some("SAME_LOWER") => Some(1),
+            Some(other) => return Err(format!("attribute `auto_pad` is {other:?}")),
+        };
+        if let Some(odd) = same {
+            for at in 0..rank {
+                let all = ((shape[at].div_ceil(strides[at]) - 1) * strides[at] + reach[at]).saturating_sub(shape[at]);
+                pads[at] = (all + odd) / 2;
+                pads[rank + at] = all - pads[at];
+            }
+        }
+        let position = |at: usize| -> Option<usize> {
+            Some((shape[at] + pads[at] + pads[rank + at]).checked_sub(reach[at])? / strides[at] + 1)
+        };
+        let positions: Option<Vec<usize>> = (0..rank).map(position).collect();
+        let positions = positions.ok_or_else(|| format!("a window of {reach:?} elements for dimensions {shape:?}"))?;
+        within_limits(&[within_limits(&positions)?, within_limits(kernel)?])?;
+        let steps = super::super::shape::strides(shape);
+        let element = |from: &[usize], within: &[usize]| -> Option<usize> {
+            let of = |at: usize| {
+                let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
+                (place < shape[at]).then_some(place * steps[at])
+            };
+            (0..rank).map(of).sum()
+        };
+        let elements = places(&positions, |from| places(kernel, |within| element(from, within)));
+        if elements.iter().any(|elements| elements.iter().all(Option::is_none)) {
+            return Err("a window that has nothing of the tensor".into());
+        }
+        Ok(Self { positions, elements })
+    }
+}
+
+impl Reader {
+    pub(super) fn convolution(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let weight = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let groups = Attributes::of(node).integer("group").unwrap_or(1);
+        let ([_, channels, shape @ ..], [made, each, kernel @ ..]) = (value.shape(), weight.shape.as_slice()) else {
+            return Err(format!("shapes {:?} and {:?}", value.shape(), weight.shape));
+        };
+        let groups = usize::try_from(groups).ok().filter(|groups| {
+            *groups > 0 && each.checked_mul(*groups) == Some(*channels) && made.is_multiple_of(*groups) && *made > 0
+        });
+        let groups = groups.ok_or_else(|| {
+            format!("shapes {:?} and {:?} that do not fit each other in these groups", value.shape(), weight.shape)
+        })?;
+        if let Some(given) =
+            Attributes::of(node).integers("kernel_shape").filter(|given| lengths(given).as_deref() != Ok(kernel))
+        {
+            return Err(format!("attribute `kernel_shape` is {given:?}, but the weight has {kernel:?}"));
+        }
+        let bias = match self.constant(node, 2)? {
+            Some(bias) if bias.data.len() != *made => {
+                return Err(format!("a bias of {} numbers, expected {made}", bias.data.len()));
+            }
+            Some(bias) => of_data(bias.data),
+            None => of_data(Tensor::like(&weight.data, vec![*made], vec![0.0; *made]).data),
+        };
+        let window = Window::new(node, shape, kernel)?;
+        let (numbers, size) = (weight.data.doubles(), kernel.iter().product::<usize>());
+        let weight = |output: usize, channel: usize, _: usize, element: usize| {
+            numbers[(output * each + channel) * size + element]
+        };
+        self.moved(&value, &window, &bias, groups, weight)
+    }
+
+    pub(super) fn average_pool(&mut self, node: &NodeProto) -> Made {
+        let (value, window) = self.pooled(node)?;
+        let channels = value.shape()[1];
+        let counts_all = Attributes::of(node).integer("count_include_pad").unwrap_or(0) != 0;
+        let shares: Vec<f64> = window
+            .elements
+            .iter()
+            .map(|elements| match counts_all {
+                true => 1.0 / elements.len() as f64,
+                false => 1.0 / elements.iter().flatten().count() as f64,
+            })
+            .collect();
+        let share = |_: usize, _: usize, position: usize, _: usize| shares[position];
+        self.moved(&value, &window, &vec![0.0f64; channels].into(), channels, share)
+    }
+
+    pub(super) fn max_pool(&mut self, node: &NodeProto) -> Made {
+        let (value, window) = self.pooled(node)?;
+        // an element that is there twice changes nothing
+        let known = |elements: &Vec<Option<usize>>| -> Vec<usize> {
+            let first = elements.iter().find_map(|element| *element).unwrap_or(0);
+            elements.iter().map(|element| element.unwrap_or(first)).collect()
+        };
+        let elements: Vec<Vec<usize>> = window.elements.iter().map(known).collect();
+        let size: usize = value.shape()[2..].iter().product();
+        let maps = value.shape()[0] * value.shape()[1];
+        let each = elements[0].len();
+        let shape = [value.shape()[..2].to_vec(), window.positions].concat();
+        let count = within_limits(&shape)?;
+        within_limits(&[count, each])?;
+        let found: Vec<usize> =
+            (0..maps).flat_map(|map| elements.iter().flatten().map(move |element| map * size + element)).collect();
+        let all = self.pick(&value, &found, vec![count, each])?;
+        let largest = self.folded(Operation::Maximum, &all, vec![count, 1])?;
+        self.reshaped(&largest, shape)
+    }
+
+    /// What is pooled, and the window.
+    fn pooled(&mut self, node: &NodeProto) -> Result<(Value, Window), String> {
+        let value = self.input(node, 0)?;
+        let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
+        if value.shape().len() < 3 || value.shape().contains(&0) {
+            return Err(format!("a shape of {:?}, expected the batch, channels, and other dimensions", value.shape()));
+        }
+        let window = Window::new(node, &value.shape()[2..], &lengths(kernel)?)?;
+        Ok((value, window))
+    }
+
+    /// The mean or the largest of each channel.
+    pub(super) fn global_pool(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        if value.shape().len() < 3 || value.shape().contains(&0) {
+            return Err(format!("a shape of {:?}, expected the batch, channels, and other dimensions", value.shape()));
+        }
+        let kept: Vec<usize> =
+            value.shape().iter().enumerate().map(|(at, dim)| if at < 2 { *dim } else { 1 }).collect();
+        match node.op_type.as_str() {
+            "GlobalMaxPool" => self.folded(Operation::Maximum, &value, kept),
+            _ => {
+                let size: usize = value.shape()[2..].iter().product();
+                self.sum(&value, kept, 1.0 / size as f64)
+            }
+        }
+    }
+
+    /// Sums of what a window has, times weights: of an output, of a channel of its group, of a position, and of an element of the window.
+    fn moved(
+        &mut self,
+        value: &Value,
+        window: &Window,
+        bias: &Numbers,
+        groups: usize,
+        weight: impl Fn(usize, usize, usize, usize) -> f64,
+    ) -> Made {
+        let (rows, channels) = (value.shape()[0], value.shape()[1]);
+        let size: usize = value.shape()[2..].iter().product();
+        let (outputs, each, count) = (bias.len() / groups, channels / groups, window.elements.len());
+        let shape = [vec![rows, bias.len()], window.positions.clone()].concat();
+        weights_within_limits(within_limits(&shape)?, each * window.elements[0].len())?;
+        let parts = within_limits(&[rows, groups, count])?;
+        if parts > PARTS {
+            return Err(format!("a window of {parts} places, groups and rows in all, expected at most {PARTS}"));
+        }
+        let mut products = Vec::new();
+        for part in 0..parts {
+            let (from, group, position) = (part / (groups * count), part / count % groups, part % count);
+            let elements =
+                || window.elements[position].iter().enumerate().filter_map(|(at, element)| Some((at, (*element)?)));
+            let taken = || (0..each).flat_map(|channel| elements().map(move |(at, element)| (channel, at, element)));
+            let place = |(channel, _, element)| ((from * channels) + group * each + channel) * size + element;
+            let places: Vec<usize> = taken().map(place).collect();
+            let first = group * outputs;
+            let weights = (first..first + outputs)
+                .flat_map(|output| taken().map(move |(channel, at, _)| (output, channel, at)))
+                .map(|(output, channel, at)| weight(output, channel, position, at));
+            let (weights, bias) = match bias {
+                Numbers::Single(bias) => (
+                    weights.map(|weight| weight as f32).collect::<Vec<_>>().into(),
+                    bias[first..first + outputs].to_vec().into(),
+                ),
+                Numbers::Double(bias) => {
+                    (weights.collect::<Vec<_>>().into(), bias[first..first + outputs].to_vec().into())
+                }
+            };
+            products.push(match self.pick(value, &places, vec![places.len()])? {
+                Value::Row(taken) => self.affine(&taken, weights, bias, vec![outputs])?,
+                Value::Constant(_) => return Err("a constant, expected what follows from the inputs".into()),
+            });
+        }
+        let products = self.concatenated(&products, 0)?;
+        let split = [rows, groups, count, outputs];
+        let products = self.reshaped(&products, split.to_vec())?;
+        let moved = self.transposed(&products, &[0, 1, 3, 2])?;
+        self.reshaped(&moved, shape)
+    }
+
+    pub(super) fn pad(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let shape = value.shape().to_vec();
+        let attributes = Attributes::of(node);
+        let pads = self.integers(node, 1, "pads")?.ok_or("no pads")?;
+        let axes = self.integers(node, 3, "axes")?.unwrap_or_else(|| (0..shape.len() as i64).collect());
+        if pads.len() != 2 * axes.len() {
+            return Err(format!("{} pads for {} axes", pads.len(), axes.len()));
+        }
+        let mut around = vec![(0i64, 0i64); shape.len()];
+        for (number, at) in axes.iter().enumerate() {
+            around[axis(*at, shape.len())?] = (pads[number], pads[axes.len() + number]);
+        }
+        let grown = |(dim, (before, behind)): (&usize, &(i64, i64))| {
+            let length = (*dim as i64).checked_add(*before)?.checked_add(*behind)?;
+            usize::try_from(length).ok()
+        };
+        let padded: Option<Vec<usize>> = shape.iter().zip(&around).map(grown).collect();
+        let padded = padded.ok_or_else(|| format!("pads of {around:?} for a shape of {shape:?}"))?;
+        within_limits(&padded)?;
+        let mode = attributes.text("mode").unwrap_or_else(|| "constant".into());
+        let inside = |index: usize, at: usize| -> Option<usize> {
+            let (last, place) = (shape[at] as i64 - 1, (index as i64).saturating_sub(around[at].0));
+            let place = match mode.as_str() {
+                "edge" => place.clamp(0, last.max(0)),
+                "reflect" if place < 0 => -place,
+                "reflect" if place > last => 2 * last - place,
+                _ => place,
+            };
+            usize::try_from(place).ok().filter(|place| *place < shape[at])
+        };
+        let strides = strides(&shape);
+        // behind the last element comes the constant
+        let count: usize = shape.iter().product();
+        let found = places(&padded, |index| {
+            (0..shape.len())
+                .map(|at| Some(inside(index[at], at)? * strides[at]))
+                .sum::<Option<usize>>()
+                .unwrap_or(count)
+        });
+        match mode.as_str() {
+            "constant" => {
+                let constant = match self.constant(node, 2)? {
+                    Some(tensor) => tensor.data.doubles().first().copied().unwrap_or(0.0),
+                    None => attributes.float("value", 0.0)?,
+                };
+                let like = value.constant().map_or(Data::Double(Vec::new()), |tensor| tensor.data.picked(&[]));
+                let constant = Value::Constant(Tensor::like(&like, vec![1], vec![constant]));
+                let flat = self.reshaped(&value, vec![count])?;
+                let all = self.concatenated(&[flat, constant], 0)?;
+                self.pick(&all, &found, padded)
+            }
+            "edge" | "reflect" if !found.contains(&count) => self.pick(&value, &found, padded),
+            "edge" | "reflect" => Err(format!("pads of {around:?} for a shape of {shape:?}")),
+            other => Err(format!("attribute `mode` is {other:?}, expected \"constant\", \"edge\" or \"reflect\"")),
+        }
+    }
+}
