@@ -76,7 +76,7 @@ def _apply(operation, args, kwargs):
     kind = type(operation).__name__
     known = _LAYERS.get(kind)
     if known is None or not type(operation).__module__.startswith("keras."):
-        raise Error(f"the layer {kind} (`{operation.name}`) is not known, expected one of {', '.join(sorted(_LAYERS))}")
+        raise Error(f"the layer {kind} (`{operation.name}`) is not known, expected one of {', '.join(sorted(_LAYERS))}; or export it to ONNX and use from_onnx")
     try:
         return known(operation, *args, **kwargs)
     except Error as error:

@@ -220,7 +220,7 @@ def _function(name, args, kwargs):
     known = _FUNCTIONS.get(name)
     if known is None:
         every = sorted({*_MOVES, *_SAME, *_BINARY, *_ONE, *_FUNCTIONS})
-        raise Error(f"the function {name} is not known, expected one of {', '.join(every)}")
+        raise Error(f"the function {name} is not known, expected one of {', '.join(every)}; or export it to ONNX and use from_onnx")
     return known(x, *rest, **kwargs)
 
 
@@ -401,4 +401,4 @@ def _module(module, x, *args, **kwargs):
         return compose(x, _ONE[name.lower()])
     every = ["BatchNorm1d", "Dropout", "Flatten", "Identity", "LayerNorm", "Linear", "LogSoftmax", "Softmax", "Unflatten", *with_options]
     activations = ["ReLU", "ReLU6", "Tanh", "Sigmoid", "SiLU", "SELU", "Softsign", "Mish", "Hardsigmoid", "Hardswish", "LogSigmoid", "Tanhshrink"]
-    raise Error(f"the module {name} is not known, expected one of {', '.join(sorted(every + activations))}")
+    raise Error(f"the module {name} is not known, expected one of {', '.join(sorted(every + activations))}; or export it to ONNX and use from_onnx")
