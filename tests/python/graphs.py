@@ -209,7 +209,7 @@ def malformed():
     yield "unknown-operator", make(node("Tanhh", "x")), "operator `Tanhh` (node 0 (Tanhh)) is not supported; did you mean `Tanh`?"
     yield "other-domain", changed(lambda m: setattr(m.graph.node[0], "domain", "com.microsoft")), "operator `com.microsoft.Tanh`"
     yield "lstm", make(node("LSTM", "x w w"), w=w), "node 0 (LSTM): a sequence of shape [1, 3], expected three dimensions"
-    yield "conv", make(node("Conv", "x w"), w=w), "do not fit each other"
+    yield "conv", make(node("Conv", "x w"), w=w), "expected the batch, channels, and other dimensions"
     yield "conv-transposed", make(node("ConvTranspose", "x w"), w=w), "operator `ConvTranspose` (node 0 (ConvTranspose)) is not supported"
     yield "branch", make(node("If", "x")), "expected a graph without branches"
     yield "classifier", make(node("ArgMax", "x")), "expected a regression"

@@ -28,6 +28,7 @@ impl Window {
             let fits = lengths.len() == count && lengths.iter().all(|length| (default..MAX_ELEMENTS).contains(length));
             if fits { Ok(lengths) } else { Err(format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}")) }
         };
+        let steps = strides(shape);
         let (strides, dilations) = (given("strides", rank, 1)?, given("dilations", rank, 1)?);
         let mut pads = given("pads", 2 * rank, 0)?;
         let reach: Vec<usize> =
@@ -55,7 +56,6 @@ impl Window {
         let positions: Option<Vec<usize>> = (0..rank).map(position).collect();
         let positions = positions.ok_or_else(|| format!("a window of {reach:?} elements for dimensions {shape:?}"))?;
         within_limits(&[within_limits(&positions)?, within_limits(kernel)?])?;
-        let steps = super::super::shape::strides(shape);
         let element = |from: &[usize], within: &[usize]| -> Option<usize> {
             let of = |at: usize| {
                 let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
@@ -73,7 +73,7 @@ impl Window {
 
 impl Reader {
     pub(super) fn convolution(&mut self, node: &NodeProto) -> Made {
-        let value = self.input(node, 0)?;
+        let value = self.maps(node)?;
         let weight = self.constant(node, 1)?.ok_or("input 1 is missing")?;
         let groups = Attributes::of(node).integer("group").unwrap_or(1);
         let ([_, channels, shape @ ..], [made, each, kernel @ ..]) = (value.shape(), weight.shape.as_slice()) else {
@@ -142,23 +142,26 @@ impl Reader {
         self.reshaped(&largest, shape)
     }
 
-    /// What is pooled, and the window.
-    fn pooled(&mut self, node: &NodeProto) -> Result<(Value, Window), String> {
+    /// A tensor with a batch, channels, and other dimensions.
+    fn maps(&self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
         if value.shape().len() < 3 || value.shape().contains(&0) {
             return Err(format!("a shape of {:?}, expected the batch, channels, and other dimensions", value.shape()));
         }
+        Ok(value)
+    }
+
+    /// What is pooled, and the window.
+    fn pooled(&self, node: &NodeProto) -> Result<(Value, Window), String> {
+        let value = self.maps(node)?;
+        let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
         let window = Window::new(node, &value.shape()[2..], &lengths(kernel)?)?;
         Ok((value, window))
     }
 
     /// The mean or the largest of each channel.
     pub(super) fn global_pool(&mut self, node: &NodeProto) -> Made {
-        let value = self.input(node, 0)?;
-        if value.shape().len() < 3 || value.shape().contains(&0) {
-            return Err(format!("a shape of {:?}, expected the batch, channels, and other dimensions", value.shape()));
-        }
+        let value = self.maps(node)?;
         let kept: Vec<usize> =
             value.shape().iter().enumerate().map(|(at, dim)| if at < 2 { *dim } else { 1 }).collect();
         match node.op_type.as_str() {
