@@ -42,12 +42,12 @@ unit_tests() {
     --config $quick.metafmu-core.opt-level=1 --config $quick.metafmu-core.codegen-units=16
   cargo test --package metafmu --package metafmu-baselines --lib --release --locked --config $quick.metafmu.opt-level=0
 }
-# with the interpreter of the tests; models of PyTorch, Keras and JAX are left out, as these are gigabytes
+# with the interpreter of the tests; models of PyTorch are left out, which is gigabytes
 python_package() {
   rm -rf target/wheels
   .venv/bin/maturin build --quiet --release --locked --manifest-path python/Cargo.toml
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
-  (cd python/tests && ../../.venv/bin/python -m pytest -p no:cacheprovider -n 2 --dist load test_package.py test_sklearn.py test_notebooks.py -k "not torch")
+  (cd python/tests && ../../.venv/bin/python -m pytest -p no:cacheprovider -n 2 --dist load --no-skips --ignore test_torch.py -k "not torch")
 }
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 

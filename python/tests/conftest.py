@@ -8,8 +8,20 @@ import metafmu
 fmpy = pytest.importorskip("fmpy")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--no-skips", action="store_true", help="fail if a test is skipped, for instance because a framework is not installed")
+
+
+def pytest_sessionfinish(session):
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    skipped = reporter.stats.get("skipped") if reporter else None
+    if session.config.getoption("--no-skips") and skipped:
+        reporter.write_line(f"\n--no-skips: {len(skipped)} skipped: {skipped[0].longrepr}", red=True)
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
 def by_fmpy(fmu, names, outputs, rows):
-    """The outputs of an FMU at rows of its inputs, by fmpy."""
+    """The outputs of an FMU at rows of its inputs, and their directional derivatives along each input, by fmpy."""
     description = fmpy.read_model_description(fmu)
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
     folder = fmpy.extract(fmu)
@@ -22,18 +34,19 @@ def by_fmpy(fmu, names, outputs, rows):
     instance.enterInitializationMode()
     instance.exitInitializationMode()
     set_values, get_values = (instance.setReal, instance.getReal) if is_2 else (instance.setFloat64, instance.getFloat64)
-    found = []
+    found, slopes = [], []
     for row in rows:
         set_values(given, row)
         found.append(get_values(wanted))
+        slopes.append([instance.getDirectionalDerivative(wanted, [along], [1.0]) for along in given])
     instance.terminate()
     instance.freeInstance()
-    return np.array(found)
+    return np.array(found), np.array(slopes).transpose(0, 2, 1)
 
 
 @pytest.fixture
 def agrees(tmp_path, request):
-    """Compares predictions, and both FMUs, with what is expected, relative to its range."""
+    """Compares predictions, and both FMUs, with what is expected, relative to its range; and the FMUs' directional derivatives with the surrogate's."""
 
     def check(surrogate, rows, expected, tolerance):
         rows, expected = np.asarray(rows, dtype=np.float64), np.asarray(expected, dtype=np.float64)
@@ -43,9 +56,11 @@ def agrees(tmp_path, request):
         names, outputs = ([item.name for item in items] for items in (surrogate.inputs, surrogate.outputs))
         largest = np.max(np.abs(surrogate.predict(rows) - expected) / scale)
         some = slice(0, 20)
+        jacobian = surrogate.jacobian(rows[some])
         for fmu in surrogate.export(tmp_path / "model.fmu", fmi="both"):
-            found = by_fmpy(fmu, names, outputs, rows[some])
+            found, slopes = by_fmpy(fmu, names, outputs, rows[some])
             largest = max(largest, np.max(np.abs(found - expected[some]) / scale))
+            assert np.abs(slopes - jacobian).max() <= 1e-12 * np.abs(jacobian).max()
         print(f"\nLARGEST {request.node.path.stem} tolerance {tolerance:.0e} {request.node.name} {largest:.2e}")
         assert largest <= tolerance, f"{largest:.3e} of the range"
 

@@ -1,11 +1,11 @@
-"""Models of Keras 3."""
+"""Models of Keras 3, on JAX unless KERAS_BACKEND says otherwise: the FMU predicts what the model does, and its derivatives are autograd's."""
 
 import os
 
 import numpy as np
 import pytest
 
-os.environ.setdefault("KERAS_BACKEND", "torch")
+os.environ.setdefault("KERAS_BACKEND", "jax")
 
 import metafmu
 
@@ -55,6 +55,27 @@ MODELS = {
 }
 
 
+def autograd(model, rows):
+    """Derivatives by the backend of Keras, of shape (rows, outputs, inputs)."""
+    if keras.backend.backend() == "jax":
+        import jax
+
+        weights = [variable.value for variable in model.trainable_variables], [variable.value for variable in model.non_trainable_variables]
+
+        def of_row(row):
+            outputs, _ = model.stateless_call(*weights, row[None], training=False)
+            return jax.numpy.concatenate(jax.tree.leaves(outputs), axis=1)[0]
+
+        return np.asarray(jax.vmap(jax.jacfwd(of_row))(rows))
+    import torch
+
+    def of_row(row):
+        outputs = model(row[None], training=False)
+        return torch.cat(outputs if isinstance(outputs, (list, tuple)) else [outputs], dim=1)[0]
+
+    return np.stack([torch.autograd.functional.jacobian(of_row, torch.tensor(row)).numpy() for row in rows])
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_the_fmu_predicts_what_keras_does(name, rows, agrees):
     """In single precision: Keras multiplies matrices in no other one, also where weights are doubles."""
@@ -69,6 +90,8 @@ def test_the_fmu_predicts_what_keras_does(name, rows, agrees):
     expected = np.concatenate(expected, axis=1) if isinstance(expected, (list, tuple)) else expected
     surrogate = metafmu.from_keras(model, data=rows[0])
     agrees(surrogate, x, expected, 1e-6)
+    slopes = autograd(model, x[:20])
+    assert np.abs(surrogate.jacobian(x[:20]) - slopes).max() <= 1e-4 * max(np.abs(slopes).max(), 1.0)
 
 
 def test_what_is_not_known_is_refused(rows):

@@ -15,13 +15,14 @@ from sklearn.cross_decomposition import PLSRegression
 from sklearn.decomposition import PCA
 from sklearn.feature_selection import SelectKBest, f_regression
 from sklearn.gaussian_process import GaussianProcessRegressor, kernels
+from sklearn.kernel_approximation import Nystroem, RBFSampler
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import FeatureUnion, make_pipeline
-from sklearn.preprocessing import FunctionTransformer, MaxAbsScaler, MinMaxScaler, PolynomialFeatures, RobustScaler, StandardScaler
+from sklearn.preprocessing import FunctionTransformer, MaxAbsScaler, MinMaxScaler, PolynomialFeatures, PowerTransformer, RobustScaler, StandardScaler
 from sklearn.svm import SVR, LinearSVR, NuSVR
 
 MLP = {"max_iter": 60, "random_state": 0}
@@ -63,6 +64,11 @@ MODELS = {
         make_pipeline(ColumnTransformer([("a", StandardScaler(), [0, 2])], remainder="passthrough"), MLPRegressor(hidden_layer_sizes=(8,), activation="tanh", **MLP)), True, True,
     ),
     "selected": (make_pipeline(SelectKBest(f_regression, k=2), linear_model.Ridge()), False, True),
+    "power": (make_pipeline(PowerTransformer(), linear_model.Ridge()), True, True),
+    "box-cox": (make_pipeline(MinMaxScaler((1, 3)), PowerTransformer("box-cox", standardize=False), linear_model.Ridge()), True, True),
+    "random-waves": (make_pipeline(RBFSampler(gamma=0.3, random_state=0), linear_model.Ridge()), True, True),
+    "nystroem": (make_pipeline(Nystroem(gamma=0.3, n_components=30, random_state=0), linear_model.Ridge()), True, True),
+    "nystroem-poly": (make_pipeline(StandardScaler(), Nystroem(kernel="poly", degree=2, n_components=8, random_state=0), linear_model.Ridge()), True, True),
     "svr-rbf": (make_pipeline(StandardScaler(), SVR()), False, True),
     "svr-linear": (SVR(kernel="linear"), False, True),
     "svr-poly": (make_pipeline(StandardScaler(), SVR(kernel="poly", coef0=0.5)), False, True),
@@ -126,6 +132,15 @@ def test_thresholds_are_compared_as_scikit_learn_does(rows):
     assert np.array_equal(metafmu.from_sklearn(model, data=rows[0]).predict(x), model.predict(x))
 
 
+def test_an_estimator_that_predicts_otherwise_than_it_was_read_is_refused(rows):
+    """As one of a version whose fields mean something else."""
+    model = linear_model.Ridge().fit(*rows)
+    model.predict = lambda x: x @ model.coef_.T
+    for options in ({"data": rows[0]}, {"inputs": {"a": (-1, 1), "b": (0.5, 2), "c": (-3, 3)}}):
+        with pytest.raises(metafmu.Error, match="Ridge was read wrongly: predictions differ by"):
+            metafmu.from_sklearn(model, **options)
+
+
 def test_names_and_ranges_are_those_of_a_data_frame(rows):
     frame = pandas.DataFrame(rows[0], columns=["x", "v", "mass"])
     model = linear_model.Ridge().fit(frame, rows[1][:, 0])
@@ -153,6 +168,9 @@ def test_what_is_not_known_is_refused_with_what_is(rows):
         metafmu.from_sklearn(linear_model.Ridge().fit(x, y))
     with pytest.raises(metafmu.Error, match="2 inputs .*the model has 3"):
         metafmu.from_sklearn(linear_model.Ridge().fit(x, y), inputs=["a", "b"], data=x)
+
+    with pytest.raises(metafmu.Error, match="LogisticRegression is a classifier, expected a regressor"):
+        metafmu.from_sklearn(linear_model.LogisticRegression().fit(x, y[:, 0] > 0), data=x)
 
     class Doubled(linear_model.Ridge):
         def predict(self, X):

@@ -1,18 +1,25 @@
-"""Fitted estimators of scikit-learn, read in double precision."""
+"""Fitted estimators of scikit-learn, and boosted trees with its interface, read in double precision."""
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 
-from . import _metafmu
+from . import _boosting, _metafmu
 from ._graph import Graph
-from ._surrogate import Names, Surrogate
+from ._surrogate import Names, Surrogate, rows_of
 
 Error = _metafmu.Error
 
-_READERS = {}
+_READERS = {
+    "XGBRegressor": _boosting.xgboost,
+    "XGBRFRegressor": _boosting.xgboost,
+    "LGBMRegressor": _boosting.lightgbm,
+    "CatBoostRegressor": _boosting.catboost,
+}
+_PACKAGES = ("sklearn", "xgboost", "lightgbm", "catboost")
 
 
 def _reads(*names):
@@ -36,7 +43,7 @@ def from_sklearn(
     stop: float = 1.0,
     domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of a fitted regressor or pipeline of scikit-learn.
+    """The surrogate of a fitted regressor or pipeline of scikit-learn, XGBoost, LightGBM or CatBoost.
 
     ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality``
     ("input", "parameter" or "time"); unless given the columns of the DataFrame that it was fitted to. ``outputs``: names, or a dict of names
@@ -46,27 +53,69 @@ def from_sklearn(
     >>> model = make_pipeline(StandardScaler(), MLPRegressor()).fit(X, y)
     >>> metafmu.from_sklearn(model, data=X, outputs={"force": "N"}).export("model.fmu")
 
-    Raises :class:`metafmu.Error` for an estimator that is not known, with those that are.
+    Raises :class:`metafmu.Error` for an estimator that is not known, with those that are, and if the surrogate does not predict what the estimator
+    does, which a version that is not known may cause.
     """
-    count = getattr(estimator, "n_features_in_", None)
+    _check(estimator)
+    try:
+        count = estimator.n_features_in_
+    except AttributeError:
+        count = None
     if count is None:
-        _check(estimator)
         raise Error(f"{type(estimator).__name__} is not fitted: expected one after `fit`")
     graph = Graph(count)
     value = _read(graph, estimator, 0)
     names = getattr(estimator, "feature_names_in_", None)
-    return graph.finish(
+    surrogate = graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
         producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
     )
+    _compare(estimator, surrogate, names, data)
+    return surrogate
+
+
+# rows that predictions are compared in, and the largest difference, as a share of the range: that of single precision, and of ill-conditioned
+# Gaussian processes, is far below, and a model that was read wrongly far above
+_ROWS, _DIFFERENCE = 64, 1e-4
+
+
+def _compare(estimator, surrogate, names, data):
+    """Raises :class:`metafmu.Error` if a surrogate predicts something else than the estimator: what was read is private in part, and changes from
+    version to version."""
+    if data is None:
+        low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
+        rows = np.random.default_rng(0).uniform(low, high, (_ROWS, len(low)))
+    else:
+        rows = rows_of(data, [item.name for item in surrogate.inputs], "data")
+        rows = rows[:: -(-len(rows) // _ROWS)]
+    columns = rows
+    if names is not None and hasattr(data, "columns"):
+        columns = type(data)({str(name): rows[:, place] for place, name in enumerate(names)})
+    with warnings.catch_warnings():
+        # rows without names, for an estimator that was fitted to names
+        warnings.simplefilter("ignore")
+        expected = np.asarray(estimator.predict(columns), dtype=np.float64).reshape(len(rows), -1)
+    found = surrogate.predict(rows)
+    scale = max(np.abs(expected).max(), np.finfo(np.float64).tiny)
+    difference = np.abs(found - expected).max() / scale
+    # of leaves and kinks a few rows may lie on the other side, by rounding
+    if found.shape != expected.shape or np.mean(np.abs(found - expected).max(axis=1) > _DIFFERENCE * scale) > 0.05:
+        raise Error(
+            f"{type(estimator).__name__} was read wrongly: predictions differ by {difference:.1e} of the largest one; its version is not known, "
+            "or one of its options; convert it to ONNX and use from_onnx, if that is possible"
+        )
 
 
 def _check(estimator):
     kind = type(estimator)
     # a class of somebody else may predict otherwise than the one it comes from
-    if kind.__name__ in _READERS and kind.__module__.split(".")[0] == "sklearn":
+    if kind.__name__ in _READERS and kind.__module__.split(".")[0] in _PACKAGES:
         return _READERS[kind.__name__]
-    raise Error(f"{kind.__name__} of {kind.__module__} is not known, expected one of {', '.join(sorted(_READERS))}")
+    if hasattr(estimator, "classes_") or kind.__name__.endswith("Classifier"):
+        raise Error(f"{kind.__name__} is a classifier, expected a regressor: outputs of an FMU are numbers")
+    raise Error(
+        f"{kind.__name__} of {kind.__module__} is not known, expected one of {', '.join(sorted(_READERS))}; or convert it to ONNX and use from_onnx"
+    )
 
 
 def _read(graph, estimator, value):
@@ -197,6 +246,49 @@ def _columns(graph, estimator, value):
             part = _read(graph, step, part)
         parts.append(graph.linear(part, weights[name]) if name in weights else part)
     return graph.concatenate(parts)
+
+
+@_reads("PowerTransformer")
+def _power(graph, estimator, value):
+    lambdas = np.asarray(estimator.lambdas_, dtype=np.float64)
+    one, minus = np.ones(len(lambdas)), -np.ones(len(lambdas))
+    if estimator.method == "box-cox":
+        powers = _box_cox(graph, value, lambdas)
+    else:
+        # Yeo and Johnson 2000: of (1 + x) where x is positive, of (1 - x) where it is negative; each is 0 where the other one is not
+        above = _box_cox(graph, graph.linear(graph.elementwise(value, "relu"), one, one), lambdas)
+        below = _box_cox(graph, graph.linear(graph.elementwise(graph.linear(value, minus), "relu"), one, one), 2.0 - lambdas)
+        powers = graph.combine(above, below, "subtract")
+    return _read(graph, estimator._scaler, powers) if estimator.standardize else powers
+
+
+def _box_cox(graph, value, lambdas):
+    """``(x^a - 1) / a``, the logarithm where a = 0, of positive numbers."""
+    parts = []
+    for place, exponent in enumerate(lambdas):
+        part = graph.select(value, [place])
+        if abs(exponent) < np.spacing(1.0):
+            parts.append(graph.elementwise(part, "log"))
+        else:
+            parts.append(graph.linear(graph.elementwise(part, "power", exponent), 1.0 / exponent, -1.0 / exponent))
+    return graph.concatenate(parts)
+
+
+@_reads("RBFSampler")
+def _random_kitchen_sinks(graph, estimator, value):
+    waves = graph.affine(value, np.asarray(estimator.random_weights_).T, np.asarray(estimator.random_offset_))
+    return graph.linear(graph.elementwise(waves, "cos"), np.sqrt(2.0 / estimator.n_components))
+
+
+@_reads("Nystroem")
+def _nystroem(graph, estimator, value):
+    if estimator.kernel_params:
+        raise Error("a Nystroem with kernel_params, expected gamma, coef0 and degree")
+    vectors = np.asarray(estimator.components_, dtype=np.float64)
+    gamma = 1.0 / vectors.shape[1] if estimator.gamma is None else estimator.gamma
+    coef0, degree = (1.0 if estimator.coef0 is None else estimator.coef0), (3 if estimator.degree is None else estimator.degree)
+    kernel = _kernel_of_vectors(graph, value, vectors, estimator.kernel, gamma, coef0, degree)
+    return graph.affine(kernel, np.asarray(estimator.normalization_, dtype=np.float64))
 
 
 @_reads("SelectKBest", "SelectPercentile", "SelectFromModel", "VarianceThreshold")
