@@ -150,6 +150,7 @@ mod tests {
             test_rows: 100,
             content_digest: String::new(),
             roll_outs: None,
+            rows: None,
             seen_until: None,
             verdict: None,
         };

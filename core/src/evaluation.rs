@@ -5,13 +5,15 @@ mod roll_outs;
 use crate::{
     dataset::{Dataset, Run},
     layout::Point,
+    variable::Variable,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Scratch, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual, predict_off};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What is to be thought of a surrogate.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,12 +65,22 @@ pub struct OutputMetrics {
     pub within_bound: Option<f64>,
 }
 
+/// Rows that a surrogate was measured on, which belong to no runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TestRows {
+    /// Rows that were given for it.
+    Given,
+    /// Those that were held out of the training, where they chose the best epoch.
+    HeldOut,
+}
+
 /// Accuracy of a surrogate, and on what it was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     /// Accuracy of each output, by name.
     pub outputs: IndexMap<String, OutputMetrics>,
-    /// Number of test runs.
+    /// Number of test runs; of rows without runs each is one.
     pub test_runs: usize,
     /// Number of rows of all of them.
     pub test_rows: usize,
@@ -77,6 +89,9 @@ pub struct Accuracy {
     /// How errors grow along roll-outs, of a surrogate with states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roll_outs: Option<RollOuts>,
+    /// What the rows are, if they belong to no runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows: Option<TestRows>,
     /// End of the rows of the test runs that were learned from, in seconds, if runs were divided in time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_until: Option<f64>,
@@ -101,9 +116,33 @@ impl Accuracy {
             test_rows: test.row_count(),
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
             roll_outs: surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions)),
+            rows: None,
             seen_until: None,
             verdict: None,
         }
+    }
+
+    /// Measures a surrogate without states on rows of its inputs, `points`, and what its outputs should be, `labels`. The run of an
+    /// error is its row, counted from 0.
+    pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &[Vec<f64>], labels: &[Vec<f64>]) -> Self {
+        let evaluator = Evaluator::new(surrogate);
+        let predict = |scratch: &mut Scratch, point: &Vec<f64>| {
+            let mut outputs = vec![0.0; surrogate.outputs().len()];
+            evaluator.evaluate(point, &mut outputs, scratch);
+            outputs
+        };
+        let predictions: Vec<Vec<f64>> = points.par_iter().map_init(|| evaluator.scratch(), predict).collect();
+        let times: Arc<[f64]> = [0.0].into();
+        let run = |labels: &Vec<f64>| Run {
+            parameters: Vec::new(),
+            times: times.clone(),
+            inputs: Vec::new(),
+            outputs: labels.clone(),
+        };
+        let outputs = surrogate.outputs().iter().map(|output| Variable::new(&output.name, &output.unit, "")).collect();
+        let runs = labels.iter().map(run).collect();
+        let test = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs, runs };
+        Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, &predictions) }
     }
 }
 
@@ -179,7 +218,6 @@ fn finite(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::Variable;
     use metafmu_runtime::example;
 
     #[test]
@@ -189,7 +227,7 @@ mod tests {
         let variable = |name: &str| Variable::new(name, "", "");
         let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
             .map(|parameters| {
-                let times: std::sync::Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
+                let times: Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
                 let mut run = Run { inputs: Vec::new(), parameters: parameters.to_vec(), times, outputs: Vec::new() };
                 run.outputs = predict(&surrogate, &evaluator, &run);
                 run
@@ -211,6 +249,31 @@ mod tests {
         let total: f64 = labels.iter().map(|label| (label - mean).powi(2)).sum();
         assert!((metrics[0].r2.unwrap() - (1.0 - 0.0625 / total)).abs() < 1e-14);
         assert_eq!((metrics[1].r2, metrics[1].mse), (Some(1.0), 0.0));
+    }
+
+    #[test]
+    fn rows_are_measured_as_runs_of_one_row_are() {
+        let surrogate = example::surrogate();
+        let evaluator = Evaluator::new(&surrogate);
+        let points: Vec<Vec<f64>> = (0..9).map(|i| vec![0.1 + 0.01 * f64::from(i), 3.0, 0.2 * f64::from(i)]).collect();
+        let mut scratch = evaluator.scratch();
+        let mut labels: Vec<Vec<f64>> = (points.iter())
+            .map(|point| {
+                let mut outputs = vec![0.0; 2];
+                evaluator.evaluate(point, &mut outputs, &mut scratch);
+                outputs
+            })
+            .collect();
+        labels[4][1] -= 0.5;
+        let accuracy = Accuracy::of_rows(&surrogate, TestRows::Given, &points, &labels);
+        assert_eq!((accuracy.test_runs, accuracy.test_rows, accuracy.rows), (9, 9, Some(TestRows::Given)));
+        assert_eq!((accuracy.outputs[0].mse, accuracy.outputs[0].r2), (0.0, Some(1.0)));
+        let off = &accuracy.outputs[1];
+        assert!((off.mse - 0.25 / 9.0).abs() < 1e-15 && (off.max_abs_error - 0.5).abs() < 1e-15, "{off:?}");
+        assert_eq!(off.worst_run, 4);
+        let mean = labels.iter().map(|row| row[1]).sum::<f64>() / 9.0;
+        let total: f64 = labels.iter().map(|row| (row[1] - mean).powi(2)).sum();
+        assert!((off.r2.unwrap() - (1.0 - 0.25 / total)).abs() < 1e-14, "{off:?}");
     }
 
     #[test]

@@ -37,7 +37,9 @@ pub struct Interface {
     /// The layers, of a model that is only tensors by name (`.npz`, `.safetensors`); ONNX files have them.
     #[serde(default)]
     pub layers: Vec<LayerOptions>,
-    /// Inputs of the FMU by name. Each is a column of the model: in the order of the model's unless they say which.
+    /// Inputs of the FMU by name. Each is a column of the model: in the order of the model's unless they say which. Only models with states may have
+    /// none.
+    #[serde(default)]
     pub inputs: IndexMap<String, InterfaceInput>,
     /// States of the FMU by name: columns of the model's inputs whose next values, or whose derivatives, are columns of its outputs.
     #[serde(default)]

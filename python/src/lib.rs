@@ -9,6 +9,8 @@ mod interruptible;
 
 use interruptible::interruptible;
 use metafmu::{
+    dataset::Run,
+    evaluation::{self, Accuracy, TestRows},
     export::validate_apart,
     fmi::{Watch, Workers},
     import::{self, onnx},
@@ -125,8 +127,17 @@ impl Surrogate {
         }
         let name = &self.surrogate.metadata().name;
         Err(refused(format!(
-            "`{name}` has states: its outputs follow from what was before, expected a surrogate without; `metafmu predict` rolls out tables"
+            "`{name}` has states: its outputs follow from what was before, expected a surrogate without; `simulate` goes along its inputs in time, and `metafmu predict` along those in a table"
         )))
+    }
+
+    /// Refuses a surrogate without states: there is nothing to begin with.
+    fn stateful(&self) -> PyResult<()> {
+        if self.surrogate.goes_on() {
+            return Ok(());
+        }
+        let name = &self.surrogate.metadata().name;
+        Err(refused(format!("`{name}` has no states: its outputs follow from its inputs alone, `predict` gives them")))
     }
 
     fn predict<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
@@ -137,6 +148,29 @@ impl Surrogate {
     /// Of each row, how far it is from the domain of validity.
     fn domain_distance<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         self.rows(py, x, 1, |point, values, _| values[0] = self.domain.distance(point, 0))
+    }
+
+    /// How far predictions are from what they should be, as JSON.
+    fn evaluate(&self, py: Python<'_>, x: &[u8], y: &[u8]) -> PyResult<String> {
+        let (points, labels) = (rows(Some(x), self.evaluator.columns()), rows(Some(y), self.evaluator.results()));
+        let (points, labels) = (points.unwrap_or_default(), labels.unwrap_or_default());
+        let accuracy = py.detach(|| Accuracy::of_rows(&self.surrogate, TestRows::Given, &points, &labels));
+        serde_json::to_string(&accuracy).map_err(refused)
+    }
+
+    /// The outputs at each of the times, of a surrogate with states, from its start on: `constants` are its parameters and starts, `inputs` has a row
+    /// for each time.
+    fn simulate<'py>(
+        &self,
+        py: Python<'py>,
+        times: &[u8],
+        inputs: &[u8],
+        constants: Vec<f64>,
+    ) -> PyResult<Bound<'py, PyByteArray>> {
+        let run =
+            Run { parameters: constants, times: doubles(times).into(), inputs: doubles(inputs), outputs: Vec::new() };
+        let outputs = py.detach(|| evaluation::predict(&self.surrogate, &self.evaluator, &run));
+        Ok(PyByteArray::new(py, &bytes(&outputs)))
     }
 
     /// Of each row, the derivatives of each output by each input, output by output.
@@ -165,9 +199,12 @@ impl Surrogate {
         fmi: &str,
         sources: bool,
         platforms: Vec<String>,
+        accuracy: Option<&str>,
     ) -> PyResult<Vec<PathBuf>> {
+        let accuracy: Option<Accuracy> = accuracy.map(serde_json::from_str).transpose().map_err(refused)?;
         let options = ExportOptions { fmi: versions(Some(fmi))?, platforms, sources, ..ExportOptions::default() };
-        let written = py.detach(|| pipeline::export::export_surrogate(&self.surrogate, &path, &options));
+        let written =
+            py.detach(|| pipeline::export::export_surrogate(&self.surrogate, accuracy.as_ref(), &path, &options));
         Ok(written.map_err(refused)?.into_iter().map(|Written { fmu, .. }| fmu).collect())
     }
 }

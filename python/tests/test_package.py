@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -95,12 +96,16 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
     for k in range(1, 11):
         h = np.tanh(0.5 * weights["W"] + h @ weights["U"])
         assert abs(found[k] - (h @ weights["V"]).item()) < 1e-12
+    found = cell.simulate(0.1 * np.arange(11), np.full(11, 0.5), {"y_start": 0.25})
+    assert found.shape == (11, 1) and found[0, 0] == 0.25 and abs(found[-1, 0] - (h @ weights["V"]).item()) < 1e-12
     flow = metafmu.from_onnx(model, inputs={"x": (-1, 1)}, outputs={"y": {"column": "y"}}, states={"h": {"derivative": "h1"}}, solver_step=0.01)
     [fmu] = flow.export(tmp_path / "flow.fmu", fmi="3")
     assert metafmu.validate(fmu)
     scipy = pytest.importorskip("scipy.integrate")
     rates = lambda time, h: np.tanh(0.5 * weights["W"][0] + h @ weights["U"])
     expected = scipy.solve_ivp(rates, (0, 1), np.zeros(4), rtol=1e-11, atol=1e-12).y[:, -1]
+    time = np.linspace(0.0, 1.0, 11)
+    assert abs(flow.simulate(time, {"x": 0.5})[-1, 0] - (rates(0, expected) @ weights["V"]).item()) < 1e-7
     for kind in ("CoSimulation", "ModelExchange"):
         found = fmpy.simulate_fmu(str(fmu), fmi_type=kind, start_values={"x": 0.5}, stop_time=1.0, output_interval=0.1, relative_tolerance=1e-9)["y"]
         assert abs(found[-1] - (rates(0, expected) @ weights["V"]).item()) < 1e-7, kind
@@ -121,6 +126,56 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
         metafmu.from_onnx(model, inputs={"x": (-1, float("inf"))}, states={"h": "h1"}, sample=0.1)
     with pytest.raises(metafmu.Error, match="has states"):
         cell.predict([[0.5]])
+    for wrong, message in [
+        ((time,), "no inputs, expected a column for each of x"),
+        ((time, {"u": time}), "inputs has no `x`, it has u"),
+        ((time, time[:3]), "inputs has 3 rows, expected 11"),
+        ((time[::-1], time), "expected ascending numbers"),
+        ((time, time * np.nan), "not finite"),
+        ((time, time, {"start": 1.0}), "no parameter `start`, expected one of y_start"),
+        ((time, time, {"y_start": np.inf}), "`y_start`: inf, expected a finite number"),
+    ]:
+        with pytest.raises(metafmu.Error, match=message):
+            cell.simulate(*wrong)
+
+
+def test_a_differential_equation_alone_shows_its_states():
+    onnx = pytest.importorskip("onnx")
+    helper, double = onnx.helper, onnx.TensorProto.DOUBLE
+    tensor = lambda name: helper.make_tensor_value_info(name, double, [1, 2])
+    graph = helper.make_graph([helper.make_node("Mul", ["x", "k"], ["dx"])], "decay", [tensor("x")], [tensor("dx")], [helper.make_tensor("k", double, [2], [-1.0, -2.0])])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    decay = metafmu.from_onnx(model, states={"x": {"derivative": "dx", "start": 1.0}})
+    assert [item.name for item in decay.outputs] == ["x[0]", "x[1]"]
+    assert np.abs(decay.simulate([0.0, 0.5, 2.0], parameters={"x[1]_start": 3.0}) - [[1.0, 3.0], *([np.exp(-t), 3 * np.exp(-2 * t)] for t in (0.5, 2.0))]).max() < 1e-8
+
+
+def test_what_was_measured_is_in_the_model_card(surrogate, rows, tmp_path):
+    """R², errors and their place, of labels that are off in one row."""
+    x = rows[0]
+    y = surrogate.predict(x)
+    y[17] += 0.5
+    assert surrogate.accuracy is None
+    found = surrogate.evaluate(x, y[:, 0])["y"]
+    assert abs(found["r2"] - (1 - 0.25 / np.sum((y - y.mean()) ** 2))) < 1e-12
+    assert abs(found["rmse"] - 0.5 / np.sqrt(len(x))) < 1e-12 and abs(found["max_error"] - 0.5) < 1e-12 and found["worst_row"] == 17
+    assert abs(found["relative_max_error"] - 0.5 / (surrogate.outputs[0].max - surrogate.outputs[0].min)) < 1e-12
+    for source in (surrogate, pickle.loads(pickle.dumps(surrogate))):
+        [fmu] = source.export(tmp_path / "x.fmu")
+        with zipfile.ZipFile(fmu) as archive:
+            card = archive.read("documentation/index.html").decode()
+        assert "Measured on 200 rows that were given for it" in card and f"{found['r2']:.6f}" in card
+    for wrong, message in [((x, y[:3]), "X has 200 rows and y 3"), ((x, y * np.nan), "y has a number that is not finite in row 0"), ((x[:0], y[:0]), "at least one")]:
+        with pytest.raises(metafmu.Error, match=message):
+            surrogate.evaluate(*wrong)
+
+
+def test_a_network_that_explains_nothing_is_no_surrogate():
+    random = np.random.default_rng(4)
+    x = random.uniform(-1, 1, (400, 2))
+    with pytest.warns(metafmu.AccuracyWarning, match="a poor surrogate: R² on the held-out rows of `noise`"):
+        surrogate = metafmu.fit(x, np.column_stack([random.normal(size=400), x[:, 0]]), outputs=["noise", "x"], epochs=50)
+    assert surrogate.accuracy["noise"]["r2"] < 0.2 and surrogate.accuracy["x"]["r2"] > 0.9
 
 
 def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):
@@ -208,6 +263,7 @@ def test_a_network_is_fitted_to_a_data_frame(agrees):
     frame["force"] = -3 * frame.x**3 + 0.5 * np.tanh(frame.v)
     surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], inputs={"x": "m", "v": "m/s"}, outputs={"force": "N"}, hidden=(32, 32))
     found = surrogate.predict(frame)
+    assert surrogate.accuracy["force"]["r2"] > 0.9999
     assert np.sqrt(np.mean((found[:, 0] - frame.force) ** 2)) < 0.01 * frame.force.std()
     assert (surrogate.inputs[0].unit, surrogate.outputs[0].name) == ("m", "force")
     agrees(surrogate, frame[["x", "v"]].to_numpy(), found, 1e-12)

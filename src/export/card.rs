@@ -6,7 +6,7 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE},
 };
 use crate::{
-    evaluation::{Accuracy, Horizon, RollOuts, Verdict},
+    evaluation::{Accuracy, Horizon, RollOuts, TestRows, Verdict},
     html::{activation, escape, number, rejection},
     report::Drawn,
     study::ExportOptions,
@@ -146,15 +146,20 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     let Some(accuracy) = accuracy else {
         return line(page, "<p>The model was not evaluated before this FMU was made.</p>");
     };
-    let Accuracy { outputs, test_runs, test_rows, seen_until, .. } = accuracy;
-    let unseen = match seen_until {
-        Some(stop) => format!(", the rows up to {stop} s of which it was learned from"),
-        None => " that took no part in training".into(),
+    let Accuracy { outputs, test_runs, test_rows, rows, seen_until, .. } = accuracy;
+    let runs = format!("{test_runs} runs of the original model ({test_rows} rows)");
+    let measured = match (rows, seen_until) {
+        (Some(TestRows::Given), _) => format!("{test_rows} rows that were given for it"),
+        (Some(TestRows::HeldOut), _) => {
+            format!("{test_rows} rows that were held out of the training and chose its best epoch")
+        }
+        (None, Some(stop)) => format!("{runs}, the rows up to {stop} s of which it was learned from"),
+        (None, None) => format!("{runs} that took no part in training"),
     };
     line(
         page,
         &format!(
-            "<p>Measured on {test_runs} runs of the original model ({test_rows} rows){unseen}.</p>\n\
+            "<p>Measured on {measured}.</p>\n\
              <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error, of the range</th><th>Unit</th></tr>"
         ),
     );
@@ -415,6 +420,7 @@ mod tests {
             test_rows: 4020,
             content_digest: String::new(),
             roll_outs: None,
+            rows: None,
             seen_until: None,
             verdict: Some(Verdict::of(Vec::new())),
         };
@@ -436,6 +442,12 @@ mod tests {
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
         let trusted = "may be trusted inside the ranges";
         assert!(page.contains(trusted) && !page.contains("Rejected"), "{page}");
+        let of_rows = Accuracy { rows: Some(TestRows::HeldOut), verdict: None, ..accuracy.clone() };
+        let of_rows = card(&surrogate, &about, Some(&of_rows), &[]);
+        assert!(
+            of_rows.contains("4020 rows that were held out of the training") && !of_rows.contains("20 runs"),
+            "{of_rows}"
+        );
         let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
         assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
         assert!(unknown.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{unknown}");

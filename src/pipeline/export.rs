@@ -145,18 +145,23 @@ pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
 }
 
 /// The FMUs of a surrogate, with these names: of a single version it is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3` in its
-/// name.
+/// name. `accuracy`: what was measured of it, for the model card.
 ///
 /// # Errors
 /// [`Error::Io`], the error of an unknown platform.
-pub fn export_surrogate(surrogate: &Surrogate, fmu: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
+pub fn export_surrogate(
+    surrogate: &Surrogate,
+    accuracy: Option<&Accuracy>,
+    fmu: &Path,
+    options: &ExportOptions,
+) -> Result<Vec<Written>> {
     let plan = Plan::of(options, FmiChoice::default())?;
     let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     files::writable_folder(folder)?;
     let stem = fmu.file_stem().unwrap_or_default().to_string_lossy();
     let target =
         Target { folder, name: &stem, alone: plan.wanted().count() == 1, about: &study::ExportOptions::default() };
-    write(&target, &plan, surrogate, None, &[])
+    write(&target, &plan, surrogate, accuracy, &[])
 }
 
 /// Fits a baseline, measures it on the test runs, and writes its model file and its FMUs.

@@ -3,6 +3,7 @@
 use super::observer::{Control, Event, Work};
 use crate::{
     Error, Result,
+    evaluation::{Accuracy, TestRows},
     import::{self, About},
     interface::Interface,
     network::Network,
@@ -44,6 +45,8 @@ pub struct Fit {
     pub train_loss: Vec<f64>,
     /// The same on the held-out rows.
     pub validation_loss: Vec<f64>,
+    /// Accuracy on the held-out rows.
+    pub accuracy: Accuracy,
 }
 
 /// Trains a network on rows of inputs and outputs; of a single row it is both trained and measured on it. A training that is stopped
@@ -83,7 +86,8 @@ pub fn fit(
         Rows::new(columns[0], columns[1], x, y)
     };
     let training_rows = rows(&x, &y)?;
-    let validation_rows = rows(&chosen(&inputs, &held_out), &chosen(outputs, &held_out))?;
+    let (unseen_x, unseen_y) = (chosen(&inputs, &held_out), chosen(outputs, &held_out));
+    let validation_rows = rows(&unseen_x, &unseen_y)?;
     let network = Network::new(columns[0], columns[1], &options.network, options.seed)?;
     let mut follower = Follower { control, epochs: options.training.epochs };
     let steps = training_rows.len().div_ceil(options.training.batch.max(1)) * options.training.epochs;
@@ -106,6 +110,7 @@ pub fn fit(
         stopped: outcome.reason,
         train_loss: losses(|epoch| epoch.train_loss),
         validation_loss: losses(|epoch| epoch.validation_loss),
+        accuracy: Accuracy::of_rows(&surrogate, TestRows::HeldOut, &unseen_x, &unseen_y),
     };
     Ok((surrogate, fit))
 }

@@ -122,7 +122,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
          # causality: \"input\" is driven by other components, \"parameter\" is set before the simulation (variability = \"tunable\": also\n\
          # between two steps), \"time\" is the simulation time. `value = 1.0` in place of a range: a column that is always the same.\n{known}",
         model.file_name().map_or("the model".into(), |name| name.to_string_lossy()),
-        step = match states.is_empty() && imported.recurrences.is_empty() {
+        step = match imported.recurrences.is_empty() && states.iter().all(|state| state.follows == Follows::Derivative) {
             true => "step = 0.01\n",
             false => "sample = 0.01    # time between two samples, in seconds\n",
         },
@@ -133,18 +133,24 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         text += &format!("\n# the model keeps {} from one sample to the next: hidden states\n", listed(&names));
     }
     for (name, rows, width) in
-        imported.stacked.iter().filter(|(name, ..)| states.iter().all(|(state, _)| state != name))
+        imported.stacked.iter().filter(|(name, ..)| states.iter().all(|state| state.column != *name))
     {
         text += &format!(
             "\n# {name}: {rows} rows of {width} numbers, which are all inputs; if they are a batch, export the model with one row\n"
         );
     }
-    for (column, next) in &states {
+    for Fed { column, output, follows } in &states {
+        let (key_of_output, about) = match follows {
+            Follows::Next => ("next", "what it is a sample later; `derivative = ` if it is its derivative"),
+            Follows::Derivative => {
+                ("derivative", "with respect to time; `next = ` if it is what the state is a sample later")
+            }
+        };
         text += &format!(
-            "\n[states.{}]\ncolumn = {}\nnext = {}    # what it is a sample later; `derivative = ` if it is its derivative\nstart = 0.0\n",
+            "\n[states.{}]\ncolumn = {}\n{key_of_output} = {}    # {about}\nstart = 0.0\n",
             key(&identifier(column)),
             quoted(column),
-            quoted(next)
+            quoted(output)
         );
     }
     let of_state = |column: &str, names: &[&String]| {
@@ -152,7 +158,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         names.iter().any(|name| *name == column || *name == tensor)
     };
     let (of_inputs, of_outputs): (Vec<&String>, Vec<&String>) =
-        states.iter().map(|(input, next)| (input, next)).unzip();
+        states.iter().map(|state| (&state.column, &state.output)).unzip();
     for (column, name) in imported.inputs.iter().zip(&inputs).filter(|(column, _)| !of_state(column, &of_inputs)) {
         let range = match data {
             Some(_) => "",
@@ -164,14 +170,35 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
             quoted(column)
         );
     }
-    for (column, name) in imported.outputs.iter().zip(&outputs).filter(|(column, _)| !of_state(column, &of_outputs)) {
+    let left = || imported.outputs.iter().zip(&outputs).filter(|(column, _)| !of_state(column, &of_outputs));
+    // a model that only tells how its states go on shows them
+    let states = || imported.inputs.iter().zip(&inputs).filter(|(column, _)| of_state(column, &of_inputs));
+    let shown: Vec<_> = if left().next().is_some() { left().collect() } else { states().collect() };
+    for (column, name) in shown {
         text += &format!("\n[outputs.{}]\ncolumn = {}\nunit = \"\"\ndescription = \"\"\n", key(name), quoted(column));
     }
     Ok(text)
 }
 
-/// Inputs that are states by their names, with the outputs that are their next values: as the exports of recurrent cells call them.
-fn feedback(imported: &Imported) -> Vec<(String, String)> {
+/// An input that is a state, by its name.
+struct Fed {
+    /// The input.
+    column: String,
+    /// The output that it follows from.
+    output: String,
+    follows: Follows,
+}
+
+/// What an output is of a state.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Follows {
+    Next,
+    Derivative,
+}
+
+/// Inputs that are states by their names, with the outputs that are their next values, as the exports of recurrent cells call them, or, if
+/// there are none, their derivatives.
+fn feedback(imported: &Imported) -> Vec<Fed> {
     let tensors = |columns: &[String]| {
         let mut found: Vec<(String, usize)> = Vec::new();
         for column in columns {
@@ -184,17 +211,29 @@ fn feedback(imported: &Imported) -> Vec<(String, String)> {
         found
     };
     let (inputs, outputs) = (tensors(&imported.inputs), tensors(&imported.outputs));
-    let mut states: Vec<(String, String)> = Vec::new();
-    for (input, width) in &inputs {
-        let later = later_names(input);
-        let is_free = |output: &str| states.iter().all(|(_, other)| other != output);
-        let fits =
-            |name: &String| outputs.iter().find(|(output, count)| output == name && count == width && is_free(output));
-        if let Some((output, _)) = later.iter().find_map(fits) {
-            states.push((input.clone(), output.clone()));
+    let found = |follows: Follows, names_of: fn(&str) -> Vec<String>| {
+        let mut states: Vec<Fed> = Vec::new();
+        for (input, width) in &inputs {
+            let is_free = |output: &str| states.iter().all(|state| state.output != output);
+            let fits = |name: &String| {
+                outputs.iter().find(|(output, count)| output == name && count == width && is_free(output))
+            };
+            if let Some((output, _)) = names_of(input).iter().find_map(fits) {
+                states.push(Fed { column: input.clone(), output: output.clone(), follows });
+            }
         }
-    }
-    states
+        states
+    };
+    let states = found(Follows::Next, later_names);
+    if states.is_empty() { found(Follows::Derivative, derivative_names) } else { states }
+}
+
+/// What the derivative of an input may be called.
+fn derivative_names(input: &str) -> Vec<String> {
+    let before = ["d", "d_", "der_"].iter().map(|prefix| format!("{prefix}{input}"));
+    let behind = ["_dot", "dot", "_derivative", "_der"].iter().map(|suffix| format!("{input}{suffix}"));
+    let around = [format!("d{input}dt"), format!("d{input}_dt"), format!("d{input}/dt"), format!("der({input})")];
+    before.chain(behind).chain(around).collect()
 }
 
 /// What the next value of an input may be called.

@@ -357,6 +357,17 @@ def test_the_starter_proposes_what_names_say(tmp_path):
     (tmp_path / "cell.onnx").write_bytes(cell("gru", explicit=False).SerializeToString())
     metafmu("import", "cell.onnx", "--new", "implicit.toml", cwd=tmp_path)
     assert "# the model keeps Y.h from one sample to the next" in (tmp_path / "implicit.toml").read_text()
+    # a differential equation without inputs shows its states
+    for number, derivative in enumerate(("dx", "x_dot", "der(x)")):
+        flow = model([node("Mul", "x k", derivative)], {"k": np.array([-1.0, -2.0])}, inputs=[("x", [1, 2])], outputs=[(derivative, [1, 2])], kind=DOUBLE)
+        (tmp_path / "flow.onnx").write_bytes(flow.SerializeToString())
+        metafmu("import", "flow.onnx", "--new", f"flow{number}.toml", cwd=tmp_path)
+        text = (tmp_path / f"flow{number}.toml").read_text()
+        assert f'[states.x]\ncolumn = "x"\nderivative = "{derivative}"' in text and "step = 0.01" in text and "[inputs" not in text, text
+        imported(tmp_path, flow, text.replace("start = 0.0", "start = 1.0"))
+        metafmu("export", "cell.safetensors", "--out", tmp_path, cwd=tmp_path)
+        result = simulate_fmu(str(fmu_of(tmp_path, "flow", 2)), stop_time=1.0, output_interval=0.1)
+        assert abs(result["x_0"][-1] - np.exp(-1)) < 1e-8 and abs(result["x_1"][-1] - np.exp(-2)) < 1e-8
     # numbers are no names of states
     numbered = model([node("Tanh", "0", "1")], inputs=[("0", [1, 3])], outputs=[("1", [1, 3])])
     (tmp_path / "numbered.onnx").write_bytes(numbered.SerializeToString())

@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from ._jax import from_jax
     from ._keras import from_keras
     from ._onnx import from_onnx
-    from ._regressor import Regressor, fit
+    from ._regressor import AccuracyWarning, Regressor, fit
     from ._sklearn import from_sklearn
     from ._study import Study, Validation, validate
     from ._surrogate import Surrogate
     from ._torch import from_torch
 
 _PLACES = {
+    "AccuracyWarning": "_regressor",
     "Graph": "_graph",
     "Regressor": "_regressor",
     "Study": "_study",

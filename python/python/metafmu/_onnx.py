@@ -38,13 +38,13 @@ def from_onnx(
 
     ``states``: inputs of the model that follow from its outputs, each with what is its next value a ``sample`` time (in seconds) later, or a
     dict with the keys of docs/import.md: ``next`` or ``derivative``, ``start``, ``column``, ``min``, ``max``, ``unit``, ``description``.
-    What is left are inputs and outputs. An LSTM that is exported with its states in and out:
+    What is left are inputs and outputs; if no output is left, the states are. An LSTM that is exported with its states in and out:
 
     >>> metafmu.from_onnx("cell.onnx", inputs={"torque": (-50, 50)}, states={"h0": "h1", "c0": "c1"}, sample=0.01).export("cell.fmu")
 
     and a neural ODE, whose FMU is for model exchange, too, with ``solver_step`` as its longest step:
 
-    >>> metafmu.from_onnx("ode.onnx", inputs={"u": (-2, 2)}, outputs={"x": {"column": "x"}}, states={"s": {"column": "x", "derivative": "dx", "start": 0.5}})
+    >>> metafmu.from_onnx("ode.onnx", inputs={"u": (-2, 2)}, states={"x": {"derivative": "dx", "start": 0.5}}).export("ode.fmu")
 
     Raises :class:`metafmu.Error` with the nodes that do not fit.
     """
@@ -60,8 +60,12 @@ def from_onnx(
     if not isinstance(states or {}, Mapping):
         raise _metafmu.Error(f"states: {states!r}, expected a dict: {{\"INPUT\": \"OUTPUT\", ...}}")
     of_states = {name: _state(name, about) for name, about in (states or {}).items()}
+    shown = columns
     columns = _without(columns, [about["column"] for about in of_states.values()])
     results = _without(results, [about.get("next", about.get("derivative", "")) for about in of_states.values()])
+    if outputs is None and not results and of_states:
+        # a model that only tells how its states go on shows them
+        outputs = {column: {"column": column} for column in shown if column not in columns}
     text, rows = interface(
         len(columns), len(results), inputs=inputs, outputs=outputs, data=data, name=name or title, description=description,
         step=0.01 if step is None and sample is None else step, stop=stop, domain=domain,

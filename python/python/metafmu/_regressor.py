@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import numbers
+import warnings
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,10 @@ except ImportError:  # scikit-learn is optional
         if len(y) != len(x) or not np.isfinite(y).all():
             raise _metafmu.Error(f"y has the shape {y.shape}, expected finite numbers in {len(x)} rows")
         return x, y
+
+
+class AccuracyWarning(UserWarning):
+    """A surrogate that predicts hardly better than a mean does."""
 
 
 _PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose")
@@ -124,7 +129,8 @@ class Regressor(RegressorMixin, BaseEstimator):
             "seed": self._seed(),
         }
         core, fit = _metafmu.fit(rows, np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
-        return Surrogate(core), json.loads(fit)
+        fit = json.loads(fit)
+        return Surrogate(core, fit.pop("accuracy")), fit
 
     def _epochs(self, rows):
         if self.epochs is not None:
@@ -174,7 +180,12 @@ def fit(
     ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
     given; ``options``: those of :class:`Regressor`.
 
+    A share of the rows is held out, to choose the best epoch; `Surrogate.accuracy` tells how far predictions are off there. An
+    :class:`AccuracyWarning` names outputs of which less than half of the variance is explained. `Surrogate.evaluate` measures on rows that took
+    no part in any choice.
+
     >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"}, hidden=(32, 32))
+    >>> surrogate.accuracy["force"]["r2"]
     >>> surrogate.export("force.fmu")
     """
     model = Regressor(**options)
@@ -188,4 +199,8 @@ def fit(
         raise _metafmu.Error("y has numbers that are not finite")
     model._names = [str(column) for column in X.columns] if hasattr(X, "columns") else None, names
     surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop, domain=domain)
+    poor = [f"`{name}` {of['r2']:.3g}" for name, of in surrogate.accuracy.items() if of["r2"] is not None and of["r2"] < 0.5]
+    if poor:
+        message = f"a poor surrogate: R² on the held-out rows of {', '.join(poor)}, where the mean would have 0; more rows, or other inputs, may be needed"
+        warnings.warn(message, AccuracyWarning, stacklevel=2)
     return surrogate

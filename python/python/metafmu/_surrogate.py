@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -68,9 +69,11 @@ class Surrogate:
     >>> surrogate.export("model.fmu", fmi="both")
     """
 
-    def __init__(self, core):
+    def __init__(self, core, accuracy=None):
         self._core = core
         self._metadata = json.loads(core.metadata())
+        # what was measured last, as the model card has it
+        self._accuracy = accuracy
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Surrogate:
@@ -131,6 +134,74 @@ class Surrogate:
         near some of them."""
         return self.domain_distance(X) <= _TOLERANCE
 
+    def evaluate(self, X: Any, y: Any) -> dict[str, dict[str, float | None]]:
+        """How far predictions are from what they should be: a dict for each output, of which `pandas.DataFrame` makes a table.
+
+        ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame; both unseen in training, or the figures
+        say little. ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error; ``max_error``: the largest
+        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the output's range.
+
+        FMUs that are exported afterwards have the figures in their model card.
+
+        >>> surrogate.evaluate(X_test, y_test)["force"]["r2"]
+        """
+        x = self._rows(X)
+        if not hasattr(y, "columns") and np.ndim(y) == 1 and len(self._metadata["outputs"]) == 1:
+            y = np.asarray(y)[:, None]
+        y = rows_of(y, [item["name"] for item in self._metadata["outputs"]], "y")
+        if len(x) != len(y) or not len(x):
+            raise _metafmu.Error(f"X has {len(x)} rows and y {len(y)}, expected as many, at least one")
+        for what, rows in (("X", x), ("y", y)):
+            if not np.isfinite(rows).all():
+                row = int(np.argwhere(~np.isfinite(rows))[0, 0])
+                raise _metafmu.Error(f"{what} has a number that is not finite in row {row}")
+        self._accuracy = json.loads(self._core.evaluate(x.tobytes(), y.tobytes()))
+        return self.accuracy
+
+    @property
+    def accuracy(self) -> dict[str, dict[str, float | None]] | None:
+        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` that of the rows that were held out of the training, which chose its best epoch.
+        None if nothing was measured."""
+        if self._accuracy is None:
+            return None
+        figures = {}
+        for name, of in self._accuracy["outputs"].items():
+            figures[name] = {"r2": of["r2"], "rmse": math.sqrt(of["mse"]), "max_error": of["max_abs_error"], "relative_max_error": of.get("relative_max_error")}
+            if self._accuracy["rows"] == "given":
+                figures[name]["worst_row"] = of["worst_run"]
+        return figures
+
+    def simulate(self, time: Any, inputs: Any = None, parameters: Mapping[str, float] | None = None) -> np.ndarray:
+        """Outputs of shape (times, outputs) of a surrogate with states, which begins at the first of the times.
+
+        ``time``: ascending, in seconds; ``inputs``: what drives it at these times, of shape (times, inputs), or a DataFrame or dict with a column for
+        each: linear in between, but of models of samples held from sample to sample; ``parameters``: numbers by name, also the ``..._start`` of states;
+        start values unless given.
+
+        >>> t = numpy.linspace(0.0, 10.0, 1001)
+        >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
+        """
+        self._core.stateful()
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        if time.ndim != 1 or not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0.0).all():
+            raise _metafmu.Error(f"time has the shape {time.shape}, expected ascending numbers, at least one")
+        items = self._metadata["inputs"]
+        driven = [item["name"] for item in items if item["role"]["causality"] == "input"]
+        constants = {item["name"]: item["start"] for item in items if item["role"]["causality"] != "input"}
+        for name, value in (parameters or {}).items():
+            if name not in constants:
+                raise _metafmu.Error(f"no parameter `{name}`, expected one of {', '.join(constants)}")
+            if not math.isfinite(value):
+                raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
+            constants[name] = float(value)
+        rows = np.empty((len(time), 0))
+        if driven:
+            if inputs is None:
+                raise _metafmu.Error(f"no inputs, expected a column for each of {', '.join(driven)}")
+            rows = _driving(inputs, driven, len(time))
+        values = self._core.simulate(time.tobytes(), rows.tobytes(), list(constants.values()))
+        return np.frombuffer(values, dtype=np.float64).reshape(len(time), len(self._metadata["outputs"]))
+
     def export(
         self, path: str | os.PathLike[str], fmi: str = "2", sources: bool = False, platforms: str | Iterable[str] | None = None
     ) -> list[Path]:
@@ -146,7 +217,8 @@ class Surrogate:
         if path.suffix != ".fmu":
             raise _metafmu.Error(f"{path}: expected a file that ends in .fmu, or a folder")
         platforms = [platforms] if isinstance(platforms, str) else list(platforms or [])
-        written = self._core.export(path, str(fmi), bool(sources), platforms)
+        accuracy = None if self._accuracy is None else json.dumps(self._accuracy)
+        written = self._core.export(path, str(fmi), bool(sources), platforms, accuracy)
         return [Path(fmu) for fmu in written]
 
     def to_onnx(self, path: str | os.PathLike[str]) -> None:
@@ -154,7 +226,7 @@ class Surrogate:
         self._core.to_onnx(os.fspath(path))
 
     def __reduce__(self):
-        return _from_bytes, (self._core.to_bytes(),)
+        return _from_bytes, (self._core.to_bytes(), self._accuracy)
 
     def __eq__(self, other):
         return isinstance(other, Surrogate) and self.content_digest == other.content_digest
@@ -167,5 +239,19 @@ class Surrogate:
         return f"Surrogate({self.name!r}: {names(self._metadata['inputs'])} -> {names(self._metadata['outputs'])})"
 
 
-def _from_bytes(data):
-    return Surrogate(_metafmu.Surrogate.from_bytes(data))
+def _driving(inputs, names, count):
+    """Inputs at each time, of shape (times, inputs)."""
+    if isinstance(inputs, Mapping):
+        if missing := [name for name in names if name not in inputs]:
+            raise _metafmu.Error(f"inputs has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, inputs))}")
+        inputs = np.column_stack([np.broadcast_to(np.asarray(inputs[name], dtype=np.float64), (count,)) for name in names])
+    rows = rows_of(inputs, names, "inputs")
+    if len(rows) != count:
+        raise _metafmu.Error(f"inputs has {len(rows)} rows, expected {count}, one for each time")
+    if not np.isfinite(rows).all():
+        raise _metafmu.Error("inputs has numbers that are not finite")
+    return rows
+
+
+def _from_bytes(data, accuracy=None):
+    return Surrogate(_metafmu.Surrogate.from_bytes(data), accuracy)
