@@ -6,7 +6,7 @@ use metafmu::{
     interface::Interface,
 };
 use metafmu_runtime::{
-    Activation, Numbers,
+    Activation, Layer, Map, Model, Numbers, ScaledNetwork,
     graph::{Elementwise, Operation, Step},
     regression::{Forest, LEAF, Node, Tree},
 };
@@ -85,6 +85,11 @@ impl Graph {
     }
 }
 
+/// The parameters of `a x + b`, number by number.
+fn linear(factors: &[f64], offsets: &[f64]) -> Vec<f64> {
+    factors.iter().chain(offsets).copied().collect()
+}
+
 fn lengths(what: &str, found: usize, expected: usize) -> PyResult<()> {
     if found == expected { Ok(()) } else { Err(refused(format!("{found} {what}, expected {expected}"))) }
 }
@@ -116,6 +121,27 @@ impl Graph {
         let builder = self.of(&[of])?;
         lengths("weights", weight.len(), bias.len() * builder.width(of))?;
         let made = builder.affine(of, weight, bias);
+        self.made(made)
+    }
+
+    /// The network of a surrogate, as steps: that of a regressor of ours in a pipeline.
+    fn network(&mut self, of: usize, surrogate: &Surrogate) -> PyResult<usize> {
+        let Model::Response(Map::Network(ScaledNetwork { scaling, layers })) = surrogate.surrogate.model() else {
+            return Err(refused("no network"));
+        };
+        let builder = self.of(&[of])?;
+        lengths("columns", builder.width(of), scaling.input_mean.len())?;
+        let made = (|| {
+            let minus: Vec<f64> = scaling.input_mean.iter().map(|mean| -mean).collect();
+            let mut value = builder.elementwise(of, Elementwise::Linear, linear(&vec![1.0; minus.len()], &minus))?;
+            let factors: Vec<f64> = scaling.input_scale.iter().map(|scale| 1.0 / scale).collect();
+            value = builder.elementwise(value, Elementwise::Linear, linear(&factors, &vec![0.0; factors.len()]))?;
+            for Layer { weight, bias, activation, .. } in layers {
+                value = builder.affine(value, weight.clone(), bias.clone())?;
+                value = builder.elementwise(value, Elementwise::Activation(*activation), Vec::new())?;
+            }
+            builder.elementwise(value, Elementwise::Linear, linear(&scaling.output_scale, &scaling.output_mean))
+        })();
         self.made(made)
     }
 

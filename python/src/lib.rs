@@ -86,7 +86,11 @@ impl Surrogate {
                         return;
                     }
                     for (values, point) in values.chunks_exact_mut(width).zip(points.chunks_exact(columns)) {
-                        row(point, values, scratch);
+                        // a comparison with what is no number has no answer
+                        match point.iter().any(|number| number.is_nan()) {
+                            true => values.fill(f64::NAN),
+                            false => row(point, values, scratch),
+                        }
                     }
                 },
             );

@@ -41,7 +41,16 @@ def features(params, x):
     return jnp.stack([y[:, 0] * y[:, 1], y[:, 2] / (1.0 + y[:, 3] ** 3), jnp.maximum(y[:, 4], y[:, 5])], axis=1)
 
 
+def choices(params, x):
+    (w, b), = params
+    y = x @ w + b
+    y = jnp.where(y > 0.1, y, -0.2 * y) * (x[:, :1] <= 0.5)
+    between = (y > -0.5) & ~(y > 0.5) | (x[:, 1:2] < 1.0)
+    return jnp.clip(y, -1.0, 2.0) + jnp.where(between, y**2, 0.25)
+
+
 MODELS = {
+    "choices": (choices, [3, 2]),
     **{name: (network(getattr(nn, name)), [3, 12, 12, 2]) for name in ("relu", "sigmoid", "silu", "gelu", "leaky_relu", "elu", "softplus", "selu", "soft_sign", "swish")},
     "tanh": (network(jnp.tanh), [3, 32, 32, 1]),
     "gelu-exact": (network(lambda x: nn.gelu(x, approximate=False)), [3, 8, 2]),
@@ -76,5 +85,13 @@ def test_a_row_without_a_batch(rows, agrees):
 def test_what_is_not_known_is_refused(rows):
     with pytest.raises(metafmu.Error, match="primitive `sort`.*expected one of"):
         metafmu.from_jax(lambda x: jnp.sort(x), jnp.asarray(rows[0][:1]), data=rows[0])
+    for function, message in [
+        (lambda x: x.astype(int) * 1.0, "a conversion of inputs to int"),
+        (lambda x: x - x.mean(axis=0), "was read wrongly: predictions differ by .* or its rows depend on each other"),
+        (lambda x: jnp.select([x < -1, x < 1], [x, 2 * x], 3 * x), "of a comparison"),
+        (lambda x: jnp.take(x, jnp.array([1, 7]), axis=-1), "primitive `gather`, in a form that is not known"),
+    ]:
+        with pytest.raises(metafmu.Error, match=message):
+            metafmu.from_jax(function, jnp.asarray(rows[0][:1]), data=rows[0])
     with pytest.raises(metafmu.Error, match="an example of the shape"):
         metafmu.from_jax(lambda x: x, jnp.ones((1, 2, 3)), data=rows[0])

@@ -98,5 +98,14 @@ def test_what_is_not_known_is_refused(rows):
     model = keras.Sequential([keras.Input((3, 1)), layers.LSTM(4), layers.Dense(1)])
     with pytest.raises(metafmu.Error, match=r"the layer LSTM .* is not known, expected one of .*Dense"):
         metafmu.from_keras(model, data=rows[0])
+    with pytest.raises(metafmu.Error, match=r"axis \(1, 2\), expected a single one"):
+        metafmu.from_keras(keras.Sequential([keras.Input((3, 1)), layers.Softmax(axis=(1, 2))]), data=rows[0])
+
+    class Doubled(keras.Sequential):
+        def call(self, x, training=None, mask=None):
+            return 2 * super().call(x)
+
+    with pytest.raises(metafmu.Error, match="Doubled `.*` was read wrongly"):
+        metafmu.from_keras(Doubled([keras.Input((3,)), layers.Dense(1)]), data=rows[0])
     with pytest.raises(metafmu.Error, match="not built"):
         metafmu.from_keras(keras.Sequential([layers.Dense(2)]), data=rows[0])

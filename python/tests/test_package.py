@@ -61,6 +61,13 @@ def test_an_onnx_model_of_a_surrogate_gives_the_same(surrogate, rows, tmp_path):
     assert np.abs(found - surrogate.predict(rows[0])).max() < (1e-12 if kind is np.float64 else 1e-5)
 
 
+def test_what_is_no_number_gives_none_and_is_nowhere(surrogate):
+    point = [[0.0, np.nan, 1.0], [0.0, 1.0, 1.0]]
+    for values in (surrogate.predict(point)[:, 0], surrogate.domain_distance(point), surrogate.jacobian(point).sum(axis=(1, 2))):
+        assert np.isnan(values).tolist() == [True, False]
+    assert surrogate.in_domain(point).tolist() == [False, True]
+
+
 def test_the_domain_is_where_the_data_are():
     random = np.random.default_rng(5)
     x = random.uniform(-1, 1, (400, 1))
@@ -207,6 +214,9 @@ def test_wrong_input_is_a_value_error_with_a_reason(surrogate, tmp_path):
                   lambda: graph.elementwise(0, "linear", 1.0), lambda: graph.combine(0, 1, "add"), lambda: graph.finish(0, inputs=["x", "x"], data=np.ones((2, 2)))):
         with pytest.raises(metafmu.Error):
             wrong()
+    for about, message in [(5, "input `x0`: 5, expected a unit, a range"), ({"unit": 5}, "input `x0`: unit: 5, expected a text"), ((1, 2, 3), "input `x0`: ")]:
+        with pytest.raises(metafmu.Error, match=message):
+            graph.finish(0, inputs={"x0": about, "x1": (0, 1)})
     for wrong, message in (({"outputs": []}, "0 outputs .* the model has 2"), ({"outputs": {"y": {"column": "y"}}}, "unknown key `column`")):
         with pytest.raises(metafmu.Error, match=message):
             graph.finish(0, data=np.ones((2, 2)), **wrong)

@@ -141,6 +141,43 @@ def test_an_estimator_that_predicts_otherwise_than_it_was_read_is_refused(rows):
             metafmu.from_sklearn(model, **options)
 
 
+def test_names_belong_to_the_columns_of_that_name(rows):
+    frame = pandas.DataFrame(rows[0] * [1.0, 10.0, 100.0], columns=["x", "v", "mass"])
+    targets = pandas.DataFrame({"force": rows[1][:, 0], "power": -rows[1][:, 0]})
+    model = linear_model.Ridge().fit(frame, targets)
+    given = {"inputs": {"mass": "kg", "x": "m", "v": "m/s"}, "data": frame}
+    surrogate = metafmu.from_sklearn(model, **given)
+    assert [(item.name, item.unit) for item in surrogate.inputs] == [("x", "m"), ("v", "m/s"), ("mass", "kg")]
+    assert np.abs(surrogate.predict(frame) - model.predict(frame)).max() < 1e-12
+    assert [item.unit for item in metafmu.from_sklearn(model, inputs={"mass": "kg"}, data=frame).inputs] == ["", "", "kg"]
+    with pytest.raises(metafmu.Error, match="input `mass` stands at place 1, but is column 3 of the model: x, v, mass"):
+        metafmu.from_sklearn(model, inputs=["mass", "b", "c"], data=frame)
+    fitted = metafmu.fit(frame, targets, inputs=given["inputs"], outputs={"power": "W", "force": "N"}, epochs=100, hidden=(8,))
+    assert [(item.name, item.unit) for item in fitted.outputs] == [("force", "N"), ("power", "W")]
+    assert [item.name for item in fitted.inputs] == ["x", "v", "mass"] and fitted.accuracy["force"]["r2"] > 0.5
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_numbers_far_from_zero_do_not_cancel(rows, agrees):
+    """A pressure around 1e5 Pa, and seconds since 1970."""
+    x = rows[0] * [50.0, 1.0, 1e3] + [101325.0, 0.0, 1.7e9]
+    model = make_pipeline(StandardScaler(), MLPRegressor(hidden_layer_sizes=(16,), activation="tanh", **MLP)).fit(x, rows[1])
+    agrees(metafmu.from_sklearn(model, data=x), x, model.predict(x), 1e-12)
+
+
+def test_pipelines_of_all_kinds_are_read(rows, agrees):
+    x, y = rows[0], rows[1][:, 0]
+    own = metafmu.Regressor(hidden=(16,), epochs=50)
+    negative = ColumnTransformer([("last", StandardScaler(), [-1])], remainder="passthrough")
+    sparse = linear_model.SGDRegressor(random_state=0).fit(x, y).sparsify()
+    missing = np.where(np.random.default_rng(1).random(x.shape) < 0.1, np.nan, x)
+    for model in (
+        make_pipeline(StandardScaler(), own).fit(x, y), ensemble.BaggingRegressor(own, 2, random_state=0).fit(x, y), make_pipeline("passthrough", linear_model.Ridge()).fit(x, y),
+        make_pipeline(negative, linear_model.Ridge()).fit(x, y), sparse, tree.DecisionTreeRegressor(max_depth=5, random_state=0).fit(missing, y),
+    ):
+        agrees(metafmu.from_sklearn(model, data=x), x, model.predict(x), 1e-12)
+
+
 def test_names_and_ranges_are_those_of_a_data_frame(rows):
     frame = pandas.DataFrame(rows[0], columns=["x", "v", "mass"])
     model = linear_model.Ridge().fit(frame, rows[1][:, 0])

@@ -69,7 +69,40 @@ ACTIVATIONS = {
 # PyTorch's own derivatives of these have factors in single precision, also for doubles
 SINGLE_GRADIENTS = ("CELU", "Hardsigmoid")
 
+class InPlace(nn.Module):
+    """Operations in place, after which the tensor that they change is used again."""
+
+    def __init__(self):
+        super().__init__()
+        self.first, self.relu, self.second = nn.Linear(3, 8), nn.ReLU(inplace=True), nn.Linear(8, 2)
+
+    def forward(self, x):
+        y = self.first(x)
+        z = self.second(self.relu(y)) + y[:, 2:4]
+        shifted, bent = 2.0 * x, 3.0 * x
+        shifted.mul_(0.5).add_(1.0)
+        F.relu(bent, True)
+        return z + shifted[:, :2] + bent[:, 1:]
+
+
+class Choices(nn.Module):
+    """Comparisons, thresholds and extremes."""
+
+    def __init__(self):
+        super().__init__()
+        self.layer, self.group, self.rms = nn.Linear(3, 8), nn.GroupNorm(2, 8), nn.RMSNorm(8)
+        self.gate = nn.Sequential(nn.GLU(), nn.Softplus(beta=3.0, threshold=2.0))
+
+    def forward(self, x):
+        y = self.rms(self.group(self.layer(x)))
+        y = torch.where(y > 0.1, y, -0.2 * y) * (y[:, :1] <= 1.0)
+        y = torch.cat([self.gate(y), y.clamp_min(-0.1)[:, :2], y.amax(1, keepdim=True)], 1)
+        return y * torch.tensor([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7], dtype=x.dtype)
+
+
 MODELS = {
+    "in-place": InPlace,
+    "choices": Choices,
     "sequential-tanh": lambda: nn.Sequential(nn.Linear(3, 32), nn.Tanh(), nn.Linear(32, 32), nn.Tanh(), nn.Linear(32, 1)),
     "sequential-relu": lambda: nn.Sequential(nn.Linear(3, 24), nn.ReLU(), nn.Dropout(0.5), nn.Linear(24, 2)),
     "batch-norm": lambda: nn.Sequential(nn.Linear(3, 16), nn.BatchNorm1d(16), nn.SiLU(), nn.Linear(16, 16), nn.BatchNorm1d(16, affine=False), nn.Sigmoid(), nn.Linear(16, 1)),
@@ -128,6 +161,60 @@ def test_several_inputs_by_example(rows, agrees):
     with pytest.raises(metafmu.Error, match=r"2 inputs \(a, b\): expected example"):
         metafmu.from_torch(module, data=rows[0])
     agrees(metafmu.from_torch(module, data=rows[0], example=(x[:1, :2], x[:1, 2:])), rows[0], expected, 1e-12)
+
+
+def batch_mean(x):
+    return x - x.mean(0)
+
+
+def of_integers(x):
+    return x.to(torch.int64).to(torch.float32)
+
+
+def drawn(x):
+    return x + torch.rand(3)
+
+
+@pytest.mark.parametrize(
+    "function, message",
+    [
+        (batch_mean, "was read wrongly: predictions differ by .* or its rows depend on each other"),
+        (drawn, "was read wrongly: predictions differ by .* or on chance"),
+        (of_integers, "a conversion of inputs to torch.int64, expected float32 or float64"),
+        (lambda x: x.clamp(1, -1), "a clamp to 1 and -1, expected the smaller one first"),
+        (lambda x: F.softmax(x.view(-1, 3, 1)), "a softmax of 3 dimensions without `dim`"),
+        (lambda x: torch.exp(x, out=x), "out"),
+        (lambda x: (x.view(-1).relu_(), x)[1], "changes a tensor in place of which a view"),
+    ],
+)
+def test_what_would_be_read_wrongly_is_refused(function, message, rows):
+    class Module(nn.Module):
+        def forward(self, x):
+            return function(x)
+
+    with pytest.raises(metafmu.Error, match=message):
+        metafmu.from_torch(Module(), data=rows[0])
+
+
+def test_hooks_and_classes_are_noticed(rows):
+    hooked = nn.Sequential(nn.Linear(3, 4), nn.Linear(4, 1))
+    hooked[0].register_forward_hook(lambda module, given, made: 10 * made)
+    with pytest.raises(metafmu.Error, match="Sequential was read wrongly"):
+        metafmu.from_torch(hooked, data=rows[0])
+    for wrong in (nn.Linear, hooked.state_dict()):
+        with pytest.raises(metafmu.Error, match="expected a module of PyTorch"):
+            metafmu.from_torch(wrong, data=rows[0])
+
+
+def test_weights_that_are_computed_are_read(rows, agrees):
+    """Modules that Python cannot copy."""
+    from torch.nn.utils import prune
+
+    module = nn.Sequential(nn.Linear(3, 6), nn.Tanh(), nn.Linear(6, 1)).double()
+    prune.l1_unstructured(module[0], "weight", 0.5)
+    assert not module[0].weight.is_leaf
+    x = torch.tensor(rows[0])
+    agrees(metafmu.from_torch(module, data=rows[0]), rows[0], module(x).detach().numpy(), 1e-12)
 
 
 def test_what_cannot_be_followed_is_refused(rows):

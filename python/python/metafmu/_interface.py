@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -61,11 +62,16 @@ def of_section(given, count, prefix, what, keys, names=None):
             name = name.name
         elif isinstance(about, str):
             about = {"unit": about}
-        elif isinstance(about, (tuple, list)):
+        elif isinstance(about, (tuple, list, np.ndarray)):
             if len(about) != 2 or "min" not in keys:
                 raise _metafmu.Error(f"{what} `{name}`: {about!r}, expected a unit or a dict")
             about = {"min": about[0], "max": about[1]}
+        elif about is not None and not isinstance(about, Mapping):
+            expected = "a unit, a range (min, max) or a dict" if "min" in keys else "a unit or a dict"
+            raise _metafmu.Error(f"{what} `{name}`: {about!r}, expected {expected}")
         about = dict(about or {})
+        if wrong := [key for key in ("unit", "description", "causality", "variability", "column") if key in about and not isinstance(about[key], str)]:
+            raise _metafmu.Error(f"{what} `{name}`: {wrong[0]}: {about[wrong[0]]!r}, expected a text")
         check_keys(about, keys, f"{what} `{name}`")
         about.update({key: number(about[key], f"{what} `{name}`: {key}") for key in ("min", "max", "start") if key in about})
         name = str(name)
@@ -73,11 +79,27 @@ def of_section(given, count, prefix, what, keys, names=None):
             raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
         section[name] = about
     say_which = bool(section) and all("column" in about for about in section.values())
+    if names is not None and len(names) == count and not say_which:
+        section = _in_order(section, list(names), isinstance(given, dict), what)
     if len(section) != count and not say_which:
         expected = f"the model has {count}"
         if names is not None and len(names) == count:
             expected += ": " + ", ".join([*names[:12], *(["..."] if count > 12 else [])])
         raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), {expected}")
+    return section
+
+
+def _in_order(section, names, is_dict, what):
+    """The entries in the order of the columns, whose names are known: what a name is written for is the column of that name."""
+    known = set(names)
+    if set(section) == known or is_dict and section and set(section) <= known:
+        return {name: section.get(name, {}) for name in names}
+    for place, name in enumerate(section):
+        if name in known and (place >= len(names) or names[place] != name):
+            raise _metafmu.Error(
+                f"{what} `{name}` stands at place {place + 1}, but is column {names.index(name) + 1} of the model: {', '.join(names[:20])}; expected these names, "
+                "or others for all columns in their order"
+            )
     return section
 
 
@@ -88,7 +110,7 @@ def interface(
     """The text of an interface, in JSON, and the rows of the data as bytes, or None. ``named``: whether the columns of the model have names."""
     if domain not in ("data", "ranges"):
         raise _metafmu.Error(f"domain: {domain!r}, expected \"data\" or \"ranges\"")
-    if data is not None and inputs is None and input_names is None and hasattr(data, "columns"):
+    if data is not None and input_names is None and hasattr(data, "columns"):
         columns = [str(column) for column in data.columns]
         input_names = columns if len(columns) == count_inputs else None
     column = ("column",) if named else ()

@@ -8,7 +8,8 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._rows import Row, binary, compose, concatenate, constant, is_row, outputs_of
+from ._comparison import DOUBLE, SINGLE, compare
+from ._rows import Row, binary, choose, compared, compose, concatenate, extreme, is_row, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -50,10 +51,24 @@ def from_jax(
     results = _follow(closed.jaxpr, closed.consts, [Row(graph, 0, example.shape)])
     _, value = outputs_of(results if len(results) > 1 else results[0])
     kinds = [np.dtype(variable.aval.dtype) for variable in closed.jaxpr.invars]
-    return graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or getattr(function, "__name__", "function"), description=description,
-        step=step, stop=stop, domain=domain, producer="JAX", single=all(kind != np.float64 for kind in kinds),
+    single = all(kind != np.float64 for kind in kinds)
+    title = name or getattr(function, "__name__", "function")
+    surrogate = graph.finish(
+        value, inputs=inputs, outputs=outputs, data=data, name=title, description=description, step=step, stop=stop, domain=domain,
+        producer="JAX", single=single,
     )
+
+    def predict(rows):
+        rows = np.asarray(rows, dtype=example.dtype)
+        leaves = lambda x: [np.asarray(part) for part in jax.tree.leaves(of_x(x))]
+        # in precision that matrices of small numbers have not everywhere
+        with jax.default_matmul_precision("highest"):
+            if example.ndim == 1:
+                return np.stack([np.concatenate([np.ravel(part) for part in leaves(row)]) for row in rows])
+            return np.concatenate([part.reshape(len(rows), -1) for part in leaves(rows)], axis=1)
+
+    compare(surrogate, data, f"`{title}`", predict, SINGLE if single else DOUBLE)
+    return surrogate
 
 
 def _follow(jaxpr, consts, arguments):
@@ -74,6 +89,8 @@ def _follow(jaxpr, consts, arguments):
                 if str(error).startswith("primitive `"):
                     raise
                 raise Error(f"primitive `{name}`: {error}") from None
+            except Exception as error:
+                raise Error(f"primitive `{name}`, in a form that is not known: {type(error).__name__}: {error}") from error
         known.update(zip(equation.outvars, results))
     return [read(atom) for atom in jaxpr.outvars]
 
@@ -97,6 +114,15 @@ def _primitive(equation, name, operands):
     if name in _CALLS:
         inner = params[_CALLS[name]]
         return _follow(getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), operands)
+    if any(isinstance(part, _Mask) for part in operands) and name != "select_n":
+        if name in _MOVES and x.row is not None:
+            return [_Mask(_primitive(equation, name, [x.row])[0])]
+        made = _of_masks(name, params, operands)
+        if made is None:
+            raise Error("of a comparison, expected a choice between two arrays by it, or numbers made of it")
+        return [made]
+    if name == "convert_element_type" and not np.issubdtype(params["new_dtype"], np.floating):
+        raise Error(f"a conversion of inputs to {np.dtype(params['new_dtype'])}, expected numbers that are not rounded")
     if name in _SAME:
         return operands
     if name in ("max", "min") and any(not is_row(part) and np.all(np.asarray(part) == (-np.inf if name == "max" else np.inf)) for part in operands):
@@ -115,7 +141,7 @@ def _primitive(equation, name, operands):
     if name == "stack":
         return [concatenate([part if is_row(part) else np.asarray(part) for part in operands], params.get("axis", params.get("dimension", 0)), stack=True)]
     if name in ("reduce_max", "reduce_min"):
-        return [_extreme(x, tuple(params["axes"]), "maximum" if name == "reduce_max" else "minimum")]
+        return [extreme(x, params["axes"], "maximum" if name == "reduce_max" else "minimum")]
     if name == "split":
         index = equation.primitive.bind(np.asarray(x.index(), dtype=np.int32), **params)
         return [x.take(np.asarray(part)) for part in index]
@@ -135,16 +161,6 @@ def _primitive(equation, name, operands):
     every = sorted({*_BINARY, *_ONE, *_MOVES, *_SAME, *_CALLS, *_LINEAR, "integer_pow", "concatenate", "stack", "reduce_max", "reduce_min", "split", "gather", "clamp",
                     "dot_general", "gt", "ge", "lt", "le", "select_n"})
     raise Error(f"not known, or not in this form; expected one of {', '.join(every)}")
-
-
-def _extreme(row, axes, operation):
-    """The largest or smallest number along some dimensions."""
-    kept = [axis for axis in range(row.ndim) if axis not in axes]
-    index = row.index().transpose(*kept, *axes).reshape(*(row.shape[axis] for axis in kept), -1)
-    result = row.take(index[..., 0])
-    for place in range(1, index.shape[-1]):
-        result = binary(operation, result, row.take(index[..., place]))
-    return result
 
 
 def _product(equation, operands):
@@ -181,12 +197,23 @@ class _Mask:
         self.row = row
 
     def choose(self, otherwise, chosen):
-        if self.row is None:
-            return otherwise
-        shape = self.row.shape
-        graph = self.row.graph
-        part = lambda x: x if is_row(x) else constant(graph, np.broadcast_to(np.asarray(x), shape))
-        return binary("add", binary("multiply", self.row, part(chosen)), binary("multiply", self.row.linear(-1.0, 1.0), part(otherwise)))
+        return otherwise if self.row is None else choose(self.row, chosen, otherwise)
+
+
+def _of_masks(name, params, operands):
+    """What is made of comparisons: a mask, or numbers; None if it is not known."""
+    rows = [part.row if isinstance(part, _Mask) else part for part in operands]
+    if name == "convert_element_type":
+        # the mask of a comparison that is true nowhere has no numbers
+        return None if rows[0] is None else rows[0] if np.issubdtype(params["new_dtype"], np.floating) else _Mask(rows[0])
+    if any(row is None for row in rows):
+        return None
+    if name == "not":
+        return _Mask(rows[0].linear(-1.0, 1.0))
+    if name in ("and", "or"):
+        both = binary("multiply", *rows)
+        return _Mask(both if name == "and" else binary("subtract", binary("add", *rows), both))
+    return None
 
 
 def _compared(name, first, second):
@@ -195,10 +222,4 @@ def _compared(name, first, second):
         if is_row(first) and is_row(second) and first.value == second.value:
             return _Mask(None)
         raise Error("a comparison for equality")
-    parts = [part if is_row(part) else np.asarray(part) for part in (first, second)]
-    # a >= b unless b > a
-    if name in ("gt", "le"):
-        above = binary("subtract", *parts).map("positive")
-    else:
-        above = binary("subtract", *reversed(parts)).map("positive")
-    return _Mask(above.linear(-1.0, 1.0) if name in ("ge", "le") else above)
+    return _Mask(compared(name, *(part if is_row(part) else np.asarray(part) for part in (first, second))))

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
+from ._comparison import SINGLE, compare
 from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
 from ._surrogate import Names, Surrogate
 
@@ -46,10 +47,33 @@ def from_keras(
         begin += size
     _, value = outputs_of(_model(model, rows))
     weights = model.get_weights()
-    return graph.finish(
+    surrogate = graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop, domain=domain,
         producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
     )
+    # Keras multiplies in single precision, whatever the weights are
+    compare(surrogate, data, f"{type(model).__name__} `{model.name}`", lambda rows: _predicted(model, shapes, rows), SINGLE)
+    return surrogate
+
+
+def _predicted(model, shapes, rows):
+    """What the model predicts of rows."""
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(np.split(rows, np.cumsum(sizes[:-1]), axis=1), shapes)]
+    given = _packed(model, [part.astype(np.float32) for part in parts])
+    made = model.predict(given, verbose=0, batch_size=len(rows))
+    made = list(made.values()) if isinstance(made, dict) else made if isinstance(made, (list, tuple)) else [made]
+    return np.concatenate([np.asarray(part).reshape(len(rows), -1) for part in made], axis=1)
+
+
+def _packed(model, parts):
+    """Arrays of all inputs, in the structure that the model takes."""
+    import keras
+
+    structure = getattr(getattr(model, "_functional", None) or model, "_inputs_struct", None)
+    if structure is None:
+        return parts if len(parts) > 1 else parts[0]
+    return keras.tree.pack_sequence_as(structure, parts)
 
 
 def _inputs(model):
@@ -129,8 +153,7 @@ def _batch_norm(layer, x):
     double = lambda variable: _variable(variable).astype(np.float64)
     factor = 1.0 / np.sqrt(double(layer.moving_variance) + layer.epsilon)
     factor = factor * double(layer.gamma) if layer.scale else factor
-    offset = (double(layer.beta) if layer.center else 0.0) - double(layer.moving_mean) * factor
-    return x.linear(factor, offset)
+    return x.linear(1.0, -double(layer.moving_mean)).linear(factor, double(layer.beta) if layer.center else 0.0)
 
 
 def _layer_norm(layer, x):
@@ -159,7 +182,7 @@ def _normalization(layer, x):
     deviation = np.maximum(np.sqrt(variance), 1e-7)
     if layer.invert:
         return x.linear(deviation, mean)
-    return x.linear(1.0 / deviation, -mean / deviation)
+    return x.linear(1.0, -mean).linear(1.0 / deviation)
 
 
 def _merge(operation):
@@ -183,6 +206,13 @@ def _two(operation):
     return two
 
 
+def _softmax(layer, x):
+    axis = layer.axis if isinstance(layer.axis, int) else layer.axis[0] if len(layer.axis) == 1 else None
+    if axis is None:
+        raise Error(f"axis {layer.axis}, expected a single one")
+    return x.softmax(axis)
+
+
 def _same(layer, x):
     return x
 
@@ -199,7 +229,7 @@ _LAYERS = {
     "LeakyReLU": lambda layer, x: x.map("leaky_relu", float(layer.negative_slope)),
     "PReLU": lambda layer, x: x.map("leaky_relu", np.broadcast_to(_variable(layer.alpha).astype(np.float64), x.shape)),
     "ELU": lambda layer, x: x.map("elu", float(layer.alpha)),
-    "Softmax": lambda layer, x: x.softmax(layer.axis if isinstance(layer.axis, int) else layer.axis[0]),
+    "Softmax": _softmax,
     "BatchNormalization": _batch_norm,
     "LayerNormalization": _layer_norm,
     "Flatten": lambda layer, x: x.take(x.index().reshape(1, -1)),

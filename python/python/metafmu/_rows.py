@@ -134,6 +134,36 @@ def binary(operation, a, b):
     return binary(operation, row, other)
 
 
+def compared(name, first, second):
+    """gt, ge, lt or le of two tensors, of which at least one is a row: 1 where it is true, else 0."""
+    # a >= b unless b > a
+    if name in ("gt", "le"):
+        above = binary("subtract", first, second).map("positive")
+    else:
+        above = binary("subtract", second, first).map("positive")
+    return above.linear(-1.0, 1.0) if name in ("ge", "le") else above
+
+
+def choose(mask, chosen, otherwise):
+    """One or the other, by what :func:`compared` gives."""
+    graph = mask.graph
+    parts = [part if is_row(part) else constant(graph, part) for part in (chosen, otherwise)]
+    return binary("add", binary("multiply", mask, parts[0]), binary("multiply", mask.linear(-1.0, 1.0), parts[1]))
+
+
+def extreme(row, axes, operation, keep=False):
+    """The largest or smallest number along some dimensions."""
+    axes = tuple(range(row.ndim)) if axes is None else tuple(axis % row.ndim for axis in np.atleast_1d(axes))
+    kept = [axis for axis in range(row.ndim) if axis not in axes]
+    index = row.index().transpose(*kept, *axes).reshape(*(row.shape[axis] for axis in kept), -1)
+    result = row.take(index[..., 0])
+    for place in range(1, index.shape[-1]):
+        result = binary(operation, result, row.take(index[..., place]))
+    if keep:
+        result = result.take(result.index().reshape([1 if axis in axes else length for axis, length in enumerate(row.shape)]))
+    return result
+
+
 def concatenate(parts, axis, stack=False):
     """Tensors as one, along a dimension; arrays may be among them."""
     graph = next(part.graph for part in parts if is_row(part))

@@ -9,7 +9,8 @@ import numpy as np
 
 from . import _boosting, _metafmu
 from ._graph import Graph
-from ._surrogate import Names, Surrogate, rows_of
+from ._comparison import SINGLE, compare
+from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
 
@@ -19,7 +20,7 @@ _READERS = {
     "LGBMRegressor": _boosting.lightgbm,
     "CatBoostRegressor": _boosting.catboost,
 }
-_PACKAGES = ("sklearn", "xgboost", "lightgbm", "catboost")
+_PACKAGES = ("sklearn", "xgboost", "lightgbm", "catboost", "metafmu")
 
 
 def _reads(*names):
@@ -57,10 +58,7 @@ def from_sklearn(
     does, which a version that is not known may cause.
     """
     _check(estimator)
-    try:
-        count = estimator.n_features_in_
-    except AttributeError:
-        count = None
+    count = _columns_of(estimator)
     if count is None:
         raise Error(f"{type(estimator).__name__} is not fitted: expected one after `fit`")
     graph = Graph(count)
@@ -70,40 +68,33 @@ def from_sklearn(
         value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
         producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
     )
-    _compare(estimator, surrogate, names, data)
+    compare(surrogate, data, type(estimator).__name__, _predict(estimator, names, data), SINGLE)
     return surrogate
 
 
-# rows that predictions are compared in, and the largest difference, as a share of the range: that of single precision, and of ill-conditioned
-# Gaussian processes, is far below, and a model that was read wrongly far above
-_ROWS, _DIFFERENCE = 64, 1e-4
+def _predict(estimator, names, data):
+    """What the estimator predicts of rows."""
+
+    def predict(rows):
+        columns = rows
+        if names is not None and hasattr(data, "columns"):
+            columns = type(data)({str(name): rows[:, place] for place, name in enumerate(names)})
+        with warnings.catch_warnings():
+            # rows without names, for an estimator that was fitted to names
+            warnings.simplefilter("ignore")
+            return estimator.predict(columns)
+
+    return predict
 
 
-def _compare(estimator, surrogate, names, data):
-    """Raises :class:`metafmu.Error` if a surrogate predicts something else than the estimator: what was read is private in part, and changes from
-    version to version."""
-    if data is None:
-        low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
-        rows = np.random.default_rng(0).uniform(low, high, (_ROWS, len(low)))
-    else:
-        rows = rows_of(data, [item.name for item in surrogate.inputs], "data")
-        rows = rows[:: -(-len(rows) // _ROWS)]
-    columns = rows
-    if names is not None and hasattr(data, "columns"):
-        columns = type(data)({str(name): rows[:, place] for place, name in enumerate(names)})
-    with warnings.catch_warnings():
-        # rows without names, for an estimator that was fitted to names
-        warnings.simplefilter("ignore")
-        expected = np.asarray(estimator.predict(columns), dtype=np.float64).reshape(len(rows), -1)
-    found = surrogate.predict(rows)
-    scale = max(np.abs(expected).max(), np.finfo(np.float64).tiny)
-    difference = np.abs(found - expected).max() / scale
-    # of leaves and kinks a few rows may lie on the other side, by rounding
-    if found.shape != expected.shape or np.mean(np.abs(found - expected).max(axis=1) > _DIFFERENCE * scale) > 0.05:
-        raise Error(
-            f"{type(estimator).__name__} was read wrongly: predictions differ by {difference:.1e} of the largest one; its version is not known, "
-            "or one of its options; convert it to ONNX and use from_onnx, if that is possible"
-        )
+def _columns_of(estimator):
+    """The number of columns that an estimator was fitted to; None if it is not fitted."""
+    try:
+        return estimator.n_features_in_
+    except AttributeError:
+        # a pipeline asks its first step, which may be none
+        steps = [step for _, step in getattr(estimator, "steps", []) if not isinstance(step, (str, type(None)))]
+        return _columns_of(steps[0]) if steps else None
 
 
 def _check(estimator):
@@ -134,25 +125,24 @@ def _or(array, otherwise):
 
 
 def _scaling(estimator):
-    """Factors and offsets of a transformer that is linear in each column."""
+    """Of a transformer that is linear in each column, ``factor (x - centre) + offset``: factors, centres and offsets. Numbers far from zero cancel otherwise."""
     name = type(estimator).__name__
     if name == "StandardScaler":
-        factor = 1.0 / _or(estimator.scale_, 1.0)
-        return factor, -_or(estimator.mean_ if estimator.with_mean else None, 0.0) * factor
+        return 1.0 / _or(estimator.scale_, 1.0), _or(estimator.mean_ if estimator.with_mean else None, 0.0), 0.0
     if name == "MinMaxScaler":
-        return np.asarray(estimator.scale_), np.asarray(estimator.min_)
+        # as scikit-learn computes it, with the same rounding
+        return np.asarray(estimator.scale_), 0.0, np.asarray(estimator.min_)
     if name == "MaxAbsScaler":
-        return 1.0 / np.asarray(estimator.scale_), 0.0
+        return 1.0 / np.asarray(estimator.scale_), 0.0, 0.0
     if name == "RobustScaler":
-        factor = 1.0 / _or(estimator.scale_ if estimator.with_scaling else None, 1.0)
-        return factor, -_or(estimator.center_ if estimator.with_centering else None, 0.0) * factor
+        return 1.0 / _or(estimator.scale_ if estimator.with_scaling else None, 1.0), _or(estimator.center_ if estimator.with_centering else None, 0.0), 0.0
     return None
 
 
 @_reads("StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler")
 def _scaler(graph, estimator, value):
-    factor, offset = _scaling(estimator)
-    scaled = graph.linear(value, factor, offset)
+    factor, centre, offset = _scaling(estimator)
+    scaled = graph.linear(graph.linear(value, 1.0, -np.asarray(centre)) if np.any(centre) else value, factor, offset)
     if getattr(estimator, "clip", False):
         low, high = estimator.feature_range if hasattr(estimator, "feature_range") else (-1.0, 1.0)
         scaled = graph.elementwise(scaled, "clip", low, high)
@@ -162,15 +152,15 @@ def _scaler(graph, estimator, value):
 def _by_numpy(graph, function, value):
     """A function of numpy, number by number."""
     name = getattr(function, "__name__", repr(function))
-    if name in ("exp", "log", "sin", "cos", "tanh"):
-        return graph.elementwise(value, name)
+    if name in ("exp", "log", "sin", "cos", "tanh", "absolute"):
+        return graph.elementwise(value, "abs" if name == "absolute" else name)
     if name == "expm1":
         return graph.linear(graph.elementwise(value, "exp"), 1.0, -1.0)
     if name == "log1p":
         return graph.elementwise(graph.linear(value, 1.0, 1.0), "log")
     if name in ("square", "sqrt"):
         return graph.elementwise(value, "power", 2.0 if name == "square" else 0.5)
-    raise Error(f"the function {name}, expected numpy's exp, expm1, log, log1p, square, sqrt, sin, cos or tanh")
+    raise Error(f"the function {name}, expected numpy's exp, expm1, log, log1p, square, sqrt, absolute, sin, cos or tanh")
 
 
 @_reads("FunctionTransformer")
@@ -235,6 +225,8 @@ def _columns(graph, estimator, value):
         if isinstance(columns, str):
             columns = [columns]
         columns = np.atleast_1d(places[columns] if isinstance(columns, slice) and not names else np.asarray(columns))
+        if columns.dtype.kind == "i":
+            columns = places[columns]
         if columns.dtype.kind in "OU":
             columns = [names.index(str(column)) for column in columns]
         elif columns.dtype.kind == "b":
@@ -300,6 +292,8 @@ def _selection(graph, estimator, value):
 
 
 def _affine(graph, value, coefficients, intercept):
+    if hasattr(coefficients, "toarray"):
+        coefficients = coefficients.toarray()
     weight = np.atleast_2d(np.asarray(coefficients, dtype=np.float64))
     return graph.affine(value, weight, np.broadcast_to(np.asarray(intercept, dtype=np.float64).ravel(), (len(weight),)))
 
@@ -362,6 +356,11 @@ def _mlp(graph, estimator, value):
             raise Error(f"an activation {activation}, expected one of {', '.join(functions)}")
         value = graph.elementwise(value, functions[activation])
     return value
+
+
+@_reads("Regressor")
+def _regressor(graph, estimator, value):
+    return graph.network(value, estimator.to_surrogate())
 
 
 def _kernel_of_vectors(graph, value, vectors, kernel, gamma, coef0, degree):
@@ -459,16 +458,23 @@ def _tree(tree, scale=1.0):
     left, right = tree.children_left, tree.children_right
     leaf = left < 0
     values = tree.value[:, :, 0]
+    threshold = _finite(tree.threshold)
     return [
         {
             "left": left,
             "right": right,
             "column": np.where(leaf, -1, tree.feature),
-            "number": np.where(leaf, scale * values[:, output], tree.threshold),
+            "number": np.where(leaf, scale * values[:, output], threshold),
             "output": output,
         }
         for output in range(values.shape[1])
     ]
+
+
+def _finite(thresholds):
+    """The same for all numbers: a split off of missing values only has an infinite threshold."""
+    largest = np.finfo(np.float64).max
+    return np.clip(thresholds, -largest, largest)
 
 
 def _rounded(graph, value):
@@ -509,15 +515,12 @@ def _histogram_boosting(graph, estimator, value):
     for (predictor,) in estimator._predictors:
         nodes = predictor.nodes
         leaf = nodes["is_leaf"].astype(bool)
-        largest = np.finfo(np.float64).max
-        # a split off of missing values only
-        threshold = np.clip(nodes["num_threshold"], -largest, largest)
         trees.append(
             {
                 "left": nodes["left"].astype(np.int64),
                 "right": nodes["right"].astype(np.int64),
                 "column": np.where(leaf, -1, nodes["feature_idx"].astype(np.int64)),
-                "number": np.where(leaf, nodes["value"], threshold),
+                "number": np.where(leaf, nodes["value"], _finite(nodes["num_threshold"])),
             }
         )
     baseline = float(np.ravel(estimator._baseline_prediction)[0])
@@ -574,8 +577,8 @@ def _inverse(graph, transformer, value):
     if scaling is not None:
         if getattr(transformer, "clip", False):
             raise Error(f"a {type(transformer).__name__} of targets with clip=True, expected one that is linear")
-        factor, offset = (np.asarray(part, dtype=np.float64) for part in scaling)
-        return graph.linear(value, 1.0 / factor, -offset / factor)
+        factor, centre, offset = (np.asarray(part, dtype=np.float64) for part in scaling)
+        return graph.linear(value, 1.0 / factor, centre - offset / factor)
     name = type(transformer).__name__
     if name == "Pipeline":
         for _, step in reversed(transformer.steps):

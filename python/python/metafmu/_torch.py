@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import copy
+import contextlib
+import inspect
 import operator
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+from ._comparison import DOUBLE, SINGLE, compare
+from ._rows import Row, binary, choose, compared, compose, concatenate, extreme, is_row, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -43,29 +45,87 @@ def from_torch(
     import torch
     import torch.fx
 
-    module = copy.deepcopy(module).eval() if isinstance(module, torch.nn.Module) else module
+    if isinstance(module, type) or not callable(module):
+        kind = f"the class {module.__name__}" if isinstance(module, type) else type(module).__name__
+        raise Error(f"{kind}, expected a module of PyTorch: an instance of torch.nn.Module")
+    with _evaluated(module):
+        return _read(module, inputs, outputs, data, example, name, description, step, stop, domain)
+
+
+@contextlib.contextmanager
+def _evaluated(module):
+    """The module as it is after `eval()`, meanwhile; copies are not made, as not all modules can be copied."""
+    parts = [(part, part.training) for part in module.modules()] if hasattr(module, "modules") else []
+    try:
+        for part, _ in parts:
+            part.training = False
+        yield
+    finally:
+        for part, training in parts:
+            part.training = training
+
+
+def _read(module, inputs, outputs, data, example, name, description, step, stop, domain):
+    import torch
+    import torch.fx
+
     try:
         traced = torch.fx.symbolic_trace(module)
     except Exception as error:
         raise Error(
             f"{type(module).__name__} cannot be followed by torch.fx: {error}; expected a module without branches that depend on its "
-            "inputs, or export it to ONNX and use from_onnx"
+            "inputs, or on their shapes, or export it to ONNX and use from_onnx"
         ) from error
     holders = [node for node in traced.graph.nodes if node.op == "placeholder"]
     holders = [node for place, node in enumerate(holders) if place == 0 or not node.args]
     shapes = _shapes(traced, holders, example, inputs, data)
     graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
+    tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
+    # what a tensor says of itself
+    kind = graph.kind = _kind(tensors, example)
     given, begin = {}, 0
     for node, shape in zip(holders, shapes):
         size = int(np.prod(shape))
         given[node] = Row(graph, 0, (graph.width(0),)).take(np.arange(begin, begin + size).reshape(shape))
         begin += size
     _, value = outputs_of(_follow(traced, given))
-    tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
-    return graph.finish(
+    surrogate = graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or type(module).__name__, description=description, step=step, stop=stop, domain=domain,
-        producer="PyTorch", single=bool(tensors) and all(tensor.dtype != torch.float64 for tensor in tensors),
+        producer="PyTorch", single=bool(tensors) and kind != torch.float64,
     )
+    device = tensors[0].device if tensors else None
+    predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
+    compare(surrogate, data, type(module).__name__, predict, DOUBLE if kind == torch.float64 else SINGLE)
+    return surrogate
+
+
+def _kind(tensors, example):
+    """The type of the inputs."""
+    import torch
+
+    given = [tensor.dtype for tensor in (example if isinstance(example, (tuple, list)) else [example]) if isinstance(tensor, torch.Tensor)]
+    kinds = [tensor.dtype for tensor in tensors] or given or [torch.get_default_dtype()]
+    return torch.float64 if torch.float64 in kinds else kinds[0]
+
+
+def _predicted(module, shapes, rows):
+    """What the module gives for rows: all at once, or one after the other where it takes a single one."""
+    import torch
+
+    sizes = [int(np.prod(shape)) for shape in shapes]
+
+    def of(rows):
+        parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(torch.split(rows, sizes, dim=1), shapes)]
+        made = module(*parts)
+        made = list(made.values()) if isinstance(made, dict) else made if isinstance(made, (list, tuple)) else [made]
+        return torch.cat([part.reshape(len(rows), -1) for part in made if isinstance(part, torch.Tensor)], dim=1)
+
+    with torch.no_grad():
+        try:
+            found = of(rows)
+        except (RuntimeError, IndexError, ValueError):
+            found = torch.cat([of(row) for row in rows.split(1)])
+    return found.double().cpu().numpy()
 
 
 def _shapes(traced, holders, example, inputs, data):
@@ -106,6 +166,7 @@ def _follow(traced, given):
     import torch
 
     known = dict(given)
+    storage = _Storage(traced)
     value = lambda argument: torch.fx.node.map_arg(argument, lambda node: known[node])
     for node in traced.graph.nodes:
         if node.op == "placeholder":
@@ -127,9 +188,80 @@ def _follow(traced, given):
             if str(error).startswith("node `"):
                 raise
             raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
-        except (TypeError, ValueError, RuntimeError, IndexError) as error:
-            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from error
+        except Exception as error:
+            raise Error(f"node `{node.name}` ({_title(traced, node)}), in a form that is not known: {type(error).__name__}: {error}") from error
+        try:
+            for changed in storage.changed_by(node):
+                known[changed] = known[node]
+        except Error as error:
+            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
     raise Error("the module has no output")
+
+
+class _Storage:
+    """Which nodes are the same tensor, and which are views of others: an operation in place changes all of them."""
+
+    def __init__(self, traced):
+        self.traced = traced
+        self.place = {node: place for place, node in enumerate(traced.graph.nodes)}
+        self.same, self.views = {}, {}
+
+    def changed_by(self, node):
+        """The nodes that are the same tensor as one that this node changes. Raises if it changes a part of another one that is still used."""
+        sources = [part for part in node.all_input_nodes if part.op != "get_attr"]
+        source = node.args[0] if node.args and node.args[0] in sources else sources[0] if sources else None
+        if node.kwargs.get("out") is not None:
+            raise Error("writes into `out`, expected a result")
+        if source is None:
+            return []
+        group = self.same.setdefault(source, [source])
+        if _is_in_place(self.traced, node):
+            group.append(node)
+            self.same[node] = group
+            later = lambda other: any(self.place[user] > self.place[node] for user in other.users)
+            related = {other for one in group for other in self._related(one)} - set(group)
+            if any(map(later, related)):
+                raise Error("changes a tensor in place of which a view, or a part, is used afterwards: expected one that makes a new tensor")
+            return [other for other in group if other is not node]
+        if _may_share(self.traced, node):
+            self.views.setdefault(source, set()).add(node)
+            self.views.setdefault(node, set()).add(source)
+        return []
+
+    def _related(self, node):
+        """All views of a tensor, of those that it is a view of, and so on."""
+        found, waiting = set(), [node]
+        while waiting:
+            one = waiting.pop()
+            if one not in found:
+                found.add(one)
+                waiting += [*self.views.get(one, ()), *self.same.get(one, ())]
+        return found
+
+
+def _is_in_place(traced, node):
+    if node.op == "call_module":
+        return bool(getattr(traced.get_submodule(node.target), "inplace", False))
+    if node.op == "call_method":
+        return node.target.endswith("_") and not node.target.endswith("__")
+    name = getattr(node.target, "__name__", "")
+    if node.target.__module__ in ("_operator", "operator"):
+        return name in ("iadd", "isub", "imul", "itruediv", "ipow", "imatmul")
+    if name.endswith("_") and not name.endswith("__"):
+        return True
+    try:
+        given = inspect.signature(node.target).bind(*node.args, **node.kwargs).arguments
+    except (TypeError, ValueError):
+        given = node.kwargs
+    return bool(given.get("inplace", False))
+
+
+def _may_share(traced, node):
+    """Whether the result may be the tensor itself, or a view of it."""
+    if node.op == "call_module":
+        return type(traced.get_submodule(node.target)).__name__ in ("Identity", "Dropout", "Dropout1d", "AlphaDropout", "FeatureAlphaDropout", "Flatten", "Unflatten")
+    name = node.target if node.op == "call_method" else getattr(node.target, "__name__", "")
+    return name in _MOVES | _SAME | {"getattr"}
 
 
 def _title(traced, node):
@@ -154,7 +286,7 @@ def _step(traced, node, args, kwargs):
     if node.op == "call_method":
         if not rows:
             return getattr(args[0], node.target)(*args[1:], **kwargs)
-        return _function(node.target, args, kwargs)
+        return _function(node.target.removesuffix("_"), args, kwargs)
     if not rows:
         return node.target(*args, **kwargs)
     if node.target is getattr:
@@ -163,7 +295,7 @@ def _step(traced, node, args, kwargs):
         if args[1] in ("T", "mT"):
             return args[0].take(args[0].index().swapaxes(-1, -2))
         if args[1] in ("dtype", "device"):
-            return {"dtype": None, "device": None}[args[1]]
+            return args[0].graph.kind if args[1] == "dtype" else None
         raise Error(f"the attribute {args[1]}, expected shape or T")
     return _function(node.target.__name__.lstrip("_").removesuffix("_"), args, kwargs)
 
@@ -180,6 +312,9 @@ _BINARY = {
     "multiply": "multiply", "div": "divide", "truediv": "divide", "itruediv": "divide", "divide": "divide", "true_divide": "divide",
     "pow": "power", "float_power": "power", "maximum": "maximum", "minimum": "minimum",
 }
+_COMPARISONS = {
+    "gt": "gt", "greater": "gt", "ge": "ge", "greater_equal": "ge", "lt": "lt", "less": "lt", "le": "le", "less_equal": "le",
+}
 _ONE = {
     "tanh": "tanh", "sigmoid": "sigmoid", "relu": "relu", "silu": "silu", "sin": "sin", "cos": "cos", "exp": "exp", "log": "log",
     "abs": "abs", "absolute": "abs", "reciprocal": "reciprocal", "erf": "erf", "softsign": "softsign", "atan": "atan", "arctan": "atan",
@@ -193,13 +328,19 @@ def _function(name, args, kwargs):
     """A function or method of PyTorch, of which at least one argument is a row."""
     import torch
 
-    kwargs = {key: value for key, value in kwargs.items() if key not in ("inplace", "out")}
+    kwargs = {key: value for key, value in kwargs.items() if key != "inplace"}
     x = args[0] if args else kwargs.pop("input", None)
     rest = list(args[1:])
     if name == "getitem" and isinstance(x, tuple):
         return x[rest[0]]
     if name in _SAME:
+        kinds = [part for part in (*rest, *kwargs.values()) if isinstance(part, torch.dtype)]
+        if any(kind not in (torch.float32, torch.float64) for kind in kinds):
+            raise Error(f"a conversion of inputs to {kinds[0]}, expected float32 or float64")
         return x
+    if name in _COMPARISONS:
+        other = rest[0] if rest else kwargs["other"]
+        return compared(_COMPARISONS[name], *(part if is_row(part) else _numbers(part) for part in (x, other)))
     if name in _MOVES:
         return _moved(name, x, rest, kwargs)
     if name in ("size", "dim"):
@@ -285,11 +426,16 @@ def _gelu(x, approximate="none"):
 
 
 def _softplus(x, beta=1.0, threshold=20.0):
-    return x.linear(beta).map("softplus").linear(1.0 / beta) if beta != 1.0 else x.map("softplus")
+    scaled = x.linear(beta) if beta != 1.0 else x
+    soft = scaled.map("softplus")
+    # above the threshold PyTorch gives the number itself
+    return choose(compared("gt", scaled, threshold), x, soft.linear(1.0 / beta) if beta != 1.0 else soft)
 
 
 def _clamp(x, min=None, max=None, min_val=None, max_val=None):
     low, high = (min if min is not None else min_val), (max if max is not None else max_val)
+    if not _has_row((low, high)) and low is not None and high is not None and np.any(_numbers(low) > _numbers(high)):
+        raise Error(f"a clamp to {low} and {high}, expected the smaller one first")
     if _has_row((low, high)):
         row = x if low is None else binary("maximum", x, low if is_row(low) else _numbers(low))
         return row if high is None else binary("minimum", row, high if is_row(high) else _numbers(high))
@@ -318,10 +464,11 @@ def _batch_norm(x, running_mean, running_var, weight=None, bias=None, training=F
         raise Error("a normalisation over the batch, expected one by running statistics")
     factor = 1.0 / np.sqrt(_double(running_var) + eps)
     factor = factor if weight is None else factor * _double(weight)
-    offset = (0.0 if bias is None else _double(bias)) - _double(running_mean) * factor
+    mean, offset = _double(running_mean), np.broadcast_to(0.0 if bias is None else _double(bias), factor.shape)
     if x.ndim == 3:
-        factor, offset = factor[:, None], np.broadcast_to(offset, np.shape(factor))[:, None]
-    return x.linear(factor, offset)
+        mean, factor, offset = mean[:, None], factor[:, None], offset[:, None]
+    # numbers far from zero cancel otherwise
+    return x.linear(1.0, -mean).linear(factor, offset)
 
 
 def _prelu(x, weight):
@@ -344,8 +491,42 @@ def _norm(x, p=2, dim=None, keepdim=False, dtype=None, ord=None):
     return x.map("power", 2.0).reduce(dim, keepdim).map("power", 0.5)
 
 
-def _softmax(x, dim=-1, dtype=None, **_):
-    return x.softmax(-1 if dim is None else dim)
+def _softmax(x, dim=None, dtype=None, **_):
+    if dim is None:
+        # which it is without `dim` depends on their number
+        if x.ndim != 2:
+            raise Error(f"a softmax of {x.ndim} dimensions without `dim`, expected one that says which")
+        dim = 1
+    return x.softmax(dim)
+
+
+def _where(mask, chosen, otherwise):
+    if not is_row(mask):
+        raise Error("a choice that does not depend on the inputs, expected a comparison")
+    return choose(mask, *(part if is_row(part) else _numbers(part) for part in (chosen, otherwise)))
+
+
+def _glu(x, dim=-1):
+    length = x.shape[dim] // 2
+    first, second = (x.take(np.take(x.index(), range(begin, begin + length), axis=dim)) for begin in (0, length))
+    return binary("multiply", first, second.map("sigmoid"))
+
+
+def _rms_norm(x, normalized_shape, weight=None, eps=None):
+    axes = tuple(range(x.ndim - len(tuple(normalized_shape)), x.ndim))
+    if eps is None:
+        import torch
+
+        eps = torch.finfo(x.graph.kind).eps
+    row = binary("multiply", x, x.map("power", 2.0).reduce(axes, True, mean=True).linear(1.0, eps).map("power", -0.5))
+    return row if weight is None else row.linear(_double(weight))
+
+
+def _group_norm(x, num_groups, weight=None, bias=None, eps=1e-5):
+    grouped = x.take(x.index().reshape(x.shape[0], num_groups, -1)).standardise(1, eps)
+    row = grouped.take(grouped.index().reshape(x.shape))
+    each = lambda tensor: _double(tensor).reshape((-1,) + (1,) * (x.ndim - 2))
+    return row.linear(1.0 if weight is None else each(weight), 0.0 if bias is None else each(bias))
 
 
 def _threshold(x, threshold, value):
@@ -358,11 +539,16 @@ _FUNCTIONS = {
     "cat": _cat, "concat": _cat, "concatenate": _cat, "stack": _stack, "linear": _linear, "matmul": _matmul, "mm": _matmul, "addmm": _addmm,
     "gelu": _gelu, "softplus": _softplus, "clamp": _clamp, "clip": _clamp, "layer_norm": _layer_norm, "batch_norm": _batch_norm,
     "prelu": _prelu, "sum": _reduced(False), "mean": _reduced(True), "norm": _norm, "softmax": _softmax, "threshold": _threshold,
+    "where": _where, "glu": _glu, "rms_norm": _rms_norm, "group_norm": _group_norm,
+    "clamp_min": lambda x, min: _clamp(x, min=min),
+    "clamp_max": lambda x, max: _clamp(x, max=max),
+    "amax": lambda x, dim=None, keepdim=False: extreme(x, dim, "maximum", keepdim),
+    "amin": lambda x, dim=None, keepdim=False: extreme(x, dim, "minimum", keepdim),
     "leaky_relu": lambda x, negative_slope=0.01: x.map("leaky_relu", negative_slope),
     "elu": lambda x, alpha=1.0: x.map("elu", alpha),
     "celu": lambda x, alpha=1.0: _scaled_elu(x, alpha),
     "hardtanh": lambda x, min_val=-1.0, max_val=1.0: x.map("clip", min_val, max_val),
-    "log_softmax": lambda x, dim=-1, **_: x.softmax(-1 if dim is None else dim).map("log"),
+    "log_softmax": lambda x, dim=None, **_: _softmax(x, dim).map("log"),
 }
 
 
@@ -391,7 +577,10 @@ def _module(module, x, *args, **kwargs):
         "PReLU": lambda: _prelu(x, module.weight),
         "ELU": lambda: x.map("elu", module.alpha),
         "CELU": lambda: _scaled_elu(x, module.alpha),
-        "Softplus": lambda: _softplus(x, module.beta),
+        "Softplus": lambda: _softplus(x, module.beta, module.threshold),
+        "GLU": lambda: _glu(x, module.dim),
+        "GroupNorm": lambda: _group_norm(x, module.num_groups, module.weight, module.bias, module.eps),
+        "RMSNorm": lambda: _rms_norm(x, module.normalized_shape, module.weight, module.eps),
         "Hardtanh": lambda: x.map("clip", module.min_val, module.max_val),
         "Threshold": lambda: _threshold(x, module.threshold, module.value),
     }
