@@ -1,8 +1,8 @@
 //! The builder of graphs, for readers of fitted models.
 
-use crate::{Error, Surrogate, doubles, refused, rows};
+use crate::{Error, Surrogate, bytes, doubles, refused, rows};
 use metafmu::{
-    import::{self, About, builder::Builder},
+    import::{self, About, Imported, builder::Builder},
     interface::Interface,
 };
 use metafmu_runtime::{
@@ -10,7 +10,7 @@ use metafmu_runtime::{
     graph::{Elementwise, Operation, Step},
     regression::{Forest, LEAF, Node, Tree},
 };
-use pyo3::prelude::*;
+use pyo3::{prelude::*, types::PyByteArray};
 use std::path::Path;
 
 /// Functions of one number by name.
@@ -218,6 +218,47 @@ impl Graph {
         let forest = Forest { nodes: nodes.collect(), trees: trees.collect() };
         let made = self.of(&[of])?.add(Step::Forest { of, forest, outputs }, outputs);
         self.made(made)
+    }
+
+    /// What some numbers are at rows of the inputs, before the end.
+    fn evaluate<'py>(
+        &mut self,
+        py: Python<'py>,
+        columns: Vec<[u32; 2]>,
+        x: &[u8],
+    ) -> PyResult<Bound<'py, PyByteArray>> {
+        self.check_columns(&columns)?;
+        let builder = self.of(&[])?.clone();
+        let points = rows(Some(x), builder.width(0)).unwrap_or_default();
+        let outputs = columns.len();
+        let map = builder.finish(columns).map_err(refused)?;
+        Ok(PyByteArray::new(py, &bytes(&map.evaluate(&points, outputs).concat())))
+    }
+
+    /// Ends with these numbers as the outputs of a model, whose columns have names: `named` has those of the inputs and of the outputs.
+    #[allow(clippy::too_many_arguments)]
+    fn finish_with_states(
+        &mut self,
+        columns: Vec<[u32; 2]>,
+        interface: &str,
+        data: Option<&[u8]>,
+        content: &[u8],
+        single: bool,
+        producer: &str,
+        named: (Vec<String>, Vec<String>),
+    ) -> PyResult<Surrogate> {
+        let interface = Interface::from_json(interface).map_err(refused)?;
+        let (inputs, outputs) = named;
+        self.check_columns(&columns)?;
+        lengths("columns of outputs", columns.len(), outputs.len())?;
+        lengths("columns of inputs", self.of(&[0])?.width(0), inputs.len())?;
+        let builder = self.builder.take().ok_or_else(|| refused("the graph is finished"))?;
+        let rows = rows(data, interface.variables().count());
+        let (stacked, recurrences, producer) = (Vec::new(), Vec::new(), producer.to_owned());
+        let imported =
+            Imported { inputs, stacked, outputs, builder, columns, recurrences, is_single: single, producer };
+        let made = import::surrogate((Path::new(&interface.name), content), imported, &interface, rows);
+        made.map(Surrogate::new).map_err(refused)
     }
 
     /// Ends with these numbers as the outputs.

@@ -82,6 +82,31 @@ def test_a_row_without_a_batch(rows, agrees):
     agrees(metafmu.from_jax(one, jnp.asarray(rows[0][0]), data=rows[0]), rows[0], expected, 1e-12)
 
 
+def test_a_differential_equation_has_states():
+    """With the arguments that solvers for JAX want: time, states, input."""
+    scipy = pytest.importorskip("scipy.integrate")
+    ((w, b), (v, c)) = parameters([3, 8, 2], jnp.float64)
+
+    def flow(t, x, u):
+        return jnp.tanh(jnp.concatenate([x, u]) @ w + b) @ v + c - jnp.array([[0.4, 2.0], [-2.0, 0.4]]) @ x
+
+    surrogate = metafmu.from_jax(
+        flow, (0.0, jnp.zeros(2), jnp.zeros(1)), inputs={"t": {"value": 0.0}, "u": (-2, 2)},
+        states={"x": {"derivative": "output", "start": 0.5}}, solver_step=0.002,
+    )
+    assert surrogate.name == "flow" and [item.name for item in surrogate.inputs] == ["x[0]_start", "x[1]_start", "u"]
+    time = np.linspace(0.0, 5.0, 101)
+    expected = scipy.solve_ivp(lambda t, x: np.asarray(flow(t, x, jnp.array([0.8]))), (0.0, 5.0), [0.5, 0.5], t_eval=time, rtol=1e-10, atol=1e-12).y.T
+    assert np.abs(surrogate.simulate(time, {"u": 0.8}) - expected).max() < 1e-8
+
+
+def test_several_arguments(rows, agrees):
+    function = lambda a, b: {"sum": a + b, "difference": a[0] - b[0]}
+    x = rows[0][:, :2]
+    surrogate = metafmu.from_jax(function, (jnp.zeros(1), jnp.zeros(1)), data=x)
+    agrees(surrogate, x, np.stack([x[:, 0] - x[:, 1], x.sum(axis=1)], axis=1), 1e-12)
+
+
 def test_what_is_not_known_is_refused(rows):
     with pytest.raises(metafmu.Error, match="primitive `sort`.*expected one of"):
         metafmu.from_jax(lambda x: jnp.sort(x), jnp.asarray(rows[0][:1]), data=rows[0])

@@ -163,6 +163,79 @@ def test_several_inputs_by_example(rows, agrees):
     agrees(metafmu.from_torch(module, data=rows[0], example=(x[:1, :2], x[:1, 2:])), rows[0], expected, 1e-12)
 
 
+def test_a_differential_equation_has_states(rows, tmp_path):
+    """A neural ODE, without ONNX: fmpy and `simulate` give what scipy computes with PyTorch's right side."""
+    scipy = pytest.importorskip("scipy.integrate")
+
+    class Flow(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.net = nn.Sequential(nn.Linear(3, 16), nn.Tanh(), nn.Linear(16, 2))
+
+        def forward(self, x, u):
+            return self.net(torch.cat([x, u], -1)) - x @ torch.tensor([[0.4, -2.0], [2.0, 0.4]], dtype=x.dtype)
+
+    torch.manual_seed(1)
+    flow = Flow().double()
+    example = torch.zeros(1, 2, dtype=torch.float64), torch.zeros(1, 1, dtype=torch.float64)
+    states = {"x": {"derivative": "output", "start": 0.5}}
+    surrogate = metafmu.from_torch(flow, inputs={"u": (-2, 2)}, states=states, example=example, solver_step=0.01)
+    assert [item.name for item in surrogate.outputs] == ["x[0]", "x[1]"]
+    time = np.linspace(0.0, 5.0, 251)
+    rates = lambda t, x: flow(torch.tensor(x)[None], torch.full((1, 1), 0.8, dtype=torch.float64))[0].detach().numpy()
+    expected = scipy.solve_ivp(rates, (0.0, 5.0), [0.5, 0.5], t_eval=time, rtol=1e-11, atol=1e-12).y.T
+    assert np.abs(surrogate.simulate(time, {"u": 0.8}) - expected).max() < 1e-8
+    fmpy = pytest.importorskip("fmpy")
+    for fmu in surrogate.export(tmp_path / "flow.fmu", fmi="both"):
+        assert metafmu.validate(fmu)
+        result = fmpy.simulate_fmu(str(fmu), start_values={"u": 0.8}, stop_time=5.0, output_interval=0.02)
+        assert np.abs(result["x[1]"] - expected[:, 1]).max() < 1e-8
+    for wrong, message in [
+        ({"states": {"z": {"derivative": "output"}}}, 'state `z`: "z" is no column of the model\'s inputs: x'),
+        ({"states": {"x": {"derivative": "y"}}}, '"y" is no column of the model\'s outputs, expected one of .*output'),
+        ({"states": states, "example": None}, "expected example="),
+    ]:
+        with pytest.raises(metafmu.Error, match=message):
+            metafmu.from_torch(flow, **{"inputs": {"u": (-2, 2)}, "example": example, **wrong})
+
+
+@pytest.mark.parametrize("kind", [nn.LSTMCell, nn.GRUCell, nn.RNNCell])
+def test_a_cell_goes_on_from_sample_to_sample(kind):
+    class Cell(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.cell, self.head = kind(2, 5), nn.Linear(5, 1)
+
+        def forward(self, u, h, c=None):
+            if kind is nn.LSTMCell:
+                h, c = self.cell(u, (h, c))
+                return {"y": self.head(h), "h1": h, "c1": c}
+            h = self.cell(u, h)
+            return {"y": self.head(h), "h1": h}
+
+    class Pair(Cell):
+        def forward(self, u, h, c):
+            return super().forward(u, h, c)
+
+    torch.manual_seed(2)
+    cell = (Pair() if kind is nn.LSTMCell else Cell()).double()
+    number = 2 if kind is nn.LSTMCell else 1
+    zeros = [torch.zeros(1, 5, dtype=torch.float64)] * number
+    states = dict(list({"h": "h1", "c": "c1"}.items())[:number])
+    example = (torch.zeros(1, 2, dtype=torch.float64), *zeros)
+    surrogate = metafmu.from_torch(cell, inputs={"a": (-1, 1), "b": (-1, 1)}, states=states, sample=0.1, example=example)
+    signal = np.random.default_rng(3).uniform(-1, 1, (50, 2))
+    found = surrogate.simulate(0.1 * np.arange(50), signal)[:, 0]
+    made, held = [found[0]], zeros
+    for row in signal[:-1]:
+        step = cell(torch.tensor(row)[None], *held)
+        held = [step["h1"], *([step["c1"]] if number == 2 else [])]
+        made.append(step["y"].item())
+    assert np.abs(found - made).max() <= 1e-12 * np.ptp(made)
+    with pytest.raises(metafmu.Error, match="without its .* hidden tensors"):
+        metafmu.from_torch(nn.Sequential(kind(2, 5)), inputs={"a": (-1, 1), "b": (-1, 1)})
+
+
 def batch_mean(x):
     return x - x.mean(0)
 

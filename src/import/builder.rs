@@ -9,7 +9,7 @@ use metafmu_runtime::{
 pub const MAX_WEIGHTS: usize = 1 << 25;
 
 /// A graph that is being made: every step is added behind those whose values it takes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Builder {
     widths: Vec<usize>,
     steps: Vec<Step>,

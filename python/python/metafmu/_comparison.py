@@ -23,15 +23,10 @@ def some_rows(surrogate, data):
     return np.random.default_rng(0).uniform(low, high, (_ROWS, len(names)))
 
 
-def compare(surrogate, data, what, predict, tolerance):
-    """Raises :class:`metafmu.Error` if a surrogate predicts something else than the model, ``what``, in some rows: a part of it was read
-    wrongly, or its rows depend on each other, or on chance.
-
-    ``predict``: the model's outputs at rows of its inputs, of shape (rows, outputs).
-    """
-    rows = some_rows(surrogate, data)
-    expected, found = np.asarray(predict(rows), dtype=np.float64), surrogate.predict(rows)
-    expected = expected.reshape(len(rows), -1)
+def compare(rows, found, what, predict, tolerance):
+    """Raises :class:`metafmu.Error` if what was found at rows of the inputs, of shape (rows, outputs), is something else than the model, ``what``,
+    predicts: a part of it was read wrongly, or its rows depend on each other, or on chance."""
+    expected = np.asarray(predict(rows), dtype=np.float64).reshape(len(rows), -1)
     if expected.shape != found.shape:
         raise _metafmu.Error(f"{what} has {expected.shape[1]} outputs, and what was read of it {found.shape[1]}")
     size = np.abs(np.where(np.isfinite(expected), expected, 0.0)).max(axis=0)
@@ -47,3 +42,17 @@ def compare(surrogate, data, what, predict, tolerance):
             f"{what} was read wrongly: predictions differ by {largest:.1e} of the largest one; a part of it does something else in this version, or with these "
             "options, or its rows depend on each other, or on chance; an export to ONNX and from_onnx may help"
         )
+
+
+def finished(graph, value, what, predict, tolerance, named, about):
+    """The surrogate of a graph, after a look at what the model predicts. ``named``: names of the model's columns, those of its inputs and its
+    outputs; ``about``: as of :meth:`Graph.finish`, or with states of :meth:`Graph.finish_with_states`."""
+    if about.get("states") is None:
+        surrogate = graph.finish(value, **about)
+        rows = some_rows(surrogate, about["data"])
+        compare(rows, surrogate.predict(rows), what, predict, tolerance)
+        return surrogate
+    # where the states will be is not known
+    rows = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, graph.width(0)))
+    compare(rows, graph.evaluate(value, rows), what, predict, tolerance)
+    return graph.finish_with_states(value, *named, **about)

@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from . import _metafmu
-from ._interface import interface
+from ._interface import interface, interface_of_columns
 from ._surrogate import Surrogate
 
 
@@ -138,6 +138,19 @@ class Graph:
         columns, numbers, below = np.concatenate(columns), np.concatenate(numbers), np.concatenate(below)
         self._note("forest", of, columns.tobytes(), numbers.tobytes(), below.tobytes(), roots, outputs)
         return self._core.forest(of, columns.tolist(), numbers.tobytes(), below.tolist(), roots, int(outputs))
+
+    def evaluate(self, value, rows):
+        """What a value is at rows of the inputs, of shape (rows, numbers)."""
+        rows = np.ascontiguousarray(rows, dtype=np.float64)
+        columns = [[value, place] for place in range(self.width(value))]
+        return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
+
+    def finish_with_states(self, value, columns, results, *, producer="", single=False, **about):
+        """The surrogate of a model whose inputs and outputs have names, ``columns`` and ``results``, of which ``states`` are some: see
+        :func:`metafmu.from_onnx`."""
+        text, rows = interface_of_columns(columns, results, **about)
+        places = [[value, place] for place in range(self.width(value))]
+        return Surrogate(self._core.finish_with_states(places, text, rows, self._content.digest(), bool(single), producer, (list(columns), list(results))))
 
     def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
                single=False, input_names=None, output_names=None):

@@ -73,7 +73,7 @@ def of_section(given, count, prefix, what, keys, names=None):
         if wrong := [key for key in ("unit", "description", "causality", "variability", "column") if key in about and not isinstance(about[key], str)]:
             raise _metafmu.Error(f"{what} `{name}`: {wrong[0]}: {about[wrong[0]]!r}, expected a text")
         check_keys(about, keys, f"{what} `{name}`")
-        about.update({key: number(about[key], f"{what} `{name}`: {key}") for key in ("min", "max", "start") if key in about})
+        about.update({key: number(about[key], f"{what} `{name}`: {key}") for key in ("min", "max", "start", "value") if key in about})
         name = str(name)
         if name in section:
             raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
@@ -114,17 +114,18 @@ def interface(
         columns = [str(column) for column in data.columns]
         input_names = columns if len(columns) == count_inputs else None
     column = ("column",) if named else ()
-    of_inputs = of_section(inputs, count_inputs, "x", "input", (*column, *_INPUT_KEYS), input_names)
+    of_inputs = of_section(inputs, count_inputs, "x", "input", (*column, *(("value",) if named else ()), *_INPUT_KEYS), input_names)
+    variables = {name: about for name, about in of_inputs.items() if "value" not in about}
     of_outputs = of_section(outputs, count_outputs, "y", "output", (*column, *_OUTPUT_KEYS), output_names)
     rows = None
     if data is not None:
-        rows = rows_of(data, list(of_inputs), "data")
+        rows = rows_of(data, list(variables), "data")
         if not len(rows):
             raise _metafmu.Error("data has no rows, expected at least one")
         if not np.isfinite(rows).all():
             row, column = np.argwhere(~np.isfinite(rows))[0]
-            raise _metafmu.Error(f"data: {rows[row, column]} in row {row} of `{list(of_inputs)[column]}`, expected a finite number")
-    elif missing := [name for name, about in of_inputs.items() if about.get("causality") != "time" and not {"min", "max"} <= set(about)]:
+            raise _metafmu.Error(f"data: {rows[row, column]} in row {row} of `{list(variables)[column]}`, expected a finite number")
+    elif missing := [name for name, about in variables.items() if about.get("causality") != "time" and not {"min", "max"} <= set(about)]:
         raise _metafmu.Error(
             f"no range of the inputs {', '.join(f'`{name}`' for name in missing[:20])}: expected data=X with the rows that the model was "
             "trained on, or inputs={\"NAME\": {\"min\": 0.0, \"max\": 1.0, \"unit\": \"m\"}, ...}"
@@ -142,3 +143,47 @@ def interface(
         }
     )
     return text, None if rows is None else rows.tobytes()
+
+
+_STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "description")
+
+
+def interface_of_columns(columns, results, *, inputs, outputs, data, states, sample, step, **about):
+    """The same of a model whose columns have names, ``columns`` those that it takes and ``results`` those that it gives, some of which may be
+    states: ``states`` is a dict of names to the output that is the next value, or to dicts with the keys of docs/import.md."""
+    if not isinstance(states or {}, Mapping):
+        raise _metafmu.Error(f"states: {states!r}, expected a dict: {{\"INPUT\": \"OUTPUT\", ...}}")
+    of_states = {name: _state(name, given) for name, given in (states or {}).items()}
+    for name, given in of_states.items():
+        if not _named(columns, given["column"]):
+            raise _metafmu.Error(f"state `{name}`: \"{given['column']}\" is no column of the model's inputs: {', '.join(columns[:20])}")
+    left = _without(columns, [given["column"] for given in of_states.values()])
+    shown = _without(results, [given.get("next", given.get("derivative", "")) for given in of_states.values()])
+    if outputs is None and not shown and of_states:
+        # a model that only tells how its states go on shows them
+        outputs = {column: {"column": column} for column in columns if column not in left}
+    return interface(
+        len(left), len(shown), inputs=inputs, outputs=outputs, data=data, step=0.01 if step is None and sample is None else step, states=of_states,
+        sample=sample, input_names=None if data is not None and hasattr(data, "columns") else left, output_names=shown, named=True, **about,
+    )
+
+
+def _state(name, about):
+    """The entry of a state, from its next value or a dict."""
+    what = f"state `{name}`"
+    about = {"next": about} if isinstance(about, str) else about
+    if not isinstance(about, Mapping):
+        raise _metafmu.Error(f"{what}: {about!r}, expected the output that is its next value, or a dict")
+    check_keys(about, _STATE_KEYS, what)
+    about = {"column": name, "start": 0.0, **about}
+    return about | {key: number(about[key], f"{what}: {key}") for key in ("start", "min", "max") if key in about}
+
+
+def _without(columns, taken):
+    """Columns that are none of those taken, which are columns or stand for all columns of an input or output."""
+    return [column for column in columns if column not in taken and column.split("[")[0] not in taken]
+
+
+def _named(columns, taken):
+    """The columns that a name stands for."""
+    return [column for column in columns if taken in (column, column.split("[")[0])]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from typing import Any, Callable
 
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import DOUBLE, SINGLE, compare
-from ._rows import Row, binary, choose, compared, compose, concatenate, extreme, is_row, outputs_of
+from ._comparison import DOUBLE, SINGLE, finished
+from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -23,52 +25,73 @@ def from_jax(
     outputs: Names = None,
     data: Any = None,
     *,
+    states: Mapping[str, Any] | None = None,
+    sample: float | None = None,
+    solver_step: float | None = None,
     name: str | None = None,
     description: str = "",
-    step: float = 0.01,
+    step: float | None = None,
     stop: float = 1.0,
     domain: str = "data",
 ) -> Surrogate:
     """The surrogate of a function of JAX.
 
     ``function(x)``, or ``function(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
-    batch of shape (rows, n). The other arguments are those of :func:`metafmu.from_torch`.
+    batch of shape (rows, n), or a tuple of arrays if there are several. The other arguments are those of :func:`metafmu.from_torch`.
 
     >>> f = lambda params, x: jax.nn.tanh(x @ params["w"]) @ params["v"]
     >>> metafmu.from_jax(f, X[:1], params, data=X, outputs=["y"]).export("f.fmu")
+
+    The right side of a differential equation, whose arguments are its states and inputs, a time among them with a value:
+
+    >>> metafmu.from_jax(lambda t, x, u: A @ x + B @ u, (0.0, x, u), inputs={"t": {"value": 0.0}, "u": (-2, 2)}, states={"x": {"derivative": "output"}})
 
     Raises :class:`metafmu.Error` with the primitive that is not known.
     """
     import jax
 
-    example = np.asarray(example) if not hasattr(example, "dtype") else example
-    if example.ndim not in (1, 2):
-        raise Error(f"an example of the shape {example.shape}, expected (n,) or (rows, n)")
-    example = example if example.ndim == 1 else example[:1]
-    of_x = function if params is None else lambda x: function(params, x)
-    closed = jax.make_jaxpr(of_x)(example)
-    graph = Graph(int(np.prod(example.shape)))
-    results = _follow(closed.jaxpr, closed.consts, [Row(graph, 0, example.shape)])
+    examples = example if isinstance(example, tuple) else (example,)
+    # numbers of Python have no precision of their own
+    kinds = {np.dtype(part.dtype) for part in examples if hasattr(part, "dtype")} or {np.dtype(np.float64)}
+    examples = [part if hasattr(part, "dtype") else np.asarray(part) for part in examples]
+    # a time is a number
+    if wrong := [part for part in examples if part.ndim > 2 or part.ndim == 0 and len(examples) == 1]:
+        raise Error(f"an example of the shape {wrong[0].shape}, expected (n,) or (rows, n)")
+    examples = [part[:1] if part.ndim == 2 else part for part in examples]
+    of_x = function if params is None else lambda *x: function(params, *x)
+    closed, shape = jax.make_jaxpr(of_x, return_shape=True)(*examples)
+    sizes = [int(np.prod(part.shape)) for part in examples]
+    graph = Graph(sum(sizes))
+    places = np.split(np.arange(sum(sizes)), np.cumsum(sizes[:-1]))
+    given = [Row(graph, 0, (sum(sizes),)).take(of.reshape(part.shape)) for of, part in zip(places, examples)]
+    results = _follow(closed.jaxpr, closed.consts, given)
     _, value = outputs_of(results if len(results) > 1 else results[0])
-    kinds = [np.dtype(variable.aval.dtype) for variable in closed.jaxpr.invars]
-    single = all(kind != np.float64 for kind in kinds)
+    single = np.dtype(np.float64) not in kinds
     title = name or getattr(function, "__name__", "function")
-    surrogate = graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=title, description=description, step=step, stop=stop, domain=domain,
-        producer="JAX", single=single,
-    )
+
+    def of_rows(rows):
+        parts = np.split(rows, np.cumsum(sizes[:-1]), axis=1)
+        if any(part.ndim < 2 for part in examples):
+            one = lambda *x: jax.tree.leaves(of_x(*(part.reshape(like.shape) for part, like in zip(x, examples))))
+            return [np.concatenate([np.ravel(part) for part in one(*row)]) for row in zip(*parts)]
+        return np.concatenate([np.asarray(part).reshape(len(rows), -1) for part in jax.tree.leaves(of_x(*parts))], axis=1)
 
     def predict(rows):
-        rows = np.asarray(rows, dtype=example.dtype)
-        leaves = lambda x: [np.asarray(part) for part in jax.tree.leaves(of_x(x))]
         # in precision that matrices of small numbers have not everywhere
         with jax.default_matmul_precision("highest"):
-            if example.ndim == 1:
-                return np.stack([np.concatenate([np.ravel(part) for part in leaves(row)]) for row in rows])
-            return np.concatenate([part.reshape(len(rows), -1) for part in leaves(rows)], axis=1)
+            return of_rows(np.asarray(rows, dtype=np.float32 if single else np.float64))
 
-    compare(surrogate, data, f"`{title}`", predict, SINGLE if single else DOUBLE)
-    return surrogate
+    arguments = [name for name in inspect.signature(function).parameters][0 if params is None else 1 :]
+    arguments = arguments if len(arguments) == len(examples) else [f"x{place}" for place in range(len(examples))]
+    columns = [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
+    about = {"inputs": inputs, "outputs": outputs, "data": data, "name": title, "description": description, "stop": stop, "domain": domain}
+    if states is None:
+        about["step"] = 0.01 if step is None else step
+    else:
+        about |= {"step": step, "states": states, "sample": sample, "solver_step": solver_step}
+    # JAX has the entries of a dict in the order of their keys
+    named = columns, names_of(dict(zip(sorted(shape), results)) if isinstance(shape, dict) and len(shape) == len(results) else results)
+    return finished(graph, value, f"`{title}`", predict, SINGLE if single else DOUBLE, named, {**about, "producer": "JAX", "single": single})
 
 
 def _follow(jaxpr, consts, arguments):

@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from . import _metafmu
-from ._interface import check_keys, interface, number
+from ._interface import interface_of_columns
 from ._surrogate import Names, Surrogate
-
-_STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "description")
-
 
 def from_onnx(
     model: Any,
@@ -57,35 +54,9 @@ def from_onnx(
         path = Path(os.fspath(model))
         content, folder, title = path.read_bytes(), path.parent, path.stem
     columns, results = _metafmu.onnx_columns(content, folder)
-    if not isinstance(states or {}, Mapping):
-        raise _metafmu.Error(f"states: {states!r}, expected a dict: {{\"INPUT\": \"OUTPUT\", ...}}")
-    of_states = {name: _state(name, about) for name, about in (states or {}).items()}
-    shown = columns
-    columns = _without(columns, [about["column"] for about in of_states.values()])
-    results = _without(results, [about.get("next", about.get("derivative", "")) for about in of_states.values()])
-    if outputs is None and not results and of_states:
-        # a model that only tells how its states go on shows them
-        outputs = {column: {"column": column} for column in shown if column not in columns}
-    text, rows = interface(
-        len(columns), len(results), inputs=inputs, outputs=outputs, data=data, name=name or title, description=description,
-        step=0.01 if step is None and sample is None else step, stop=stop, domain=domain,
-        input_names=None if data is not None and hasattr(data, "columns") else columns, output_names=results, states=of_states, sample=sample,
-        solver_step=solver_step, named=True,
+    text, rows = interface_of_columns(
+        columns, results, inputs=inputs, outputs=outputs, data=data, states=states, sample=sample, step=step, name=name or title, description=description,
+        stop=stop, domain=domain, solver_step=solver_step,
     )
     return Surrogate(_metafmu.from_onnx(content, folder, text, rows))
 
-
-def _state(name, about):
-    """The entry of a state, from its next value or a dict."""
-    what = f"state `{name}`"
-    about = {"next": about} if isinstance(about, str) else about
-    if not isinstance(about, Mapping):
-        raise _metafmu.Error(f"{what}: {about!r}, expected the output that is its next value, or a dict")
-    check_keys(about, _STATE_KEYS, what)
-    about = {"column": name, "start": 0.0, **about}
-    return about | {key: number(about[key], f"{what}: {key}") for key in ("start", "min", "max") if key in about}
-
-
-def _without(columns, taken):
-    """Columns that are none of those taken, which are columns or stand for all columns of an input or output."""
-    return [column for column in columns if column not in taken and column.split("[")[0] not in taken]

@@ -187,6 +187,20 @@ def outputs_of(result):
     raise Error(f"the result is {type(result).__name__}, expected a tensor that depends on the inputs, or several")
 
 
+def names_of(results):
+    """Names of the columns of a model's result: those of a dict, else `output`, or `output0` and so on of several."""
+    if is_row(results):
+        results = {"output": results}
+    elif not isinstance(results, dict):
+        results = {f"output{place}": part for place, part in enumerate(results)} if len(results) > 1 else {"output": results[0]}
+    return [column for name, part in results.items() for column in columns_of(name, part.size)]
+
+
+def columns_of(name, count):
+    """Names of the columns of an input or output, as those of ONNX models."""
+    return [name] if count == 1 else [f"{name}[{place}]" for place in range(count)]
+
+
 # functions of one number that are made of others
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _boosting, _metafmu
 from ._graph import Graph
-from ._comparison import SINGLE, compare
+from ._comparison import SINGLE, compare, some_rows
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -68,7 +68,8 @@ def from_sklearn(
         value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
         producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
     )
-    compare(surrogate, data, type(estimator).__name__, _predict(estimator, names, data), SINGLE)
+    points = some_rows(surrogate, data)
+    compare(points, surrogate.predict(points), type(estimator).__name__, _predict(estimator, names, data), SINGLE)
     return surrogate
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import inspect
 import operator
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import DOUBLE, SINGLE, compare
-from ._rows import Row, binary, choose, compared, compose, concatenate, extreme, is_row, outputs_of
+from ._comparison import DOUBLE, SINGLE, finished
+from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -25,9 +26,12 @@ def from_torch(
     data: Any = None,
     *,
     example: Any = None,
+    states: Mapping[str, Any] | None = None,
+    sample: float | None = None,
+    solver_step: float | None = None,
     name: str | None = None,
     description: str = "",
-    step: float = 0.01,
+    step: float | None = None,
     stop: float = 1.0,
     domain: str = "data",
 ) -> Surrogate:
@@ -40,6 +44,11 @@ def from_torch(
     >>> net = torch.nn.Sequential(torch.nn.Linear(2, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1))
     >>> metafmu.from_torch(net, inputs={"x": (-1, 1), "v": (-2, 2)}, outputs=["force"]).export("force.fmu")
 
+    ``states``, ``sample``, ``solver_step``: as of :func:`metafmu.from_onnx`, for the right side of a differential equation, or a model that gives the next
+    values of states. Inputs have the names of the arguments of ``forward``; outputs are ``output``, or ``output0`` and so on, or the keys of a dict:
+
+    >>> metafmu.from_torch(flow, inputs={"u": (-2, 2)}, states={"x": {"derivative": "output", "start": 0.5}}, example=(x, u)).export("flow.fmu")
+
     Raises :class:`metafmu.Error` with the operation that is not known, or cannot be followed.
     """
     import torch
@@ -49,7 +58,12 @@ def from_torch(
         kind = f"the class {module.__name__}" if isinstance(module, type) else type(module).__name__
         raise Error(f"{kind}, expected a module of PyTorch: an instance of torch.nn.Module")
     with _evaluated(module):
-        return _read(module, inputs, outputs, data, example, name, description, step, stop, domain)
+        about = {
+            "inputs": inputs, "outputs": outputs, "data": data, "name": name or type(module).__name__, "description": description, "stop": stop, "domain": domain,
+        }
+        if states is None:
+            return _read(module, example, {**about, "step": 0.01 if step is None else step})
+        return _read(module, example, {**about, "step": step, "states": states, "sample": sample, "solver_step": solver_step})
 
 
 @contextlib.contextmanager
@@ -65,7 +79,7 @@ def _evaluated(module):
             part.training = training
 
 
-def _read(module, inputs, outputs, data, example, name, description, step, stop, domain):
+def _read(module, example, about):
     import torch
     import torch.fx
 
@@ -78,7 +92,7 @@ def _read(module, inputs, outputs, data, example, name, description, step, stop,
         ) from error
     holders = [node for node in traced.graph.nodes if node.op == "placeholder"]
     holders = [node for place, node in enumerate(holders) if place == 0 or not node.args]
-    shapes = _shapes(traced, holders, example, inputs, data)
+    shapes = _shapes(traced, holders, example, about)
     graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
     tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
     # what a tensor says of itself
@@ -88,15 +102,13 @@ def _read(module, inputs, outputs, data, example, name, description, step, stop,
         size = int(np.prod(shape))
         given[node] = Row(graph, 0, (graph.width(0),)).take(np.arange(begin, begin + size).reshape(shape))
         begin += size
-    _, value = outputs_of(_follow(traced, given))
-    surrogate = graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or type(module).__name__, description=description, step=step, stop=stop, domain=domain,
-        producer="PyTorch", single=bool(tensors) and kind != torch.float64,
-    )
+    made = _follow(traced, given)
+    _, value = outputs_of(made)
     device = tensors[0].device if tensors else None
     predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
-    compare(surrogate, data, type(module).__name__, predict, DOUBLE if kind == torch.float64 else SINGLE)
-    return surrogate
+    names = [name for node, shape in zip(holders, shapes) for name in columns_of(node.target, int(np.prod(shape)))]
+    of_model = {"producer": "PyTorch", "single": bool(tensors) and kind != torch.float64}
+    return finished(graph, value, type(module).__name__, predict, DOUBLE if kind == torch.float64 else SINGLE, (names, names_of(made)), {**about, **of_model})
 
 
 def _kind(tensors, example):
@@ -128,9 +140,11 @@ def _predicted(module, shapes, rows):
     return found.double().cpu().numpy()
 
 
-def _shapes(traced, holders, example, inputs, data):
+def _shapes(traced, holders, example, about):
     """The shape of one row of each input."""
     import torch
+
+    inputs, data = about["inputs"], about["data"]
 
     if example is not None:
         examples = example if isinstance(example, (tuple, list)) else (example,)
@@ -140,6 +154,8 @@ def _shapes(traced, holders, example, inputs, data):
     if len(holders) != 1:
         raise Error(f"the module has {len(holders)} inputs ({', '.join(map(str, holders))}): expected example=(...), a tensor for each")
     count = None
+    if "states" in about:
+        raise Error("the number of columns is not known: expected example=x, a tensor like the input")
     if data is not None:
         count = np.shape(data)[1] if len(np.shape(data)) > 1 else None
     if inputs is not None:
@@ -552,6 +568,43 @@ _FUNCTIONS = {
 }
 
 
+def _gates(module, x, h):
+    """What the weights of a cell make of the input and of the hidden numbers, gate by gate."""
+    sums = []
+    for row, weight, bias in ((x, module.weight_ih, module.bias_ih), (h, module.weight_hh, module.bias_hh)):
+        made = _linear(row, weight, bias)
+        sums.append([made.take(part) for part in np.split(made.index(), made.shape[-1] // module.hidden_size, axis=-1)])
+    return sums
+
+
+def _hidden(x, given, count):
+    if given is None or not all(map(is_row, given)):
+        raise Error(f"a cell without its {count} hidden tensors, expected them as inputs of the module")
+    return given
+
+
+def _lstm_cell(module, x, given=None):
+    h, c = _hidden(x, given, 2)
+    i, f, g, o = (binary("add", a, b) for a, b in zip(*_gates(module, x, h)))
+    kept = binary("multiply", f.map("sigmoid"), c)
+    c = binary("add", kept, binary("multiply", i.map("sigmoid"), g.map("tanh")))
+    return binary("multiply", o.map("sigmoid"), c.map("tanh")), c
+
+
+def _gru_cell(module, x, h=None):
+    (h,) = _hidden(x, (h,), 1)
+    (r, z, n), (of_r, of_z, of_n) = _gates(module, x, h)
+    r, z = binary("add", r, of_r).map("sigmoid"), binary("add", z, of_z).map("sigmoid")
+    n = binary("add", n, binary("multiply", r, of_n)).map("tanh")
+    return binary("add", binary("multiply", z.linear(-1.0, 1.0), n), binary("multiply", z, h))
+
+
+def _rnn_cell(module, x, h=None):
+    (h,) = _hidden(x, (h,), 1)
+    ((a,), (b,)) = _gates(module, x, h)
+    return binary("add", a, b).map(module.nonlinearity)
+
+
 def _module(module, x, *args, **kwargs):
     """A module of torch.nn."""
     name = type(module).__name__
@@ -571,6 +624,9 @@ def _module(module, x, *args, **kwargs):
         return _layer_norm(x, module.normalized_shape, module.weight, module.bias, module.eps)
     if name in ("Softmax", "LogSoftmax"):
         return _FUNCTIONS["softmax" if name == "Softmax" else "log_softmax"](x, module.dim)
+    cells = {"LSTMCell": _lstm_cell, "GRUCell": _gru_cell, "RNNCell": _rnn_cell}
+    if name in cells:
+        return cells[name](module, x, *args, **kwargs)
     with_options = {
         "GELU": lambda: _gelu(x, module.approximate),
         "LeakyReLU": lambda: x.map("leaky_relu", module.negative_slope),
@@ -588,6 +644,6 @@ def _module(module, x, *args, **kwargs):
         return with_options[name]()
     if name.lower() in _ONE:
         return compose(x, _ONE[name.lower()])
-    every = ["BatchNorm1d", "Dropout", "Flatten", "Identity", "LayerNorm", "Linear", "LogSoftmax", "Softmax", "Unflatten", *with_options]
+    every = ["BatchNorm1d", "Dropout", "Flatten", "Identity", "LayerNorm", "Linear", "LogSoftmax", "Softmax", "Unflatten", *cells, *with_options]
     activations = ["ReLU", "ReLU6", "Tanh", "Sigmoid", "SiLU", "SELU", "Softsign", "Mish", "Hardsigmoid", "Hardswish", "LogSigmoid", "Tanhshrink"]
     raise Error(f"the module {name} is not known, expected one of {', '.join(sorted(every + activations))}; or export it to ONNX and use from_onnx")

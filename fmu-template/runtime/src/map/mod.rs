@@ -143,6 +143,25 @@ impl Map {
             Self::Graph(graph) => graph.check(columns, outputs),
         }
     }
+
+    /// The outputs, so many, at each row of columns, in double precision.
+    ///
+    /// # Panics
+    /// If a row has the wrong length.
+    pub fn evaluate(&self, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>> {
+        at_rows(&PreparedMap::new(self, Precision::Double), rows, outputs)
+    }
+}
+
+fn at_rows(map: &PreparedMap, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>> {
+    let simd = Simd::detect();
+    let mut scratch = map.scratch();
+    let at = |row: &Vec<f64>| {
+        let mut outputs = vec![0.0; outputs];
+        map.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
+        outputs
+    };
+    rows.iter().map(at).collect()
 }
 
 impl ScaledNetwork {
@@ -151,14 +170,7 @@ impl ScaledNetwork {
     /// # Panics
     /// If a row has the wrong length.
     pub fn evaluate(&self, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let (map, simd) = (PreparedMap::of_network(self, Precision::Double), Simd::detect());
-        let mut scratch = map.scratch();
-        let at = |row: &Vec<f64>| {
-            let mut outputs = vec![0.0; self.scaling.output_mean.len()];
-            map.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
-            outputs
-        };
-        rows.iter().map(at).collect()
+        at_rows(&PreparedMap::of_network(self, Precision::Double), rows, self.scaling.output_mean.len())
     }
 
     /// Sizes of the layers' outputs.
