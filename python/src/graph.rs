@@ -249,10 +249,7 @@ impl Graph {
     ) -> PyResult<Surrogate> {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let (inputs, outputs) = named;
-        self.check_columns(&columns)?;
-        lengths("columns of outputs", columns.len(), outputs.len())?;
-        lengths("columns of inputs", self.of(&[0])?.width(0), inputs.len())?;
-        let builder = self.builder.take().ok_or_else(|| refused("the graph is finished"))?;
+        let builder = self.taken(&columns, [inputs.len(), outputs.len()])?;
         let rows = rows(data, interface.variables().count());
         let (stacked, recurrences, producer) = (Vec::new(), Vec::new(), producer.to_owned());
         let imported =
@@ -273,10 +270,7 @@ impl Graph {
     ) -> PyResult<Surrogate> {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let variables = interface.variables().count();
-        lengths("outputs", columns.len(), interface.outputs.len())?;
-        self.check_columns(&columns)?;
-        lengths("columns of inputs", self.of(&[0])?.width(0), variables)?;
-        let builder = self.builder.take().ok_or_else(|| refused("the graph is finished"))?;
+        let builder = self.taken(&columns, [variables, interface.outputs.len()])?;
         let rows = rows(data, variables);
         let map = builder.finish(columns).map_err(refused)?;
         let about = About { path: Path::new(&interface.name), content, is_single: single, producer };
@@ -286,6 +280,14 @@ impl Graph {
 }
 
 impl Graph {
+    /// The builder, at its end, if it has so many inputs and outputs.
+    fn taken(&mut self, columns: &[[u32; 2]], [inputs, outputs]: [usize; 2]) -> PyResult<Builder> {
+        self.check_columns(columns)?;
+        lengths("outputs", columns.len(), outputs)?;
+        lengths("columns of inputs", self.of(&[0])?.width(0), inputs)?;
+        self.builder.take().ok_or_else(|| refused("the graph is finished"))
+    }
+
     fn check_columns(&mut self, columns: &[[u32; 2]]) -> PyResult<()> {
         if columns.is_empty() {
             return Err(refused("no columns, expected at least one"));
