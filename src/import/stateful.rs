@@ -193,6 +193,13 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
             }
         }
     }
+    if runs.iter().all(|rows| rows.last().is_some_and(Option::is_none)) {
+        let longest = runs.iter().map(Vec::len).max().unwrap_or(0) - 1;
+        return Err(format!(
+            "no simulation stays finite, with inputs from their ranges or along the rows of `--data`: the longest one ends after {longest} steps; \
+             start values, ranges, the step or `time.stop` do not fit the model"
+        ));
+    }
     Ok(ranges)
 }
 

@@ -376,6 +376,18 @@ def test_the_starter_proposes_what_names_say(tmp_path):
     assert "[states" not in text and text.count("[inputs.") == text.count("[outputs.") == 3
 
 
+def test_a_model_whose_simulations_all_end_is_refused(tmp_path):
+    """x' = x², which is infinite after 1 s."""
+    square = model([node("Mul", "x x", "dx")], inputs=[("x", [1, 1])], outputs=[("dx", [1, 1])], kind=DOUBLE)
+    (tmp_path / "square.onnx").write_bytes(square.SerializeToString())
+    interface = 'name = "square"\n[time]\nstep = 0.01\nstop = STOP\n[states.x]\ncolumn = "x"\nderivative = "dx"\nstart = 1.0\n[outputs.x]\ncolumn = "x"\n'
+    for stop, is_refused in (("0.9", False), ("2.0", True)):
+        (tmp_path / "i.toml").write_text(interface.replace("STOP", stop))
+        run = metafmu("import", "square.onnx", "--interface", "i.toml", cwd=tmp_path, check=False)
+        assert (run.returncode != 0) == is_refused, run.stderr
+    assert "no simulation stays finite" in run.stderr
+
+
 MISTAKES = {
     "sample": (interface(H0 + C0, time="step = 0.1"), "time.sample: is missing: expected the time between a state and its next value"),
     "start": (interface(H0.replace("start = 0.0\n", "") + C0), "states.h: no `start`, expected its value at the start"),
