@@ -50,10 +50,10 @@ def from_jax(
     """
     import jax
 
-    examples = example if isinstance(example, tuple) else (example,)
+    given = example if isinstance(example, tuple) else (example,)
     # numbers of Python have no precision of their own
-    kinds = {np.dtype(part.dtype) for part in examples if hasattr(part, "dtype")} or {np.dtype(np.float64)}
-    examples = [part if hasattr(part, "dtype") else np.asarray(part) for part in examples]
+    kinds = {np.dtype(part.dtype) for part in given if hasattr(part, "dtype")} or {np.dtype(np.float64)}
+    examples = [part if hasattr(part, "dtype") else np.asarray(part) for part in given]
     # a time is a number
     if wrong := [part for part in examples if part.ndim > 2 or part.ndim == 0 and len(examples) == 1]:
         raise Error(f"an example of the shape {wrong[0].shape}, expected (n,) or (rows, n)")
@@ -63,8 +63,8 @@ def from_jax(
     sizes = [int(np.prod(part.shape)) for part in examples]
     graph = Graph(sum(sizes))
     places = np.split(np.arange(sum(sizes)), np.cumsum(sizes[:-1]))
-    given = [Row(graph, 0, (sum(sizes),)).take(of.reshape(part.shape)) for of, part in zip(places, examples)]
-    results = _follow(closed.jaxpr, closed.consts, given)
+    rows = [Row(graph, 0, (sum(sizes),)).take(of.reshape(part.shape)) for of, part in zip(places, examples)]
+    results = _follow(closed.jaxpr, closed.consts, rows)
     _, value = outputs_of(results if len(results) > 1 else results[0])
     single = np.dtype(np.float64) not in kinds
     title = name or getattr(function, "__name__", "function")

@@ -156,7 +156,7 @@ class Surrogate:
                 row = int(np.argwhere(~np.isfinite(rows))[0, 0])
                 raise _metafmu.Error(f"{what} has a number that is not finite in row {row}")
         self._accuracy = json.loads(self._core.evaluate(x.tobytes(), y.tobytes()))
-        return self.accuracy
+        return self.accuracy or {}
 
     @property
     def accuracy(self) -> dict[str, dict[str, float | None]] | None:
