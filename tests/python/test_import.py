@@ -82,6 +82,71 @@ def test_operators_are_those_of_onnx(tmp_path, of):
     assert count > 40, count
 
 
+def far_from_zero(of, mean, spread):
+    """Models of inputs that vary little beside how far they are from zero."""
+    kind = onnx.TensorProto.FLOAT if of == np.float32 else onnx.TensorProto.DOUBLE
+    r = lambda *shape: reals(*shape, of=of)
+    make = lambda *nodes, **constants: graphs.model([*nodes, *LAYERS], {**constants, **layers()}, kind=kind)
+    layers = lambda: {"w": r(3, 16), "b": r(16), "v": r(16, 2), "c": r(2)}
+    each = lambda value: np.array([value, 0.5 * value, 0.25 * value], of)
+    yield "by-hand", make(graphs.node("Sub", "x m", "d"), graphs.node("Div", "d s", "z"), m=each(mean), s=each(spread))
+    yield "batch-normalization", make(
+        graphs.node("BatchNormalization", "x f o m q", "z", epsilon=0.0), f=r(3), o=r(3), m=each(mean), q=each(spread) ** 2
+    )
+    yield "chosen", make(
+        graphs.node("Gather", "x i", "g", axis=1), graphs.node("Sub", "g m", "d"), graphs.node("Mul", "d f", "n"), graphs.node("Neg", "n", "z"),
+        i=integers(2, 0, 1), m=each(mean)[[2, 0, 1]], f=1 / each(spread)[[2, 0, 1]],
+    )
+    yield "residual", make(
+        graphs.node("Sub", "x m", "d"), graphs.node("Div", "d s", "n"), graphs.node("Tanh", "n", "t"), graphs.node("Add", "n t", "z"), m=each(mean), s=each(spread)
+    )
+    if of == np.float32:
+        scaler = graphs.node("Scaler", "x", "z", domain="ai.onnx.ml", offset=each(mean).tolist(), scale=(1 / each(spread)).tolist())
+        yield "scaler", make(scaler)
+
+
+LAYERS = [graphs.node("Gemm", "z w b", "a"), graphs.node("Tanh", "a", "t1"), graphs.node("Gemm", "t1 v c")]
+
+
+@pytest.mark.parametrize("of, mean, spread", [(np.float32, 101325.0, 50.0), (np.float64, 1e4, 0.2)], ids=["single", "double"])
+def test_inputs_far_from_zero_keep_their_digits(tmp_path, of, mean, spread):
+    """A pressure of 101325 Pa that varies by 50: what the model subtracts is subtracted before anything is multiplied."""
+    random = np.random.default_rng(8)
+    rows = (np.array([1.0, 0.5, 0.25]) * (mean + spread * random.uniform(-1.0, 1.0, (60, 3)))).astype(of)
+    for name, model in far_from_zero(of, mean, spread):
+        folder = tmp_path / name
+        folder.mkdir()
+        # ONNX Runtime multiplies before it subtracts in a batch normalisation, which the definition does not
+        evaluate = of_reference if of == np.float64 or name == "batch-normalization" else of_runtime
+        try:
+            imported(folder, model, rows, evaluate(model, rows), of)
+        except AssertionError as error:
+            raise AssertionError(name) from error
+
+
+def test_the_fmu_keeps_the_digits_of_inputs_far_from_zero(tmp_path):
+    """So do its sources, another column being constant."""
+    model = dict(far_from_zero(np.float32, 101325.0, 50.0))["chosen"]
+    rows = np.array([1.0, 0.5, 0.25]) * (101325.0 + 50.0 * np.random.default_rng(8).uniform(-1.0, 1.0, (20, 3)))
+    rows = rows.astype(np.float32)
+    rows[:, 1] = rows[0, 1]
+    expected = of_runtime(model, rows)
+    (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
+    limits = [f"{{ min = {rows[:, k].min()}, max = {rows[:, k].max()}, column = 'x[{k}]' }}" for k in (0, 2)]
+    (tmp_path / "interface.toml").write_text(
+        f"name = 'model'\ninputs.a = {limits[0]}\ninputs.b = {{ value = {rows[0, 1]}, column = 'x[1]' }}\ninputs.c = {limits[1]}\n"
+        "outputs = { y0 = {}, y1 = {} }\n"
+    )
+    pd.DataFrame(np.c_[rows[:, [0, 2]], expected].astype(float), columns=["a", "c", "y0", "y1"]).to_csv(tmp_path / "rows.csv", index=False, float_format="%.17g")
+    metafmu("import", "model.onnx", "--interface", "interface.toml", "--check", "rows.csv", "--tolerance", "1e-6", cwd=tmp_path)
+    metafmu("export", "model.safetensors", "--out", tmp_path, "--fmi", "2", cwd=tmp_path)
+    fmu = fmu_of(tmp_path, "model", 2)
+    for row, outputs in zip(rows[:4].astype(float), expected):
+        result = simulate_fmu(str(fmu), start_values={"a": row[0], "c": row[2]}, stop_time=0.1, output_interval=0.1)
+        found = [result[f"y{k}"][-1] for k in range(2)]
+        assert np.abs(found - outputs).max() < 1e-6 * np.ptp(expected, axis=0).max(), (found, outputs)
+
+
 def test_inputs_of_fixed_shapes_are_read_as_a_whole(tmp_path):
     """Rows that are mixed with each other are no batch, and an export with a batch of several rows is what it says."""
     mixed = [

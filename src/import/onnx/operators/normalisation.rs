@@ -37,10 +37,15 @@ impl Reader {
         if factors.iter().any(|factor| !factor.is_finite()) {
             return Err("a variance that is not positive".into());
         }
-        let offsets: Vec<f64> = (0..channels).map(|channel| bias[channel] - mean[channel] * factors[channel]).collect();
         let channel = places(&shape, |index| index[1]);
         let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
-        self.mapped(&value, Elementwise::Linear, [of(&factors), of(&offsets)].concat())
+        self.standardised(&value, &of(&mean), &of(&factors), &of(&bias))
+    }
+
+    /// `(x - mean) factor + offset`, in this order: of inputs that are far from zero few digits would be left of a difference of products.
+    pub(super) fn standardised(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
+        let difference = self.with_constant(Operation::Subtract, value, mean, false)?;
+        self.mapped(&difference, Elementwise::Linear, [factors, offsets].concat())
     }
 
     pub(super) fn layer_normalization(&mut self, node: &NodeProto) -> Made {
