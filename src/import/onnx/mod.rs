@@ -4,6 +4,7 @@
 //! moves elements (a reshape, a slice, a concatenation) is a choice of columns. What does not depend on the inputs is computed here.
 
 mod attributes;
+mod batch;
 mod node;
 mod operators;
 pub(crate) mod proto;
@@ -13,6 +14,7 @@ mod trees;
 
 use super::{Imported, Recurrence, builder::Builder};
 use crate::{Error, Result};
+use batch::TwoRows;
 use node::{Row, Value};
 use prost::Message;
 use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, ValueInfoProto, type_name};
@@ -45,9 +47,13 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     if !unknown.is_empty() {
         return Err(unknown);
     }
-    let mut reader = Reader::new(graph, opset, folder).map_err(one)?;
+    let mut reader = Reader::new(graph, opset, folder, 1).map_err(one)?;
+    let mut two_rows = TwoRows::of(graph, opset, folder);
     for (number, node) in graph.node.iter().enumerate() {
-        reader.node(node).map_err(|problem| one(format!("{}: {problem}", node::title(number, node))))?;
+        let about = |problem: String| one(format!("{}: {problem}", node::title(number, node)));
+        reader.node(node).map_err(about)?;
+        let goes_on = two_rows.as_mut().map_or(Ok(false), |two_rows| two_rows.follow(node, &reader)).map_err(about)?;
+        two_rows = two_rows.filter(|_| goes_on);
     }
     let producer = [model.producer_name.as_str(), model.producer_version.as_str()].join(" ").trim().to_owned();
     reader.finish(graph, producer)
@@ -100,7 +106,8 @@ struct Reader {
 }
 
 impl Reader {
-    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> std::result::Result<Self, String> {
+    /// For so many rows, where the first dimension of an input is free.
+    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>, batch: usize) -> std::result::Result<Self, String> {
         let mut values = HashMap::new();
         for proto in &graph.initializer {
             let tensor =
@@ -114,7 +121,7 @@ impl Reader {
         let mut rows = Vec::new();
         for input in &given {
             let about = |problem: String| format!("input `{}`: {problem}", input.name);
-            rows.push((&input.name, input_shape(input, is_recurrent).map_err(about)?));
+            rows.push((&input.name, input_shape(input, is_recurrent, batch).map_err(about)?));
         }
         if rows.is_empty() {
             return Err("the graph has no inputs".into());
@@ -188,21 +195,33 @@ fn element_names(name: &str, count: usize) -> Vec<String> {
 
 /// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
 /// the batch may be any dimension.
-fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Result<(Vec<usize>, bool), String> {
+fn input_shape(
+    input: &ValueInfoProto,
+    is_recurrent: bool,
+    batch: usize,
+) -> std::result::Result<(Vec<usize>, bool), String> {
     let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
     let is_single = match tensor.elem_type {
         FLOAT => true,
+fn known(dim: &proto::DimensionProto) -> Option<i64> {
+    dim.dim_value.filter(|value| *value > 0)
+}
+
+/// Whether the first dimension of an input is free: the batch.
+fn is_batch(input: &ValueInfoProto) -> bool {
+    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref());
+    tensor.and_then(|tensor| tensor.shape.as_ref()?.dim.first()).is_some_and(|dim| known(dim).is_none())
+}
+
         DOUBLE => false,
         other => return Err(format!("elements of type {}, expected float or double", type_name(other))),
     };
     let dims = &tensor.shape.as_ref().ok_or("no shape: expected one with the number of columns")?.dim;
-    let known = |dim: &proto::DimensionProto| dim.dim_value.filter(|value| *value > 0);
     let mut shape = Vec::new();
     for (place, dim) in dims.iter().enumerate() {
         match (place, known(dim)) {
             (_, Some(value)) => shape.push(value as usize),
-            // one row
-            (0, None) => shape.push(1),
+            (0, None) => shape.push(batch),
             (_, None) if is_recurrent => shape.push(1),
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");
@@ -210,6 +229,9 @@ fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Resul
             }
         }
     }
+            (place, None) if dim.dim_value == Some(0) => {
+                return Err(format!("dimension {place} is 0, expected a positive number"));
+            }
     let count = tensor::within_limits(&shape)?;
     if count > metafmu_runtime::graph::MAX_VALUES {
         return Err(format!("{count} columns, expected at most {}", metafmu_runtime::graph::MAX_VALUES));

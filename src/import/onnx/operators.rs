@@ -130,7 +130,7 @@ pub const MACHINE_LEARNING: [&str; 8] = [
     "TreeEnsembleRegressor",
 ];
 
-const ML: &str = "ai.onnx.ml";
+pub const ML: &str = "ai.onnx.ml";
 
 /// Whether an operator is known here.
 pub fn is_known(node: &NodeProto) -> bool {
