@@ -147,6 +147,31 @@ def test_the_fmu_keeps_the_digits_of_inputs_far_from_zero(tmp_path):
         assert np.abs(found - outputs).max() < 1e-6 * np.ptp(expected, axis=0).max(), (found, outputs)
 
 
+def test_small_probabilities_keep_their_digits(tmp_path):
+    """log(sigmoid(x)) of a very negative x, and what else is nearly 0 there."""
+    rows = np.random.default_rng(4).uniform(-40.0, 0.0, (60, 3))
+    near = 1e-6 * rows
+    of = lambda *nodes: graphs.model(list(nodes), kind=onnx.TensorProto.DOUBLE)
+    log = lambda *nodes: of(*nodes, graphs.node("Abs", "s", "a"), graphs.node("Log", "a"))
+    cases = {
+        "sigmoid": (log(graphs.node("Sigmoid", "x", "s")), rows, -np.log1p(np.exp(-rows))),
+        "silu": (log(graphs.node("Sigmoid", "x", "g"), graphs.node("Mul", "x g", "s")), rows, np.log(-rows) - np.log1p(np.exp(-rows))),
+        "softplus": (log(graphs.node("Softplus", "x", "s")), rows, np.log(np.log1p(np.exp(rows)))),
+        "tanh": (log(graphs.node("Tanh", "x", "s")), near, np.log(np.tanh(-near))),
+        "elu": (log(graphs.node("Elu", "x", "s")), near, np.log(-np.expm1(near))),
+        "celu": (log(graphs.node("Celu", "x", "s")), near, np.log(-np.expm1(near))),
+        "sinh": (log(graphs.node("Sinh", "x", "s")), near, np.log(np.sinh(-near))),
+        "asin": (log(graphs.node("Asin", "x", "s")), near, np.log(np.arcsin(-near))),
+    }
+    for name, (model, points, expected) in cases.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        try:
+            imported(folder, model, points, expected, np.float64)
+        except AssertionError as error:
+            raise AssertionError(name) from error
+
+
 def test_inputs_of_fixed_shapes_are_read_as_a_whole(tmp_path):
     """Rows that are mixed with each other are no batch, and an export with a batch of several rows is what it says."""
     mixed = [
@@ -363,6 +388,35 @@ def test_a_model_that_gives_something_else_is_not_written(tmp_path):
     assert not (tmp_path / "model.safetensors").exists()
 
 
+def test_a_tolerance_is_a_number(tmp_path):
+    for value in ["nan", "-1", "inf", "much"]:
+        run = metafmu("import", "m.onnx", "--interface", "i.toml", "--check", "c.csv", f"--tolerance={value}", cwd=tmp_path, check=False)
+        assert run.returncode == 2 and "expected 0 or a positive number" in run.stderr, run.stderr
+
+
+def test_rows_with_a_fixed_first_dimension_may_be_mixed(tmp_path):
+    """What is refused where the first dimension is free is read as a whole where it is a number."""
+    for name, nodes, constants, _ in graphs.mixed():
+        if name == "constant-3":
+            # ONNX Runtime broadcasts one row to three
+            continue
+        (tmp_path / "model.onnx").write_bytes(graphs.model(nodes, constants, inputs=(("x", [1, 3]),)).SerializeToString())
+        (tmp_path / "i.toml").unlink(missing_ok=True)
+        metafmu("import", "model.onnx", "--new", "i.toml", cwd=tmp_path)
+
+
+def test_an_export_for_one_row_with_a_free_batch_is_read(tmp_path):
+    """It fits no other number of rows, so there is nothing to mix: a reshape to a fixed shape, a batch that is squeezed."""
+    flat = [graphs.node("Reshape", "x s", "r"), graphs.node("MatMul", "r w", "m"), graphs.node("Tanh", "m", "t"), graphs.node("ReduceSum", "t a")]
+    squeezed = [graphs.node("Squeeze", "x z", "r"), graphs.node("Softmax", "r", "m"), graphs.node("Unsqueeze", "m z")]
+    for name, nodes in [("flat", flat), ("squeezed", squeezed)]:
+        folder = tmp_path / name
+        folder.mkdir()
+        constants = {"s": integers(1, 3), "w": reals(3, 4), "a": integers(0), "z": integers(0)}
+        model = graphs.model(nodes, constants)
+        imported(folder, model, ROWS.astype(np.float32), of_runtime(model, ROWS.astype(np.float32)))
+
+
 MALFORMED = list(malformed())
 
 
@@ -399,6 +453,10 @@ INTERFACES = {
         'inputs = { a = { causality = "time" }, b = { causality = "time" }, c = {} }',
         'inputs.b.causality: "time", but `a` is the time already',
     ),
+    "time-unit": (
+        'inputs = { a = { causality = "time", unit = "ms" }, b = {}, c = {} }',
+        'inputs.a.unit: "ms", expected "s", as hosts give the time in seconds',
+    ),
     "key": ("inputs = { a = { unti = 1 }, b = {}, c = {} }", "did you mean `unit`?"),
     "value": ("inputs = { a = { value = 1.0, min = 0.0 }, b = {}, c = {} }", "inputs.a.min: belongs to a variable"),
     "layers": ('inputs = { a = {}, b = {}, c = {} }\nlayers = [{ weight = "w" }]', "layers: belongs to models that are only tensors"),
@@ -430,7 +488,7 @@ def test_an_imported_model_is_exported_to_onnx_again(tmp_path):
         metafmu("export", path, "--onnx", folder / "again.onnx", cwd=folder)
         again = onnx.load(folder / "again.onnx")
         onnx.checker.check_model(again)
-        limit = 1e-6 if name in ("Atan", "Erf", "Gelu") else 1e-12
+        limit = 1e-6 if name in ("Acos", "Asin", "Atan", "Erf", "Gelu") else 1e-12
         scale = np.ptp(expected, axis=0)
         assert np.all(np.abs(of_runtime(again, ROWS) - expected) <= limit * scale), name
         count += 1

@@ -103,6 +103,8 @@ struct Reader {
     recurrences: Vec<Recurrence>,
     /// What is compared with thresholds is rounded as it was there.
     has_trees: bool,
+    /// Outputs that operators have beside those that are read here, with what they are.
+    beside: HashMap<String, String>,
 }
 
 impl Reader {
@@ -160,11 +162,12 @@ impl Reader {
             is_single,
             recurrences: Vec::new(),
             has_trees,
+            beside: HashMap::new(),
         })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
-        let Self { mut builder, values, inputs, stacked, is_single, recurrences, .. } = self;
+        let Self { mut builder, values, inputs, stacked, is_single, recurrences, beside, .. } = self;
         let (mut columns, mut outputs) = (Vec::new(), Vec::new());
         for output in &graph.output {
             let row = match values.get(&output.name) {
@@ -172,7 +175,10 @@ impl Reader {
                 Some(Value::Constant(tensor)) => {
                     node::constant_row(&mut builder, tensor).map_err(|problem| vec![problem])?
                 }
-                None => return Err(vec![format!("output `{}` is made by no node", output.name)]),
+                None => {
+                    let why = beside.get(&output.name).map_or("made by no node", String::as_str);
+                    return Err(vec![format!("output `{}` is {why}", output.name)]);
+                }
             };
             let count: usize = row.shape.iter().product();
             outputs.extend(element_names(&output.name, count));
@@ -193,16 +199,6 @@ fn element_names(name: &str, count: usize) -> Vec<String> {
     }
 }
 
-/// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
-/// the batch may be any dimension.
-fn input_shape(
-    input: &ValueInfoProto,
-    is_recurrent: bool,
-    batch: usize,
-) -> std::result::Result<(Vec<usize>, bool), String> {
-    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
-    let is_single = match tensor.elem_type {
-        FLOAT => true,
 fn known(dim: &proto::DimensionProto) -> Option<i64> {
     dim.dim_value.filter(|value| *value > 0)
 }
@@ -213,6 +209,16 @@ fn is_batch(input: &ValueInfoProto) -> bool {
     tensor.and_then(|tensor| tensor.shape.as_ref()?.dim.first()).is_some_and(|dim| known(dim).is_none())
 }
 
+/// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
+/// the batch may be any dimension.
+fn input_shape(
+    input: &ValueInfoProto,
+    is_recurrent: bool,
+    batch: usize,
+) -> std::result::Result<(Vec<usize>, bool), String> {
+    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
+    let is_single = match tensor.elem_type {
+        FLOAT => true,
         DOUBLE => false,
         other => return Err(format!("elements of type {}, expected float or double", type_name(other))),
     };
@@ -223,15 +229,15 @@ fn is_batch(input: &ValueInfoProto) -> bool {
             (_, Some(value)) => shape.push(value as usize),
             (0, None) => shape.push(batch),
             (_, None) if is_recurrent => shape.push(1),
+            (place, None) if dim.dim_value == Some(0) => {
+                return Err(format!("dimension {place} is 0, expected a positive number"));
+            }
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");
                 return Err(format!("dimension {place} is free (`{name}`), expected a number"));
             }
         }
     }
-            (place, None) if dim.dim_value == Some(0) => {
-                return Err(format!("dimension {place} is 0, expected a positive number"));
-            }
     let count = tensor::within_limits(&shape)?;
     if count > metafmu_runtime::graph::MAX_VALUES {
         return Err(format!("{count} columns, expected at most {}", metafmu_runtime::graph::MAX_VALUES));
