@@ -180,13 +180,14 @@ mod tests {
 
     #[test]
     fn options_beyond_their_limits_are_refused_by_name_before_anything_is_allocated() {
-        let found = |change: fn(&mut FitOptions)| {
+        type Change = fn(&mut FitOptions);
+        let found = |change: Change| {
             let mut options = FitOptions::default();
             change(&mut options);
             problems(&options, [3, 2]).join("; ")
         };
         assert_eq!(found(|_| ()), "");
-        let cases: [(fn(&mut FitOptions), &str); 7] = [
+        let cases: [(Change, &str); 7] = [
             (|of| of.training.learning_rate = f64::NAN, "training.learning_rate: NaN, expected a positive number"),
             (|of| of.training.l2 = -1.0, "training.l2: -1, expected 0 or a positive number"),
             (|of| of.training.batch = 0, "training.batch: 0, expected at least 1 row"),
