@@ -1,6 +1,7 @@
 """`metafmu import`: trained models of other tools give in the FMU what ONNX Runtime and numpy say; what does not fit is refused."""
 
 import resource
+import shutil
 import subprocess
 
 import fmpy
@@ -10,7 +11,7 @@ import onnx
 import onnxruntime
 import pandas as pd
 import pytest
-from conftest import METAFMU, OUTPUTS, ROOT, fmu_of, metafmu
+from conftest import METAFMU, OUTPUTS, ROOT, compiled_from_sources, fmu_of, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from graphs import fitting, integers, malformed, reals, windowed
@@ -170,6 +171,20 @@ def test_small_probabilities_keep_their_digits(tmp_path):
             imported(folder, model, points, expected, np.float64)
         except AssertionError as error:
             raise AssertionError(name) from error
+
+
+def test_sources_keep_the_digits_of_small_probabilities(tmp_path, monkeypatch):
+    """log(|x| sigmoid(x)^2), computed by the C sources."""
+    nodes = [graphs.node("Sigmoid", "x", "s"), graphs.node("Abs", "x", "m"), graphs.node("Mul", "m s", "w"), graphs.node("Mul", "s w", "p"), graphs.node("Log", "p")]
+    (tmp_path / "model.onnx").write_bytes(graphs.model(nodes, inputs=(("x", ["n", 1]),), kind=onnx.TensorProto.DOUBLE).SerializeToString())
+    (tmp_path / "i.toml").write_text("name = 'model'\ninputs.x = { min = -40.0, max = -1.0 }\noutputs = { y = {} }\n")
+    metafmu("import", "model.onnx", "--interface", "i.toml", cwd=tmp_path)
+    metafmu("export", "model.safetensors", "--out", tmp_path, "--fmi", 2, "--sources", cwd=tmp_path)
+    unpacked = compiled_from_sources(str(fmu_of(tmp_path, "model", 2)), monkeypatch)
+    for x in [-40.0, -35.0, -20.5, -1.0]:
+        found = simulate_fmu(str(unpacked), start_values={"x": x}, stop_time=0.1, output_interval=0.1)["y"][-1]
+        assert abs(found - (np.log(-x) - 2 * np.log1p(np.exp(-x)))) < 1e-13 * abs(found), x
+    shutil.rmtree(unpacked)
 
 
 def test_inputs_of_fixed_shapes_are_read_as_a_whole(tmp_path):
