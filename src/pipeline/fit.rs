@@ -198,7 +198,7 @@ mod tests {
             ),
             (
                 |of| of.network.hidden = vec![16_384; 2],
-                "network.hidden: 2.685e8 weights and biases, expected at most 100 million",
+                "network.hidden: 2.686e8 weights and biases, expected at most 100 million",
             ),
             (|of| of.network.structure = Structure::Fixed, "network.structure: belongs to studies"),
         ];
