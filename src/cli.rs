@@ -279,7 +279,7 @@ pub struct ImportArgs {
     pub check: Option<PathBuf>,
     /// How far outputs may be from those of --check, relative to their range there [default: 1e-5 of a model in single precision, 1e-9 of
     /// one in double]
-    #[arg(long, value_name = "SHARE", requires = "check")]
+    #[arg(long, value_name = "SHARE", requires = "check", value_parser = share)]
     pub tolerance: Option<f64>,
     /// Model file [default: NAME.safetensors, NAME being the interface's]
     #[arg(long, value_name = "FILE.safetensors")]
@@ -574,6 +574,11 @@ fn duration(text: &str) -> Result<Duration, String> {
 fn tolerance(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| (1e-13..=0.1).contains(number));
     number.ok_or_else(|| "expected a number from 1e-13 to 0.1".into())
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "expected 0 or a positive number".into())
 }
 
 fn svg_file(text: &str) -> Result<PathBuf, String> {

@@ -629,6 +629,13 @@ impl InterfaceInput {
         {
             problems.add(format!("{key}.start"), format!("{start}, expected a value from {min} to {max}"));
         }
+        let is_time = *causality == InterfaceCausality::Time;
+        problems.expect(
+            !is_time || matches!(self.unit.as_str(), "" | "s"),
+            format!("{key}.unit"),
+            format!("\"{}\"", self.unit),
+            "\"s\", as hosts give the time in seconds",
+        );
         if variability.is_some() && *causality != InterfaceCausality::Parameter {
             problems.add(format!("{key}.variability"), "belongs to causality = \"parameter\"");
         }

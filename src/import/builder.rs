@@ -50,6 +50,11 @@ impl Builder {
         self.widths[value]
     }
 
+    /// All steps up to here.
+    pub fn steps(&self) -> &[Step] {
+        &self.steps
+    }
+
     /// Adds a step that makes `width` numbers; the result is the value's number.
     ///
     /// # Errors
@@ -137,6 +142,7 @@ impl Builder {
 fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
     let uses = uses(steps);
     let widths = Graph { inputs, steps: steps.to_vec() }.widths().ok()?;
+    let nearness = nearness(steps);
     if steps.len() > 1
         && let Some(unused) = (0..steps.len() - 1).find(|step| uses[step + 1] == 0)
     {
@@ -155,13 +161,117 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
             }
         }
         let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
-        if let Some((merged, of)) = merged(step, &widths, inner) {
+        if let Some(fewer) = linear_first(steps, number, &widths, &nearness, &uses) {
+            return Some(fewer);
+        }
+        if !keeps_difference(step, &nearness, inner)
+            && let Some((merged, of)) = merged(step, &widths, inner)
+        {
             let mut fewer = steps.to_vec();
             fewer[number] = merged;
             return Some(without(&fewer, of - 1, 0));
         }
     }
     None
+}
+
+/// How much was done to the input columns until they became a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Nearness {
+    /// Chosen, and multiplied.
+    Columns,
+    /// Shifted, too.
+    Shifted,
+    /// Anything else.
+    Far,
+}
+
+fn nearness(steps: &[Step]) -> Vec<Nearness> {
+    let mut found = vec![Nearness::Columns];
+    for step in steps {
+        found.push(match step {
+            Step::Columns { columns } => {
+                let any = |what: Nearness| columns.iter().any(|[of, _]| found[*of as usize] == what);
+                match (any(Nearness::Columns), any(Nearness::Far)) {
+                    // with columns among them it counts as columns
+                    (true, _) => Nearness::Columns,
+                    (false, true) => Nearness::Far,
+                    (false, false) => Nearness::Shifted,
+                }
+            }
+            Step::Elementwise { of, function: Elementwise::Single, .. } => found[*of],
+            Step::Elementwise { of, function: Elementwise::Linear, parameters } => match found[*of] {
+                Nearness::Columns if !shifts(parameters) => Nearness::Columns,
+                Nearness::Far => Nearness::Far,
+                _ => Nearness::Shifted,
+            },
+            _ => Nearness::Far,
+        });
+    }
+    found
+}
+
+fn shifts(parameters: &[f64]) -> bool {
+    parameters[parameters.len() / 2..].iter().any(|offset| *offset != 0.0)
+}
+
+/// Whether a step and the one before it must stay two: inputs may be far from zero, compared with how much they vary (a pressure in Pa, a
+/// temperature in K). What is subtracted from them must be before anything is multiplied or added up, or few digits are left: the
+/// difference is exact, that of two products is not.
+fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize) -> Option<&'a Step>) -> bool {
+    let linear = |of: usize| match inner(of) {
+        Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) => Some((*of, parameters)),
+        _ => None,
+    };
+    match step {
+        Step::Affine { of, .. } => linear(*of).is_some() && nearness[*of] == Nearness::Shifted,
+        Step::Elementwise { of, function: Elementwise::Linear, parameters } => {
+            linear(*of).is_some_and(|(first, before)| {
+                let width = before.len().max(parameters.len()) / 2;
+                let ((a, b), (c, d)) = (of_each(before, width), of_each(parameters, width));
+                // a constant that stands for a column may be merged, and what changes nothing
+                let is_exact = |k: usize| a[k] == 0.0 || b[k] == 0.0 || (c[k] == 1.0 && d[k] == 0.0);
+                nearness[first] == Nearness::Columns && !(0..width).all(is_exact)
+            })
+        }
+        _ => false,
+    }
+}
+
+/// The steps with a linear function of chosen input columns before the choice, so that it may become the scaling of a network's inputs; none
+/// if a column would have two of them.
+fn linear_first(
+    steps: &[Step],
+    number: usize,
+    widths: &[usize],
+    nearness: &[Nearness],
+    uses: &[usize],
+) -> Option<Vec<Step>> {
+    let Step::Elementwise { of, function: Elementwise::Linear, parameters } = &steps[number] else { return None };
+    let Step::Columns { columns } = &steps[of.checked_sub(1)?] else { return None };
+    let first = columns[0][0];
+    let (width, before) = (columns.len(), widths[first as usize]);
+    let is_choice = columns.iter().all(|[value, _]| *value == first)
+        && nearness[first as usize] != Nearness::Far
+        && uses[*of] == 1
+        && before <= 2 * width + 16;
+    if !is_choice {
+        return None;
+    }
+    let (factors, offsets) = of_each(parameters, width);
+    let mut of_column: Vec<Option<[f64; 2]>> = vec![None; before];
+    for ([_, column], (factor, offset)) in columns.iter().zip(factors.into_iter().zip(offsets)) {
+        let known = of_column[*column as usize].get_or_insert([factor, offset]);
+        if *known != [factor, offset] {
+            return None;
+        }
+    }
+    let all: Vec<[f64; 2]> = of_column.into_iter().map(|of| of.unwrap_or([1.0, 0.0])).collect();
+    let parameters = [0, 1].map(|row| all.iter().map(|of| of[row]).collect::<Vec<f64>>()).concat();
+    let mut turned = steps.to_vec();
+    turned[of - 1] = Step::Elementwise { of: first as usize, function: Elementwise::Linear, parameters };
+    turned[number] = Step::Columns { columns: columns.iter().map(|[_, column]| [*of as u32, *column]).collect() };
+    Some(turned)
 }
 
 /// How many steps take each value; the last one is taken by whoever evaluates the graph.
@@ -350,14 +460,27 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// The steps as a feed-forward network: layers one after the other, each with an activation that networks have.
+/// The steps as a feed-forward network: layers one after the other, each with an activation that networks have. Linear functions of the inputs
+/// before them are its scaling, which is computed in double precision whatever the network is.
 fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
     let mut layers: Vec<Layer> = Vec::new();
     let mut width = inputs;
+    let mut columns = vec![Column { mean: 0.0, factor: 1.0, offset: 0.0 }; inputs];
     for (number, step) in steps.iter().enumerate() {
         match step {
+            Step::Elementwise { of, function: Elementwise::Linear, parameters }
+                if *of == number && layers.is_empty() =>
+            {
+                let (factors, offsets) = of_each(parameters, width);
+                let of_step = factors.into_iter().zip(offsets);
+                columns.iter_mut().zip(of_step).for_each(|(column, (factor, offset))| column.then(factor, offset));
+            }
             Step::Affine { of, weight, bias } if *of == number => {
-                let (weight, bias, activation) = (weight.clone(), bias.clone(), Activation::Identity);
+                let (weight, bias) = match layers.is_empty() {
+                    true => behind_scaling(&columns, weight, bias),
+                    false => (weight.clone(), bias.clone()),
+                };
+                let activation = Activation::Identity;
                 layers.push(Layer { inputs: width, outputs: bias.len(), weight, bias, activation });
                 width = layers.last()?.outputs;
             }
@@ -370,10 +493,61 @@ fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
     }
     let outputs = layers.last()?.outputs;
     let scaling = Scaling {
-        input_mean: vec![0.0; inputs],
-        input_scale: vec![1.0; inputs],
+        input_mean: columns.iter().map(|column| column.mean).collect(),
+        input_scale: columns.iter().map(Column::scale).collect(),
         output_mean: vec![0.0; outputs],
         output_scale: vec![1.0; outputs],
     };
-    Some(ScaledNetwork { scaling, layers })
+    let is_scaling = |column: &Column| column.scale().is_normal() && column.mean.is_finite();
+    columns.iter().all(is_scaling).then_some(ScaledNetwork { scaling, layers })
+}
+
+/// What linear functions make of an input column: `(x - mean) factor + offset`.
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    mean: f64,
+    factor: f64,
+    offset: f64,
+}
+
+impl Column {
+    /// Another one behind it. What the first one adds is the mean: what it subtracts, that is, unless it multiplies as well.
+    fn then(&mut self, factor: f64, offset: f64) {
+        let is_first = self.mean == 0.0 && self.offset == 0.0 && self.factor != 0.0;
+        self.factor *= factor;
+        if is_first && self.factor != 0.0 {
+            self.mean = -offset / self.factor;
+        } else {
+            self.offset = factor * self.offset + offset;
+        }
+    }
+
+    /// Positive, as that of every network; one for a column that counts nothing.
+    fn scale(&self) -> f64 {
+        if self.factor == 0.0 { 1.0 } else { 1.0 / self.factor.abs() }
+    }
+}
+
+/// Weights and biases of a layer of the standardised columns: with the signs of the factors, and the offsets.
+fn behind_scaling(columns: &[Column], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
+    let sign = |index: usize| match columns[index % columns.len()].factor {
+        0.0 => 0.0,
+        factor => factor.signum(),
+    };
+    // products with these are exact in either precision
+    let signed = match weight {
+        Numbers::Single(values) => {
+            values.iter().enumerate().map(|(index, weight)| weight * sign(index) as f32).collect::<Vec<f32>>().into()
+        }
+        Numbers::Double(values) => {
+            values.iter().enumerate().map(|(index, weight)| weight * sign(index)).collect::<Vec<f64>>().into()
+        }
+    };
+    let offsets: Vec<f64> = columns.iter().map(|column| column.offset).collect();
+    if offsets.iter().all(|offset| *offset == 0.0) {
+        return (signed, bias.clone());
+    }
+    let weight: Vec<f64> = weight.iter().collect();
+    let bias = bias.iter().zip(weight.chunks_exact(columns.len())).map(|(bias, row)| bias + dot(row, &offsets));
+    (signed, bias.collect::<Vec<f64>>().into())
 }

@@ -18,7 +18,7 @@ use crate::{
 use builder::Builder;
 use metafmu_runtime::{
     Encoding, Evaluator, Input, Map, Metadata, Model, Output, Precision, Provenance, Role, Surrogate, Variability,
-    graph::Step,
+    graph::{Elementwise, Step},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use sha2::{Digest, Sha256};
@@ -84,8 +84,9 @@ fn into_map(
     let in_order =
         sources.len() == width && sources.iter().enumerate().all(|(column, source)| *source == Source::Input(column));
     if !in_order {
-        builder = builder.after(width, arranged(sources, width));
-        columns.iter_mut().for_each(|[of, _]| *of += 1);
+        let further: u32;
+        (builder, further) = arranged(builder, sources, width);
+        columns.iter_mut().for_each(|[of, _]| *of += further);
     }
     let outputs = columns.len();
     let map = builder.finish(columns)?;
@@ -95,24 +96,27 @@ fn into_map(
     Ok(map)
 }
 
-/// The columns of a model, of variables and constants.
-fn arranged(sources: &[Source], variables: usize) -> Step {
-    let of_input = |source: &Source| match source {
-        Source::Input(input) => Some([0, *input as u32]),
-        Source::Value(_) | Source::State(_) => None,
+/// A graph of variables, of which its columns are some, and others are constants; and how many values it has more. A constant is 0 times some
+/// variable, and itself.
+fn arranged(mut builder: Builder, sources: &[Source], variables: usize) -> (Builder, u32) {
+    let mut further = 1;
+    if !sources.iter().all(|source| matches!(source, Source::Input(_))) {
+        let linear = |source: &Source| match source {
+            Source::Input(_) => [1.0, 0.0],
+            Source::Value(value) => [0.0, *value],
+            Source::State(_) => [0.0, 0.0],
+        };
+        let row = |row: usize| sources.iter().map(move |source| linear(source)[row]);
+        let (function, parameters) = (Elementwise::Linear, row(0).chain(row(1)).collect());
+        builder = builder.after(sources.len(), Step::Elementwise { of: 0, function, parameters });
+        further += 1;
+    }
+    let chosen = |source: &Source| match source {
+        Source::Input(input) => [0, *input as u32],
+        Source::Value(_) | Source::State(_) => [0, 0],
     };
-    if let Some(columns) = sources.iter().map(of_input).collect() {
-        return Step::Columns { columns };
-    }
-    let (mut weight, mut bias) = (vec![0.0; sources.len() * variables], vec![0.0; sources.len()]);
-    for (column, source) in sources.iter().enumerate() {
-        match source {
-            Source::Input(input) => weight[column * variables + input] = 1.0,
-            Source::Value(value) => bias[column] = *value,
-            Source::State(_) => {}
-        }
-    }
-    Step::Affine { of: 0, weight: weight.into(), bias: bias.into() }
+    let choice = Step::Columns { columns: sources.iter().map(chosen).collect() };
+    (builder.after(variables, choice), further)
 }
 
 /// Points at which the ranges of outputs are found, if there are no data.

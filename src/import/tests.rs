@@ -99,6 +99,62 @@ fn fewer_steps_give_the_same() {
     check("nothing but columns", inputs_alone, false);
 }
 
+/// With weights of 1 behind it, the difference itself is seen.
+#[test]
+fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
+    let (mean, factor) = (1e4, 5.0);
+    let pass = || vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let standardised = |builder: &mut Builder, of: usize| {
+        let difference = builder.elementwise(of, LINEAR, vec![1.0, -mean]).unwrap();
+        builder.elementwise(difference, LINEAR, vec![factor, 0.25]).unwrap()
+    };
+    let network = |builder: &mut Builder, of: usize| {
+        let first = builder.affine(of, pass().into(), vec![0.0; 2].into()).unwrap();
+        builder.affine(first, vec![1.0, 0.0, 0.0, 1.0].into(), vec![0.5, -0.25].into()).unwrap()
+    };
+    let plain = both(|builder| {
+        let scaled = standardised(builder, 0);
+        network(builder, scaled)
+    });
+    let chosen = both(|builder| {
+        let columns = builder.columns(vec![[0, 0], [0, 1], [0, 0]]).unwrap();
+        let scaled = standardised(builder, columns);
+        let again = builder.elementwise(scaled, LINEAR, vec![-1.0, 0.5]).unwrap();
+        let back = builder.elementwise(again, LINEAR, vec![-1.0, 0.5]).unwrap();
+        network(builder, back)
+    });
+    let two = both(|builder| {
+        let parts = [0, 1, 2].map(|column| {
+            let part = builder.columns(vec![[0, column]]).unwrap();
+            standardised(builder, part)
+        });
+        let all = builder.columns(parts.map(|part| [part as u32, 0]).to_vec()).unwrap();
+        network(builder, all)
+    });
+    let beside = both(|builder| {
+        let scaled = standardised(builder, 0);
+        let network = network(builder, scaled);
+        let inputs = builder.columns(vec![[scaled as u32, 2]; 2]).unwrap();
+        let zero = builder.elementwise(inputs, LINEAR, vec![0.0, 0.0]).unwrap();
+        builder.add(Step::Combine { of: [network, zero], operation: Operation::Add }, 2).unwrap()
+    });
+    for (what, (_, map), is_network) in [
+        ("plain", plain, true),
+        ("chosen", chosen, true),
+        ("column by column", two, false),
+        ("two uses", beside, false),
+    ] {
+        assert_eq!(matches!(map, Map::Network(_)), is_network, "{what}: {map:?}");
+        for offset in [-0.2, -0.0625, 0.1, 0.15] {
+            let point = [mean + offset, mean - offset, mean];
+            let expected = [(point[0] - mean) * factor + 0.75, (point[1] - mean) * factor];
+            for (found, expected) in outputs(map.clone(), &point).into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-15, "{what}: {found} {expected}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_graph_that_is_too_large_is_refused() {
     let mut builder = Builder::new(3);

@@ -3,13 +3,14 @@
 use super::observer::{Control, Event, Work};
 use crate::{
     Error, Result,
+    diagnostics::Problems,
     evaluation::{Accuracy, TestRows},
     import::{self, About},
     interface::Interface,
     network::Network,
     sampling::{self, Stream},
     scaling::{of_columns, standardise_rows},
-    study::{NetworkOptions, TrainingOptions},
+    study::{NetworkOptions, Structure, TrainingOptions},
     training::{self, EpochRecord, Observer, Progress, Rows, StopReason},
 };
 use metafmu_runtime::{Map, ScaledNetwork, Scaling, Surrogate};
@@ -53,7 +54,7 @@ pub struct Fit {
 /// keeps its best epoch.
 ///
 /// # Errors
-/// [`Error::Training`], those of the interface, [`Error::Import`] for rows without values.
+/// [`Error::Training`], those of the interface, [`Error::Import`] for rows without values and for options beyond their limits.
 pub fn fit(
     (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
     interface: &Interface,
@@ -74,6 +75,10 @@ pub fn fit(
             known[1]
         );
         return Err(Error::Import { path: path.to_owned(), problems: vec![problem] });
+    }
+    let problems = problems(options, columns);
+    if !problems.is_empty() {
+        return Err(Error::Import { path: path.to_owned(), problems });
     }
     let (seen, held_out) = split(inputs.len(), options);
     let chosen = |rows: &[Vec<f64>], which: &[usize]| which.iter().map(|row| rows[*row].clone()).collect::<Vec<_>>();
@@ -115,6 +120,22 @@ pub fn fit(
     Ok((surrogate, fit))
 }
 
+/// What a study would say of its `[network]` and `[training]`, of networks between so many columns.
+fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 2]) -> Vec<String> {
+    let mut problems = Problems::default();
+    if network.structure != Structure::Full {
+        problems.add("network.structure", "belongs to studies, whose runs have a time: expected \"full\"");
+    }
+    problems.add_section("network", network.problems());
+    problems.add_section("training", training.problems());
+    // a size beyond its limits is enough said
+    if problems.is_empty() {
+        problems.extend(network.problems_between(columns, 1.0, training));
+        problems.add_section("training", training.problems_beside(columns[1]));
+    }
+    problems.into_iter().map(|problem| format!("{}: {}", problem.key, problem.message)).collect()
+}
+
 /// The rows that are trained on, and those that are held out.
 fn split(rows: usize, options: &FitOptions) -> (Vec<usize>, Vec<usize>) {
     if rows < 2 {
@@ -149,6 +170,41 @@ impl Observer for Follower<'_> {
             let line =
                 format_args!("epoch {epoch}/{epochs}: loss {train_loss:.2e}, on held-out rows {validation_loss:.2e}");
             self.control.observer.event(Event::Note(line));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_beyond_their_limits_are_refused_by_name_before_anything_is_allocated() {
+        type Change = fn(&mut FitOptions);
+        let found = |change: Change| {
+            let mut options = FitOptions::default();
+            change(&mut options);
+            problems(&options, [3, 2]).join("; ")
+        };
+        assert_eq!(found(|_| ()), "");
+        let cases: [(Change, &str); 7] = [
+            (|of| of.training.learning_rate = f64::NAN, "training.learning_rate: NaN, expected a positive number"),
+            (|of| of.training.l2 = -1.0, "training.l2: -1, expected 0 or a positive number"),
+            (|of| of.training.batch = 0, "training.batch: 0, expected at least 1 row"),
+            (|of| of.training.output_weights = vec![1.0], "training.output_weights: 1 weights, expected one for each"),
+            (
+                |of| of.network.hidden = vec![1_000_000; 2],
+                "network.hidden: hidden layer 1 has 1000000 nodes, expected 1 to 16384; network.hidden: hidden layer 2",
+            ),
+            (
+                |of| of.network.hidden = vec![16_384; 2],
+                "network.hidden: 2.686e8 weights and biases, expected at most 100 million",
+            ),
+            (|of| of.network.structure = Structure::Fixed, "network.structure: belongs to studies"),
+        ];
+        for (change, expected) in cases {
+            let found = found(change);
+            assert!(found.starts_with(expected), "{found}, expected {expected}");
         }
     }
 }

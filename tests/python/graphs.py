@@ -133,6 +133,18 @@ def fitting(of=np.float32):
     yield "Constant", make(node("Constant", "", "c", value=numpy_helper.from_array(r(3))), node("Mul", "x c"))
     yield "old", make(node("Clip", "x", "c", min=-0.5, max=0.5), node("Slice", "c", starts=[1], ends=[3], axes=[1]), opset=9)
     yield "unused", make(node("MatMul", "x w", "a"), node("Tanh", "x", "t"), node("Identity", "a"), w=r(3, 2))
+    for operator in ["L1", "L2", "LogSum", "LogSumExp", "Max", "Mean", "Min", "Prod", "Sum", "SumSquare"]:
+        yield f"Reduce{operator}-nothing", make(node("Exp", "x", "e"), node("Neg", "x", "n"), node(f"Reduce{operator}", "e", noop_with_empty_axes=1))
+    yield "ReduceLogSum", make(node("Exp", "x", "e"), node("ReduceLogSum", "e a"), a=integers(1))
+    for operator in ["Softmax", "LogSoftmax"]:
+        yield f"{operator}-axis", make(
+            node("MatMul", "x w", "m"), node("Reshape", "m s", "r"), node(operator, "r", "l", axis=1), node("Flatten", "l"), w=r(3, 12), s=integers(-1, 2, 3, 2)
+        )
+    yield "Asin", make(node("Asin", "x"))
+    yield "Acos", make(node("Acos", "x"))
+    yield "Equal", make(
+        node("Relu", "x", "r"), node("Equal", "r x", "e"), node("Where", "e x c"), c=r(3)
+    )
 
 
 def windowed(of=np.float32):
@@ -163,12 +175,37 @@ def windowed(of=np.float32):
         yield "max-pool-2d", make([2, 5, 4], pool("MaxPool", kernel_shape=[3, 2], pads=[1, 0, 1, 1]))
         # nor does it take away what is padded by a negative number
         yield "pad-negative", make([2, 4], node("Pad", "x p c"), p=integers(0, 1, 2, 0, 0, -1), c=np.array(0.5, of))
+    yield "instance-normalization", make([3, 4, 2], node("InstanceNormalization", "x s b", epsilon=2.0**-16), s=r(3), b=r(3))
+    if of == np.float32:
+        yield "group-normalization", model(
+            [node("GroupNormalization", "x s b", epsilon=2.0**-16, num_groups=2)], {"s": r(4), "b": r(4)}, inputs=(("x", ["n", 4, 3]),), kind=kind, opset=21
+        )
     yield "global-average-pool", make([3, 4, 2], pool("GlobalAveragePool"))
     yield "global-max-pool", make([3, 4, 2], pool("GlobalMaxPool"))
     yield "pad-constant", make([2, 4], node("Pad", "x p c"), p=integers(0, 1, 2, 0, 0, 1), c=np.array(0.5, of))
     yield "pad-axes", make([2, 4], node("Pad", "x p - a"), p=integers(1, 2), a=integers(-1))
     yield "pad-edge", make([2, 4], node("Pad", "x p", mode="edge"), p=integers(0, 0, 3, 0, 0, 2))
     yield "pad-reflect", make([2, 4], node("Pad", "x p", mode="reflect"), p=integers(0, 0, 3, 0, 0, 2))
+
+
+def mixed():
+    """Names, nodes, constants and messages of graphs whose rows depend on each other, or on their place in the batch."""
+    yield "mean", [node("ReduceMean", "x a", "m"), node("Sub", "x m")], {"a": integers(0)}, "node 0 (ReduceMean): it mixes rows of the batch"
+    yield "sum-of-all", [node("ReduceSum", "x", "s"), node("Mul", "x s")], {}, "node 0 (ReduceSum): it mixes rows of the batch"
+    yield "gram", [node("Transpose", "x", "t", perm=[1, 0]), node("MatMul", "x t")], {}, "node 1 (MatMul): it mixes rows of the batch"
+    yield "last", [node("Slice", "x s e a")], {"s": integers(-1), "e": integers(9), "a": integers(0)}, "node 0 (Slice): it acts along the batch dimension"
+    yield "first", [node("Gather", "x i", axis=0)], {"i": integers(0)}, "node 0 (Gather): it acts along the batch dimension"
+    yield "softmax", [node("Softmax", "x", axis=0)], {}, "node 0 (Softmax): it mixes rows of the batch"
+    yield "twice", [node("Concat", "x x", axis=0)], {}, "node 0 (Concat): it puts rows together along the batch dimension"
+    yield "tiled", [node("Tile", "x t")], {"t": integers(3, 1)}, "node 0 (Tile): it repeats rows along the batch dimension"
+    yield "expanded", [node("Expand", "x t")], {"t": integers(3, 3)}, "node 0 (Expand): it repeats rows along the batch dimension"
+    for rows in [2, 3]:
+        yield f"constant-{rows}", [node("Add", "x c")], {"c": reals(rows, 3)}, f"node 0 (Add): a constant of shape [{rows}, 3] along the batch dimension"
+    yield "bias", [node("Gemm", "x w b")], {"w": reals(3, 2), "b": reals(2, 2)}, "node 0 (Gemm): a constant of shape [2, 2] along the batch dimension"
+    yield "normalised", [node("LayerNormalization", "x c c", axis=0)], {"c": reals(1, 3)}, "node 0 (LayerNormalization): it mixes rows of the batch"
+    yield "moved", [
+        node("Unsqueeze", "x a", "u"), node("Transpose", "u", "t", perm=[2, 0, 1]), node("ReduceMax", "t b", "m"), node("Squeeze", "m b"),
+    ], {"a": integers(1), "b": integers(1)}, "node 2 (ReduceMax): it mixes rows of the batch"
 
 
 def malformed():
@@ -233,7 +270,10 @@ def malformed():
     ), "constants of"
     yield "huge-range", make(node("Range", "a e d", "r"), node("Gather", "x r"), a=integers(0), e=integers(1 << 62), d=integers(1)), "expected at most"
     yield "many-values", make(node("Expand", "x s", "e"), node("Tanh", "e"), s=integers(1 << 22, 3)), "expected at most"
-    yield "wide-product", make(node("Expand", "x s", "e"), node("ReduceSum", "e a", "r"), node("Expand", "r s"), s=integers(1 << 20, 3), a=integers(1)), "expected at most"
+    yield "wide-product", model(
+        [node("Expand", "x s", "e"), node("ReduceSum", "e a", "r"), node("Expand", "r s")], {"s": integers(1 << 20, 3), "a": integers(1)},
+        inputs=(("x", [1, 3]),),
+    ), "expected at most"
     image = lambda *nodes, shape=(1, 2, 5), **constants: model(nodes, constants, inputs=(("x", shape),))
     yield "conv-channels", image(node("Conv", "x w"), w=reals(4, 3, 2)), "do not fit each other in these groups"
     yield "conv-too-wide", image(node("Conv", "x w"), w=reals(4, 2, 7)), "a window of [7] elements for dimensions [5]"
@@ -242,6 +282,10 @@ def malformed():
     yield "conv-dilated", image(node("Conv", "x w", dilations=[1 << 62]), w=reals(4, 2, 3)), "attribute `dilations`"
     yield "conv-without-groups", image(node("Conv", "x w", group=0), w=reals(4, 2, 3)), "do not fit each other in these groups"
     yield "pool-of-padding", image(node("MaxPool", "x", kernel_shape=[2], pads=[4, 0])), "a window that has nothing of the tensor"
+    yield "pool-indices", image(node("MaxPool", "x", "m i", kernel_shape=[2]), node("Cast", "i", to=FLOAT)), (
+        "node 1 (Cast): input `i` is output 1 of operator `MaxPool`, which is not supported: only its first is"
+    )
+    yield "normalisation-mean", make(node("LayerNormalization", "x c c", "n y"), c=reals(3)), "output `y` is output 1 of operator `LayerNormalization`, which is not supported"
     yield "pool-without-kernel", image(node("MaxPool", "x")), "attribute `kernel_shape` is missing"
     yield "pool-rounded-up", image(node("MaxPool", "x", kernel_shape=[2], strides=[2], ceil_mode=1)), "attribute `ceil_mode` is not 0"
     yield "pool-of-nothing", image(
@@ -259,9 +303,13 @@ def malformed():
     yield "log-of-negative", make(node("Log", "c", "l"), node("Add", "x l"), c=-np.ones(3, np.float32)), "not finite"
     yield "training", make(node("BatchNormalization", "x s s s s", training_mode=1), s=np.ones(3, np.float32)), "export it after `eval()`"
     yield "channels", make(node("BatchNormalization", "x s s s s"), s=np.ones(4, np.float32)), "has 4 elements, expected 3"
-    yield "softmax-axis", make(node("Softmax", "x", axis=0)), "axis 0 of 2, expected the last one"
+    for name, nodes, constants, place in mixed():
+        yield f"batch-{name}", model(nodes, constants), place
+    yield "batch-softmax-old", model([node("Softmax", "x", axis=0)], opset=11), "node 0 (Softmax): it mixes rows of the batch"
     yield "not-a-number", make(node("Add", "x c"), c=np.array([1.0, np.nan, 0.0], np.float32)), "initializer `c`: a number is not finite"
     yield "cast-to-integer", make(node("Cast", "x", to=INT64)), "a cast to int64, expected float or double"
+    yield "cast-like-integer", make(node("CastLike", "x c", "i"), node("Cast", "i", to=FLOAT), c=integers(1)), "node 0 (CastLike): a cast to whole numbers or truth values"
+    yield "cast-like-truth", make(node("CastLike", "x c", "i"), node("Cast", "i", to=FLOAT), c=np.array([True])), "node 0 (CastLike): a cast to whole numbers or truth values"
     yield "too-few-numbers", tensor(dims=[3], data_type=FLOAT, raw_data=b"1234"), "1 elements of data, its shape has 3"
     yield "odd-bytes", tensor(dims=[3], data_type=FLOAT, raw_data=b"12345678901"), "elements of data"
     yield "huge-tensor", tensor(dims=[1 << 31, 1 << 31], data_type=FLOAT), "expected at most"
@@ -277,6 +325,7 @@ def malformed():
     yield "external-without-location", external(offset=0), "without a `location`"
     yield "external-beyond", external(location="data.bin", offset=8, length=1 << 40), "but the file has 12"
     yield "external-offset", external(location="data.bin", offset="ten"), '`offset` "ten", expected a number'
+    yield "no-width", model([node("Tanh", "x")], inputs=(("x", ["n", 0]),)), "dimension 1 is 0, expected a positive number"
     yield "free-width", model([node("Tanh", "x")], inputs=(("x", ["n", "m"]),)), "dimension 1 is free (`m`)"
     yield "integer-input", model([node("Tanh", "x")], kind=INT64), "input `x`: elements of type int64"
     yield "wide-input", model([node("Tanh", "x")], inputs=(("x", ["n", 1 << 26]),)), "expected at most"

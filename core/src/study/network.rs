@@ -1,6 +1,6 @@
 //! `[network]`: the feed-forward network.
 
-use super::{MAX_EPOCHS, Study};
+use super::{MAX_EPOCHS, Study, TrainingOptions};
 use crate::diagnostics::Problems;
 use metafmu_runtime::Activation;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -65,7 +65,7 @@ const MAX_HISTORIES: f64 = 1e8;
 
 impl NetworkOptions {
     /// Every mistake, by key within the section.
-    pub(super) fn problems(&self) -> Problems {
+    pub fn problems(&self) -> Problems {
         if self.hidden.len() > MAX_LAYERS {
             let message = format!("{} hidden layers, expected at most {MAX_LAYERS}", self.hidden.len());
             return Problems::one("hidden", message);
@@ -79,29 +79,40 @@ impl NetworkOptions {
 
     /// What is wrong beside the other sections, by dotted key.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
-        let Self { structure, hidden, .. } = self;
-        let mut problems = Problems::default();
-        if hidden.is_empty() {
-            let message = "belongs to hidden layers, `network.hidden` has none";
-            problems.expect_absent(study.training.dropout > 0.0, "training.dropout", message);
-            problems.expect_absent(study.training.batch_norm, "training.batch_norm", message);
-        }
+        let Self { structure, .. } = self;
         let instants = match structure {
             Structure::Fixed if !study.source.is_recorded() => study.time.stop / study.time.step + 1.0,
             _ => 1.0,
         };
         let inputs = study.encoder().width() + usize::from(*structure == Structure::Full);
-        let sizes: Vec<usize> = [&[inputs], hidden.as_slice(), &[study.outputs.len()]].concat();
+        let mut problems = self.problems_between([inputs, study.outputs.len()], instants, &study.training);
+        let epochs = study.training.epochs as f64 * instants;
+        if instants > 1.0 && epochs > MAX_HISTORIES && study.training.epochs <= MAX_EPOCHS {
+            let message = format!("{epochs:.3e} epochs of {instants:.0} networks, expected at most 100 million");
+            problems.add("training.epochs", message);
+        }
+        problems
+    }
+
+    /// What is wrong with so many networks between so many inputs and outputs, by dotted key.
+    pub fn problems_between(
+        &self,
+        [inputs, outputs]: [usize; 2],
+        instants: f64,
+        training: &TrainingOptions,
+    ) -> Problems {
+        let mut problems = Problems::default();
+        if self.hidden.is_empty() {
+            let message = "belongs to hidden layers, `network.hidden` has none";
+            problems.expect_absent(training.dropout > 0.0, "training.dropout", message);
+            problems.expect_absent(training.batch_norm, "training.batch_norm", message);
+        }
+        let sizes: Vec<usize> = [&[inputs], self.hidden.as_slice(), &[outputs]].concat();
         let weights: f64 = sizes.windows(2).map(|pair| (pair[0] as f64 + 1.0) * pair[1] as f64).sum();
         if weights * instants > MAX_WEIGHTS {
             let of = if instants > 1.0 { format!(" of {instants:.0} networks") } else { String::new() };
             let message = format!("{:.3e} weights and biases{of}, expected at most 100 million", weights * instants);
             problems.add("network.hidden", message);
-        }
-        let epochs = study.training.epochs as f64 * instants;
-        if instants > 1.0 && epochs > MAX_HISTORIES && study.training.epochs <= MAX_EPOCHS {
-            let message = format!("{epochs:.3e} epochs of {instants:.0} networks, expected at most 100 million");
-            problems.add("training.epochs", message);
         }
         problems
     }

@@ -134,8 +134,11 @@ impl Domain {
 
     /// Distance of a point from the domain, zero inside: the largest of its inputs' distances, each relative to the
     /// width of the input's range; of a nominal one that from the nearest value. Where the data are known, at least that from what is near
-    /// them. Finite for every finite point: it is an output of the FMU. `guess`: see [`Domain::is_near_data`].
+    /// them. Finite for every finite point: it is an output of the FMU; infinite where a number is NaN. `guess`: see [`Domain::is_near_data`].
     pub fn distance(&self, inputs: &[f64], guess: usize) -> f64 {
+        if inputs.iter().any(|value| value.is_nan()) {
+            return f64::INFINITY;
+        }
         let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
         let of_data = self.far(inputs, guess).map_or(0.0, |nearest| nearest.distance);
         inputs.iter().enumerate().map(distance).fold(of_data, f64::max).min(f64::MAX)
@@ -226,6 +229,12 @@ mod tests {
         );
         assert!(!domain().contains(2, f64::NAN));
         assert_eq!(domain().distance(&[-f64::MAX, 2.0, 1.0], 0), f64::MAX);
+        for column in 0..3 {
+            let mut point = [0.0, 2.0, 1.0];
+            point[column] = f64::NAN;
+            assert_eq!(domain().distance(&point, 0), f64::INFINITY);
+            assert!(!domain().contains_point(&point, 0));
+        }
     }
 
     #[test]

@@ -32,10 +32,13 @@ static Series hyperbolic_tangent(Real x)
     return (Series){y, slope, -R(2.0) * y * slope};
 }
 
+/* Of exp(-|x|), so that no digits are lost where it is small. */
 static Series sigmoid(Real x)
 {
-    const Series half = hyperbolic_tangent(R(0.5) * x);
-    return (Series){R(0.5) + R(0.5) * half.value, R(0.25) * half.slope, R(0.125) * half.curvature};
+    const Real e = MATH(exp)(-MATH(fabs)(x));
+    const Real slope = e / (R(1.0) + e) / (R(1.0) + e);
+    const Real tangent = -MATH(expm1)(-MATH(fabs)(x)) / (R(1.0) + e); /* of |x| / 2 */
+    return (Series){(x < R(0.0) ? e : R(1.0)) / (R(1.0) + e), slope, x < R(0.0) ? slope * tangent : -slope * tangent};
 }
 
 static Series error_function(Real x)

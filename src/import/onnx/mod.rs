@@ -4,6 +4,7 @@
 //! moves elements (a reshape, a slice, a concatenation) is a choice of columns. What does not depend on the inputs is computed here.
 
 mod attributes;
+mod batch;
 mod node;
 mod operators;
 pub(crate) mod proto;
@@ -13,6 +14,7 @@ mod trees;
 
 use super::{Imported, Recurrence, builder::Builder};
 use crate::{Error, Result};
+use batch::TwoRows;
 use node::{Row, Value};
 use prost::Message;
 use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, ValueInfoProto, type_name};
@@ -45,9 +47,13 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     if !unknown.is_empty() {
         return Err(unknown);
     }
-    let mut reader = Reader::new(graph, opset, folder).map_err(one)?;
+    let mut reader = Reader::new(graph, opset, folder, 1).map_err(one)?;
+    let mut two_rows = TwoRows::of(graph, opset, folder);
     for (number, node) in graph.node.iter().enumerate() {
-        reader.node(node).map_err(|problem| one(format!("{}: {problem}", node::title(number, node))))?;
+        let about = |problem: String| one(format!("{}: {problem}", node::title(number, node)));
+        reader.node(node).map_err(about)?;
+        let goes_on = two_rows.as_mut().map_or(Ok(false), |two_rows| two_rows.follow(node, &reader)).map_err(about)?;
+        two_rows = two_rows.filter(|_| goes_on);
     }
     let producer = [model.producer_name.as_str(), model.producer_version.as_str()].join(" ").trim().to_owned();
     reader.finish(graph, producer)
@@ -97,10 +103,13 @@ struct Reader {
     recurrences: Vec<Recurrence>,
     /// What is compared with thresholds is rounded as it was there.
     has_trees: bool,
+    /// Outputs that operators have beside those that are read here, with what they are.
+    beside: HashMap<String, String>,
 }
 
 impl Reader {
-    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> std::result::Result<Self, String> {
+    /// For so many rows, where the first dimension of an input is free.
+    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>, batch: usize) -> std::result::Result<Self, String> {
         let mut values = HashMap::new();
         for proto in &graph.initializer {
             let tensor =
@@ -114,7 +123,7 @@ impl Reader {
         let mut rows = Vec::new();
         for input in &given {
             let about = |problem: String| format!("input `{}`: {problem}", input.name);
-            rows.push((&input.name, input_shape(input, is_recurrent).map_err(about)?));
+            rows.push((&input.name, input_shape(input, is_recurrent, batch).map_err(about)?));
         }
         if rows.is_empty() {
             return Err("the graph has no inputs".into());
@@ -153,11 +162,12 @@ impl Reader {
             is_single,
             recurrences: Vec::new(),
             has_trees,
+            beside: HashMap::new(),
         })
     }
 
     fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
-        let Self { mut builder, values, inputs, stacked, is_single, recurrences, .. } = self;
+        let Self { mut builder, values, inputs, stacked, is_single, recurrences, beside, .. } = self;
         let (mut columns, mut outputs) = (Vec::new(), Vec::new());
         for output in &graph.output {
             let row = match values.get(&output.name) {
@@ -165,7 +175,10 @@ impl Reader {
                 Some(Value::Constant(tensor)) => {
                     node::constant_row(&mut builder, tensor).map_err(|problem| vec![problem])?
                 }
-                None => return Err(vec![format!("output `{}` is made by no node", output.name)]),
+                None => {
+                    let why = beside.get(&output.name).map_or("made by no node", String::as_str);
+                    return Err(vec![format!("output `{}` is {why}", output.name)]);
+                }
             };
             let count: usize = row.shape.iter().product();
             outputs.extend(element_names(&output.name, count));
@@ -186,9 +199,23 @@ fn element_names(name: &str, count: usize) -> Vec<String> {
     }
 }
 
+fn known(dim: &proto::DimensionProto) -> Option<i64> {
+    dim.dim_value.filter(|value| *value > 0)
+}
+
+/// Whether the first dimension of an input is free: the batch.
+fn is_batch(input: &ValueInfoProto) -> bool {
+    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref());
+    tensor.and_then(|tensor| tensor.shape.as_ref()?.dim.first()).is_some_and(|dim| known(dim).is_none())
+}
+
 /// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
 /// the batch may be any dimension.
-fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Result<(Vec<usize>, bool), String> {
+fn input_shape(
+    input: &ValueInfoProto,
+    is_recurrent: bool,
+    batch: usize,
+) -> std::result::Result<(Vec<usize>, bool), String> {
     let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
     let is_single = match tensor.elem_type {
         FLOAT => true,
@@ -196,14 +223,15 @@ fn input_shape(input: &ValueInfoProto, is_recurrent: bool) -> std::result::Resul
         other => return Err(format!("elements of type {}, expected float or double", type_name(other))),
     };
     let dims = &tensor.shape.as_ref().ok_or("no shape: expected one with the number of columns")?.dim;
-    let known = |dim: &proto::DimensionProto| dim.dim_value.filter(|value| *value > 0);
     let mut shape = Vec::new();
     for (place, dim) in dims.iter().enumerate() {
         match (place, known(dim)) {
             (_, Some(value)) => shape.push(value as usize),
-            // one row
-            (0, None) => shape.push(1),
+            (0, None) => shape.push(batch),
             (_, None) if is_recurrent => shape.push(1),
+            (place, None) if dim.dim_value == Some(0) => {
+                return Err(format!("dimension {place} is 0, expected a positive number"));
+            }
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");
                 return Err(format!("dimension {place} is free (`{name}`), expected a number"));

@@ -83,9 +83,12 @@ impl Reader {
             Some(name) => match self.values.get(name) {
                 Some(value) => Ok(Some(value)),
                 // nodes are in the order in which they can be computed
-                None => {
-                    Err(format!("input `{name}` is made by no earlier node: the graph has a cycle, or is not in order"))
-                }
+                None => Err(match self.beside.get(name) {
+                    Some(what) => format!("input `{name}` is {what}"),
+                    None => {
+                        format!("input `{name}` is made by no earlier node: the graph has a cycle, or is not in order")
+                    }
+                }),
             },
         }
     }

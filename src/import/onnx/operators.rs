@@ -24,7 +24,7 @@ use metafmu_runtime::{
 };
 
 /// Operators of the standard set that are known here.
-pub const STANDARD: [&str; 91] = [
+pub const STANDARD: [&str; 97] = [
     "Abs",
     "Add",
     "Atan",
@@ -116,6 +116,12 @@ pub const STANDARD: [&str; 91] = [
     "GlobalMaxPool",
     "MaxPool",
     "Pad",
+    "Acos",
+    "Asin",
+    "Equal",
+    "GroupNormalization",
+    "InstanceNormalization",
+    "ReduceLogSum",
 ];
 
 /// Those of `ai.onnx.ml`.
@@ -130,7 +136,7 @@ pub const MACHINE_LEARNING: [&str; 8] = [
     "TreeEnsembleRegressor",
 ];
 
-const ML: &str = "ai.onnx.ml";
+pub const ML: &str = "ai.onnx.ml";
 
 /// Whether an operator is known here.
 pub fn is_known(node: &NodeProto) -> bool {
@@ -178,6 +184,12 @@ impl Reader {
         if node.output.iter().all(String::is_empty) {
             return Err("it gives nothing".into());
         }
+        for (place, name) in node.output.iter().enumerate().skip(made.len()).filter(|(_, name)| !name.is_empty()) {
+            let of = if node.name.is_empty() { String::new() } else { format!(" of node `{}`", node.name) };
+            let what =
+                format!("output {place} of operator {}{of}, which is not supported: only its first is", operator(node));
+            self.beside.insert(name.clone(), what);
+        }
         for (name, value) in node.output.iter().zip(made).filter(|(name, _)| !name.is_empty()) {
             self.constants += value.constant().map_or(0, |tensor| tensor.data.len());
             if self.constants > MAX_ELEMENTS {
@@ -200,7 +212,7 @@ impl Reader {
             "Identity" => return self.input(node, 0),
             "Dropout" => return self.dropout(node),
             "Cast" => return self.cast(node),
-            "CastLike" => return self.input(node, 0),
+            "CastLike" => return self.cast_like(node),
             "Constant" => return constants::constant(attributes),
             "ConstantOfShape" => return self.constant_of_shape(node),
             "Shape" => return self.shape(node),
@@ -232,6 +244,7 @@ impl Reader {
                 return self.mapped(&sum, Elementwise::Linear, vec![1.0 / node.input.len() as f64, 0.0]);
             }
             "Greater" | "Less" | "GreaterOrEqual" | "LessOrEqual" => return self.compare(node),
+            "Equal" => return self.equal(node),
             "Where" => return self.choose(node),
             // truth values are 1 and 0
             "And" => return self.many(node, Operation::Multiply),
@@ -250,6 +263,7 @@ impl Reader {
             "Clip" => return self.clip(node),
             "BatchNormalization" => return self.batch_normalization(node),
             "LayerNormalization" => return self.layer_normalization(node),
+            "InstanceNormalization" | "GroupNormalization" => return self.group_normalization(node),
             "RMSNormalization" => return self.rms_normalization(node),
             "Softmax" => return self.softmax(node),
             "LogSoftmax" => return self.log_softmax(node),
@@ -258,8 +272,8 @@ impl Reader {
             "MaxPool" => return self.max_pool(node),
             "GlobalAveragePool" | "GlobalMaxPool" => return self.global_pool(node),
             "Pad" => return self.pad(node),
-            "ReduceL1" | "ReduceL2" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin" | "ReduceProd"
-            | "ReduceSum" | "ReduceSumSquare" => return self.reduce(node),
+            "ReduceL1" | "ReduceL2" | "ReduceLogSum" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin"
+            | "ReduceProd" | "ReduceSum" | "ReduceSumSquare" => return self.reduce(node),
             "HardSwish" => {
                 let value = self.input(node, 0)?;
                 let gate = self.hard_sigmoid(&value, 1.0 / 6.0, 0.5)?;
@@ -285,6 +299,7 @@ impl Reader {
                 return self.hard_sigmoid(&value, attributes.float("alpha", 0.2)?, attributes.float("beta", 0.5)?);
             }
             "Tan" | "Sinh" | "Cosh" => return self.of_two(node),
+            "Asin" | "Acos" => return self.arc(node),
             "Selu" => {
                 // a single is meant to be the constant next to it
                 let meant = |name, constant: f64| -> Result<f64, String> {

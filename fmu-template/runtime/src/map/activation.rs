@@ -44,6 +44,22 @@ impl Activation {
     }
 }
 
+impl Activation {
+    /// The same with functions that keep their digits where they are small: other steps of a graph may divide by them, or take logarithms.
+    #[inline(always)]
+    fn with_exact<U: User<f64>>(self, user: U) {
+        match self {
+            Self::Tanh => user.run::<Tanh>(),
+            Self::Sigmoid => user.run::<ExactSigmoid>(),
+            Self::Relu => user.run::<Relu>(),
+            Self::Gelu => user.run::<Gelu>(),
+            Self::Silu => user.run::<ExactSilu>(),
+            Self::Sine => user.run::<Sine>(),
+            Self::Identity => user.run::<Identity>(),
+        }
+    }
+}
+
 /// An activation as a type, so that loops over numbers are compiled for it.
 pub(crate) trait Function<T: Real> {
     fn value<const SIMD: u8>(x: T) -> T;
@@ -82,6 +98,35 @@ impl<T: Real> Function<T> for Sigmoid {
     #[inline(always)]
     fn series<const SIMD: u8>(x: T) -> [T; 3] {
         sigmoid_series::<T, SIMD>(x)
+    }
+}
+
+struct ExactSigmoid;
+
+impl Function<f64> for ExactSigmoid {
+    #[inline(always)]
+    fn value<const SIMD: u8>(x: f64) -> f64 {
+        exact_sigmoid::<SIMD>(x)
+    }
+
+    #[inline(always)]
+    fn series<const SIMD: u8>(x: f64) -> [f64; 3] {
+        let [_, slope, curvature] = sigmoid_series::<f64, SIMD>(x);
+        [exact_sigmoid::<SIMD>(x), slope, curvature]
+    }
+}
+
+struct ExactSilu;
+
+impl Function<f64> for ExactSilu {
+    #[inline(always)]
+    fn value<const SIMD: u8>(x: f64) -> f64 {
+        x * exact_sigmoid::<SIMD>(x)
+    }
+
+    #[inline(always)]
+    fn series<const SIMD: u8>(x: f64) -> [f64; 3] {
+        silu_of::<f64, SIMD>(x, ExactSigmoid::series::<SIMD>(x))
     }
 }
 
@@ -164,6 +209,15 @@ pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
     activation.with(Activate::<T, SIMD, WIDTH> { values });
 }
 
+/// The same with functions that keep their digits where they are small.
+#[inline(always)]
+pub(crate) fn activate_exactly<const SIMD: u8, const WIDTH: usize>(
+    activation: Activation,
+    values: &mut [Lanes<f64, WIDTH>],
+) {
+    activation.with_exact(Activate::<f64, SIMD, WIDTH> { values });
+}
+
 struct Activate<'a, T, const SIMD: u8, const WIDTH: usize> {
     values: &'a mut [Lanes<T, WIDTH>],
 }
@@ -178,12 +232,12 @@ impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Activate<'_, T, SI
     }
 }
 
-/// The activation of one number, with its first and second derivative: for a last layer that is not linear. Compiled once, as
-/// it has few numbers.
+/// The activation of one number, with its first and second derivative: for a last layer that is not linear, and for derivatives of graphs.
+/// Compiled once, as it has few numbers.
 #[inline(never)]
 pub(crate) fn series(activation: Activation, x: f64) -> [f64; 3] {
     let mut result = [0.0; 3];
-    activation.with(Scalar { x, result: &mut result });
+    activation.with_exact(Scalar { x, result: &mut result });
     result
 }
 
@@ -221,6 +275,17 @@ fn sigmoid<T: Real, const SIMD: u8>(x: T) -> T {
     fma::<T, SIMD>(half, tanh::<T, SIMD>(half * x), half)
 }
 
+/// `1 / (1 + exp(-x))`, NaN for NaN; relative error below 1e-15 down to -700, where it becomes zero.
+///
+/// With `e = exp(|x|) - 1` it is `1 / (e + 2)` of a negative `x`, else `(e + 1) / (e + 2)`.
+#[inline(always)]
+fn exact_sigmoid<const SIMD: u8>(x: f64) -> f64 {
+    let half = magnitude(0.5 * x, f64::EXP_HALF_MAX);
+    let e = if SIMD != PLAIN { precise_exp_minus_one(half) } else { exp_minus_one::<f64, SIMD>(half) };
+    let share = if x < 0.0 { 1.0 } else { e + 1.0 } / (e + 2.0);
+    if x < -2.0 * f64::EXP_HALF_MAX { 0.0 } else { share }
+}
+
 /// `max(0, x)`, NaN for NaN. What is negligible becomes zero.
 #[inline(always)]
 fn relu<T: Real>(x: T) -> T {
@@ -254,6 +319,16 @@ fn short_tanh<T: Real>(x: T) -> T {
 fn fused_exp_minus_one<T: Real>(x: T) -> T {
     let (two_to_k, r) = powers(x);
     two_to_k.mul_add(r * exp2_quotient(r), two_to_k - T::ONE)
+}
+
+/// As [`fused_exp_minus_one`], up to `EXP_HALF_MAX`: so far off the last digits of `2 log2 e` count.
+#[inline(always)]
+fn precise_exp_minus_one(x: f64) -> f64 {
+    /// `2 log2 e` minus the double next to it.
+    const LOW: f64 = 2.0 * 2.035_527_374_093_103_3e-17;
+    let (two_to_k, r) = powers(x);
+    let r = x.mul_add(LOW, r);
+    two_to_k.mul_add(r * exp2_quotient(r), two_to_k - 1.0)
 }
 
 /// `2^k` and `r` of `2 x log2 e = k + r`, `|r| <= 1/2`.
@@ -318,7 +393,11 @@ fn silu<T: Real, const SIMD: u8>(x: T) -> T {
 /// The function with its first and second derivative, from those of the sigmoid.
 #[inline(always)]
 fn silu_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
-    let [y, slope, curvature] = sigmoid_series::<T, SIMD>(x);
+    silu_of::<T, SIMD>(x, sigmoid_series::<T, SIMD>(x))
+}
+
+#[inline(always)]
+fn silu_of<T: Real, const SIMD: u8>(x: T, [y, slope, curvature]: [T; 3]) -> [T; 3] {
     [x * y, fma::<T, SIMD>(x, slope, y), fma::<T, SIMD>(x, curvature, slope + slope)]
 }
 
@@ -473,6 +552,33 @@ mod tests {
             assert!(tanh_series::<f64, FUSED>(x)[1] < 1e-300);
             assert!(tanh_series::<f32, FUSED>(x as f32)[1] < 1e-36);
         }
+    }
+
+    #[test]
+    fn the_sigmoid_of_graphs_keeps_its_digits_where_it_is_small() {
+        for x in (-70_000..=70_000).map(|i| f64::from(i) * 0.01 + 0.0037).filter(|x| x.abs() <= 700.0) {
+            // 1 + exp(-|x|) has no digits to lose
+            let small = (-x.abs()).exp();
+            let expected = if x < 0.0 { small } else { 1.0 } / (1.0 + small);
+            for (found, what) in [(exact_sigmoid::<FUSED>(x), "fused"), (exact_sigmoid::<PLAIN>(x), "plain")] {
+                assert!((found - expected).abs() <= 1e-15 * expected, "{what} {x}: {found} {expected}");
+            }
+            let [value, slope, curvature] = ExactSilu::series::<FUSED>(x);
+            let of_sigmoid = small / (1.0 + small) / (1.0 + small);
+            let bend = -of_sigmoid * (0.5 * x).tanh();
+            let (first, second) = (expected + x * of_sigmoid, 2.0 * of_sigmoid + x * bend);
+            assert!((value - x * expected).abs() <= 2e-15 * (x * expected).abs(), "{x}");
+            assert!((slope - first).abs() <= 8e-15 * (expected + (x * of_sigmoid).abs()), "{x}: {slope} {first}");
+            assert!(
+                (curvature - second).abs() <= 1.2e-14 * (of_sigmoid * (2.0 + x.abs())),
+                "{x}: {curvature} {second}"
+            );
+        }
+        assert_eq!(exact_sigmoid::<FUSED>(f64::NEG_INFINITY), 0.0);
+        assert_eq!(exact_sigmoid::<FUSED>(f64::INFINITY), 1.0);
+        assert!(exact_sigmoid::<FUSED>(f64::NAN).is_nan());
+        let logarithm = exact_sigmoid::<FUSED>(-35.0).ln();
+        assert!((logarithm + 35.0).abs() < 1e-14, "{logarithm}");
     }
 
     #[test]

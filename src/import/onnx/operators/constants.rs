@@ -4,9 +4,24 @@ use super::*;
 
 impl Reader {
     pub(super) fn cast(&mut self, node: &NodeProto) -> Made {
-        let value = self.input(node, 0)?;
         let to = Attributes::of(node).integer("to").unwrap_or_default() as i32;
-        let refused = || Err(format!("a cast to {}, expected float or double", type_name(to)));
+        self.cast_to(node, to, &type_name(to))
+    }
+
+    pub(super) fn cast_like(&mut self, node: &NodeProto) -> Made {
+        let (to, name) = match self.input(node, 1)? {
+            Value::Constant(Tensor { data: Data::Integer(_), .. }) => (INT64, "whole numbers or truth values"),
+            Value::Constant(Tensor { data: Data::Single(_), .. }) | Value::Row(Row { is_single: true, .. }) => {
+                (FLOAT, "")
+            }
+            _ => (DOUBLE, ""),
+        };
+        self.cast_to(node, to, name)
+    }
+
+    fn cast_to(&mut self, node: &NodeProto, to: i32, name: &str) -> Made {
+        let value = self.input(node, 0)?;
+        let refused = || Err(format!("a cast to {name}, expected float or double"));
         match value {
             Value::Constant(Tensor { shape, data }) => {
                 let values = data.doubles();

@@ -27,8 +27,7 @@ impl Reader {
             }
         };
         let (offset, scale) = (numbers("offset")?, numbers("scale")?);
-        let offsets = offset.iter().zip(&scale).map(|(offset, scale)| -offset * scale).collect();
-        self.mapped(&value, Elementwise::Linear, [scale, offsets].concat())
+        self.standardised(&value, &offset, &scale, &vec![0.0; width])
     }
 
     pub(super) fn linear_regressor(&mut self, node: &NodeProto) -> Made {

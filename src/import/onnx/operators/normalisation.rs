@@ -37,10 +37,15 @@ impl Reader {
         if factors.iter().any(|factor| !factor.is_finite()) {
             return Err("a variance that is not positive".into());
         }
-        let offsets: Vec<f64> = (0..channels).map(|channel| bias[channel] - mean[channel] * factors[channel]).collect();
         let channel = places(&shape, |index| index[1]);
         let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
-        self.mapped(&value, Elementwise::Linear, [of(&factors), of(&offsets)].concat())
+        self.standardised(&value, &of(&mean), &of(&factors), &of(&bias))
+    }
+
+    /// `(x - mean) factor + offset`, in this order: of inputs that are far from zero few digits would be left of a difference of products.
+    pub(super) fn standardised(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
+        let difference = self.with_constant(Operation::Subtract, value, mean, false)?;
+        self.mapped(&difference, Elementwise::Linear, [factors, offsets].concat())
     }
 
     pub(super) fn layer_normalization(&mut self, node: &NodeProto) -> Made {
@@ -51,6 +56,40 @@ impl Reader {
         let normal = self
             .in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Standardise { of, epsilon }, width))?;
         self.scaled(node, normal)
+    }
+
+    /// Of each channel, or of as many groups of them as are given.
+    pub(super) fn group_normalization(&mut self, node: &NodeProto) -> Made {
+        let attributes = Attributes::of(node);
+        let epsilon = attributes.float("epsilon", 1e-5)?;
+        let value = self.input(node, 0)?;
+        let shape = value.shape().to_vec();
+        let [rows, channels, rest @ ..] = shape.as_slice() else {
+            return Err(format!("a shape of {shape:?}, expected the batch, channels, and other dimensions"));
+        };
+        let groups = match node.op_type.as_str() {
+            "InstanceNormalization" => *channels,
+            _ => usize::try_from(attributes.integer("num_groups").unwrap_or(0)).unwrap_or(0),
+        };
+        if groups == 0 || !channels.is_multiple_of(groups) {
+            return Err(format!("{channels} channels in {groups} groups"));
+        }
+        let each = channels / groups;
+        let grouped = self.reshaped(&value, [&[*rows, groups, each], rest].concat())?;
+        let mut normal = self
+            .in_groups(&grouped, 2, |reader, of, width| reader.builder.add(Step::Standardise { of, epsilon }, width))?;
+        // before version 21 a group has one of each
+        for (place, operation) in [(1, Operation::Multiply), (2, Operation::Add)] {
+            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
+            let dims = match tensor.data.len() {
+                count if count == *channels => [groups, each],
+                count if count == groups => [groups, 1],
+                count => return Err(format!("input {place} has {count} elements, expected {channels}")),
+            };
+            let tensor = Value::Constant(Tensor { shape: [&dims[..], &vec![1; rest.len()]].concat(), ..tensor });
+            normal = self.combined(operation, &normal, &tensor)?;
+        }
+        self.reshaped(&normal, shape)
     }
 
     pub(super) fn rms_normalization(&mut self, node: &NodeProto) -> Made {
@@ -118,10 +157,18 @@ impl Reader {
         let value = self.input(node, 0)?;
         let rank = value.shape().len();
         let (at, whole) = self.normalised_axis(node, rank)?;
-        if !whole && at + 1 != rank {
-            return Err(format!("axis {at} of {rank}, expected the last one"));
+        let normal = |reader: &mut Self, value: &Value, at: usize| {
+            reader.in_groups(value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
+        };
+        if whole || at + 1 == rank {
+            return normal(self, &value, at);
         }
-        self.in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
+        // the other way round it is the same exchange
+        let mut order: Vec<usize> = (0..rank).collect();
+        order.swap(at, rank - 1);
+        let turned = self.transposed(&value, &order)?;
+        let turned = normal(self, &turned, rank - 1)?;
+        self.transposed(&turned, &order)
     }
 
     /// What is subtracted is a logarithm of a sum that is at least 1, so nothing underflows to -inf.
@@ -148,12 +195,11 @@ impl Reader {
         let attributes = Attributes::of(node);
         let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
-        let axes = self.integers(node, 1, "axes")?;
-        if axes.as_ref().is_none_or(Vec::is_empty) && attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 {
-            return Ok(value);
-        }
-        let axes: Vec<usize> = match axes.filter(|axes| !axes.is_empty()) {
+        let axes = self.integers(node, 1, "axes")?.filter(|axes| !axes.is_empty());
+        let axes: Vec<usize> = match axes {
             Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
+            // what is done to each element is done all the same
+            None if attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 => Vec::new(),
             None => (0..shape.len()).collect(),
         };
         let kept: Vec<usize> =
@@ -172,6 +218,10 @@ impl Reader {
             "ReduceMin" => self.folded(Operation::Minimum, &value, kept)?,
             "ReduceMean" => self.sum(&value, kept, count as f64 / width as f64)?,
             "ReduceLogSumExp" => self.logarithm_of_sum(&value, kept)?,
+            "ReduceLogSum" => {
+                let sum = self.sum(&value, kept, 1.0)?;
+                self.mapped(&sum, Elementwise::Logarithm, Vec::new())?
+            }
             "ReduceL1" => {
                 let magnitude = self.mapped(&value, Elementwise::Absolute, Vec::new())?;
                 self.sum(&magnitude, kept, 1.0)?
@@ -188,6 +238,9 @@ impl Reader {
 
     /// Sums of elements times a factor.
     pub(super) fn sum(&mut self, value: &Value, kept: Vec<usize>, factor: f64) -> Made {
+        if kept == value.shape() && factor == 1.0 {
+            return Ok(value.clone());
+        }
         let into = broadcast_places(&kept, value.shape());
         let (count, width) = (kept.iter().product::<usize>(), into.len());
         weights_within_limits(count, width)?;

@@ -122,6 +122,29 @@ impl Reader {
         self.mapped(&is_less, Elementwise::Linear, vec![-1.0, 1.0])
     }
 
+    /// 1 where the numbers are the same, else 0.
+    pub(super) fn equal(&mut self, node: &NodeProto) -> Made {
+        let (a, b) = (self.input(node, 0)?, self.input(node, 1)?);
+        let difference = self.combined(Operation::Subtract, &a, &b)?;
+        let distance = self.mapped(&difference, Elementwise::Absolute, Vec::new())?;
+        let differs = self.mapped(&distance, Elementwise::Positive, Vec::new())?;
+        self.mapped(&differs, Elementwise::Linear, vec![-1.0, 1.0])
+    }
+
+    /// `asin x = atan (x / √((1 - x) (1 + x)))` and `acos x = 2 atan √((1 - x) / (1 + x))`, which lose no digits at 1.
+    pub(super) fn arc(&mut self, node: &NodeProto) -> Made {
+        let value = self.input(node, 0)?;
+        let below = self.mapped(&value, Elementwise::Linear, vec![-1.0, 1.0])?;
+        let above = self.mapped(&value, Elementwise::Linear, vec![1.0, 1.0])?;
+        let is_sine = node.op_type == "Asin";
+        let operation = if is_sine { Operation::Multiply } else { Operation::Divide };
+        let of_both = self.combined(operation, &below, &above)?;
+        let root = self.mapped(&of_both, Elementwise::Power, vec![if is_sine { -0.5 } else { 0.5 }])?;
+        let tangent = if is_sine { self.combined(Operation::Multiply, &value, &root)? } else { root };
+        let angle = self.mapped(&tangent, Elementwise::Arctangent, Vec::new())?;
+        if is_sine { Ok(angle) } else { self.mapped(&angle, Elementwise::Linear, vec![2.0, 0.0]) }
+    }
+
     pub(super) fn choose(&mut self, node: &NodeProto) -> Made {
         let (condition, a, b) = (self.input(node, 0)?, self.input(node, 1)?, self.input(node, 2)?);
         let shape = broadcast(&broadcast(condition.shape(), a.shape())?, b.shape())?;
@@ -202,11 +225,20 @@ impl Reader {
             let cosine = self.mapped(&value, Elementwise::Cosine, Vec::new())?;
             return self.combined(Operation::Divide, &sine, &cosine);
         }
-        let up = self.mapped(&value, Elementwise::Exponential, Vec::new())?;
-        let down = self.mapped(&value, Elementwise::Linear, vec![-1.0, 0.0])?;
+        if node.op_type == "Sinh" {
+            // a difference of exponentials would have few digits near 0
+            let hyperbolic = self.mapped(&value, Elementwise::Activation(Activation::Tanh), Vec::new())?;
+            let cosine = self.hyperbolic_cosine(&value)?;
+            return self.combined(Operation::Multiply, &hyperbolic, &cosine);
+        }
+        self.hyperbolic_cosine(&value)
+    }
+
+    fn hyperbolic_cosine(&mut self, value: &Value) -> Made {
+        let up = self.mapped(value, Elementwise::Exponential, Vec::new())?;
+        let down = self.mapped(value, Elementwise::Linear, vec![-1.0, 0.0])?;
         let down = self.mapped(&down, Elementwise::Exponential, Vec::new())?;
-        let operation = if node.op_type == "Sinh" { Operation::Subtract } else { Operation::Add };
-        let both = self.combined(operation, &up, &down)?;
+        let both = self.combined(Operation::Add, &up, &down)?;
         self.mapped(&both, Elementwise::Linear, vec![0.5, 0.0])
     }
 }

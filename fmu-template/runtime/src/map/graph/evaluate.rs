@@ -4,7 +4,7 @@ use super::{Elementwise, Graph, Operation, Step};
 use crate::{
     map::{
         Activation, Layer,
-        activation::activate,
+        activation::activate_exactly,
         evaluate::Task,
         jet::{Jet, Number},
         layers::{Dense, Order},
@@ -211,7 +211,7 @@ impl PreparedGraph {
                 {
                     let lanes = to.value.len();
                     to.value.copy_from_slice(&before[*of].value[..lanes]);
-                    activate::<f64, SIMD, WIDTH>(*activation, &mut to.value);
+                    activate_exactly::<SIMD, WIDTH>(*activation, &mut to.value);
                 }
                 other => self.other::<N>(other, before, to, self.widths[number + 1]),
             }

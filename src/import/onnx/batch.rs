@@ -1,0 +1,209 @@
+//! Whether a model computes each row of a batch by itself. It is followed for one row, for which a mean over the batch is nothing but the row.
+//! So where the first dimension of its inputs is free, it is followed for two rows as well: no number may depend on both, and there must be
+//! twice as many.
+
+use super::{
+    Reader,
+    attributes::Attributes,
+    node::Value,
+    operators::{ML, RECURRENT},
+    proto::{GraphProto, NodeProto, ValueInfoProto},
+    shape::axis,
+};
+use metafmu_runtime::graph::Step;
+use std::path::Path;
+
+/// What a number depends on: the first row, the second one, or both.
+const FIRST: u8 = 1;
+const SECOND: u8 = 2;
+const BOTH: u8 = FIRST | SECOND;
+
+const EXPECTED: &str = "expected an operator on each row by itself, or inputs with a fixed first dimension";
+
+/// Operators whose inputs are broadcast to each other.
+const BROADCASTING: [&str; 18] = [
+    "Add",
+    "And",
+    "Div",
+    "Equal",
+    "Gemm",
+    "Greater",
+    "GreaterOrEqual",
+    "Less",
+    "LessOrEqual",
+    "Max",
+    "Mean",
+    "Min",
+    "Mul",
+    "Or",
+    "Pow",
+    "Sub",
+    "Sum",
+    "Where",
+];
+
+/// A graph that is followed for two rows.
+pub struct TwoRows {
+    reader: Reader,
+    /// Of each number of each value.
+    depends: Vec<Vec<u8>>,
+}
+
+impl TwoRows {
+    /// None if inputs have no free first dimension; nor for recurrent cells, of which any dimension may be the batch.
+    pub fn of(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> Option<Self> {
+        if graph.node.iter().any(|node| RECURRENT.contains(&node.op_type.as_str())) {
+            return None;
+        }
+        let reader = Reader::new(graph, opset, folder, 2).ok()?;
+        let is_given = |input: &&ValueInfoProto| !graph.initializer.iter().any(|tensor| tensor.name == input.name);
+        let mut columns = Vec::new();
+        for input in graph.input.iter().filter(is_given) {
+            let count: usize = reader.values.get(&input.name)?.shape().iter().product();
+            columns.extend((0..count).map(|column| match super::is_batch(input) {
+                true if column < count / 2 => FIRST,
+                true => SECOND,
+                false => 0,
+            }));
+        }
+        let is_free = columns.contains(&FIRST);
+        is_free.then_some(Self { reader, depends: vec![columns] })
+    }
+
+    /// Follows a node that was followed for one row; the result is whether the next one can be. A graph that does not fit two rows fits one
+    /// only, and there is nothing to mix.
+    ///
+    /// # Errors
+    /// A sentence if it does not compute each row by itself.
+    pub fn follow(&mut self, node: &NodeProto, one: &Reader) -> Result<bool, String> {
+        // they take all numbers that they are given for those of one row
+        let takes_all =
+            !matches!(node.op_type.as_str(), "ArrayFeatureExtractor" | "FeatureVectorizer" | "Imputer" | "Normalizer");
+        if node.domain == ML && takes_all {
+            return Ok(false);
+        }
+        self.refuse_along_batch(node, one)?;
+        if self.reader.node(node).is_err() {
+            return Ok(false);
+        }
+        let steps = self.reader.builder.steps();
+        for step in &steps[self.depends.len() - 1..] {
+            let depends = of_step(step, &self.depends);
+            self.depends.push(depends);
+        }
+        for name in node.output.iter().filter(|name| !name.is_empty()) {
+            let (Some(Value::Row(one)), Some(Value::Row(two))) = (one.values.get(name), self.reader.values.get(name))
+            else {
+                continue;
+            };
+            let count = |shape: &[usize]| shape.iter().product::<usize>();
+            let depends = &self.depends[two.value][..count(&two.shape)];
+            let of = |which: u8| depends.iter().filter(|of| **of == which).count();
+            if of(BOTH) > 0 {
+                return Err(format!(
+                    "it mixes rows of the batch, which is the free first dimension of the inputs; {EXPECTED}"
+                ));
+            }
+            if of(FIRST) != of(SECOND) || (of(FIRST) > 0 && count(&two.shape) != 2 * count(&one.shape)) {
+                return Err(format!(
+                    "it acts along the batch dimension, which is free in the inputs: of one row it makes the shape {:?}, of two rows {:?}; \
+                     {EXPECTED}",
+                    one.shape, two.shape
+                ));
+            }
+        }
+        Ok(true)
+    }
+
+    /// What gives each row its own numbers, but others by its place in the batch.
+    fn refuse_along_batch(&self, node: &NodeProto, one: &Reader) -> Result<(), String> {
+        let known = |reader: &Reader, name: &String| reader.values.get(name).cloned();
+        let is_batch = |name: &String, from_end: usize| match (known(one, name), known(&self.reader, name)) {
+            (Some(Value::Row(one)), Some(Value::Row(two))) if one.shape.len() == two.shape.len() => {
+                let place = one.shape.len().checked_sub(from_end + 1);
+                place.is_some_and(|place| (one.shape[place], two.shape[place]) == (1, 2))
+            }
+            _ => false,
+        };
+        let rank = |name: &String| known(one, name).map_or(0, |value| value.shape().len());
+        let attributes = Attributes::of(node);
+        let along = |name: &String, dims: &[usize]| {
+            let dims = dims.iter().rev().enumerate();
+            dims.into_iter().any(|(from_end, dim)| *dim > 1 && is_batch(name, from_end))
+        };
+        let Some(first) = node.input.first() else { return Ok(()) };
+        let constant = |name: &String| known(one, name).and_then(|value| value.constant().cloned());
+        let integers = |name: &String| -> Option<Vec<usize>> {
+            let numbers = constant(name)?.integers().ok()?.to_vec();
+            Some(numbers.into_iter().map(|number| usize::try_from(number).unwrap_or(0)).collect())
+        };
+        let refused =
+            |what: String| Err(format!("{what} along the batch dimension, which is free in the inputs; {EXPECTED}"));
+        match node.op_type.as_str() {
+            "Concat" => {
+                let rank = rank(first);
+                let Some(at) = attributes.integer("axis").and_then(|at| axis(at, rank).ok()) else { return Ok(()) };
+                if node.input.iter().any(|name| is_batch(name, rank - 1 - at)) {
+                    return refused("it puts rows together".into());
+                }
+            }
+            "Tile" | "Expand" => {
+                let Some(dims) = node.input.get(1).and_then(integers) else { return Ok(()) };
+                // a shape that was computed has two rows for two
+                let twice = node.input.get(1).and_then(|name| known(&self.reader, name)?.constant().cloned());
+                let is_same = twice.is_none_or(|twice| {
+                    twice
+                        .integers()
+                        .is_ok_and(|twice| twice.iter().map(|dim| usize::try_from(*dim).unwrap_or(0)).eq(dims.clone()))
+                });
+                if is_same && along(first, &dims) {
+                    return refused("it repeats rows".into());
+                }
+            }
+            operator if BROADCASTING.contains(&operator) => {
+                let is_gemm = operator == "Gemm";
+                if is_gemm && attributes.integer("transA").unwrap_or(0) != 0 {
+                    return Ok(());
+                }
+                let rows = if is_gemm { &node.input[..1] } else { &node.input[..] };
+                let constants = if is_gemm { node.input.get(2..).unwrap_or_default() } else { &node.input[..] };
+                for tensor in constants.iter().filter_map(constant) {
+                    if rows.iter().any(|name| along(name, &tensor.shape)) {
+                        return refused(format!("a constant of shape {:?}", tensor.shape));
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// What the numbers that a step makes depend on.
+fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
+    let all = |of: usize| values[of].iter().fold(0, |all, depends| all | depends);
+    match step {
+        Step::Affine { of, weight, bias } => {
+            let from = &values[*of];
+            let mut found = vec![0; bias.len()];
+            for (index, weight) in weight.iter().enumerate() {
+                if weight != 0.0 {
+                    found[index / from.len()] |= from[index % from.len()];
+                }
+            }
+            found
+        }
+        Step::Elementwise { of, .. } => values[*of].clone(),
+        Step::Combine { of: [a, b], .. } => values[*a].iter().zip(&values[*b]).map(|(a, b)| a | b).collect(),
+        Step::Select { of: [condition, a, b] } => {
+            let pairs = values[*a].iter().zip(&values[*b]).map(|(a, b)| a | b);
+            pairs.zip(&values[*condition]).map(|(pair, condition)| pair | condition).collect()
+        }
+        Step::Columns { columns } => {
+            columns.iter().map(|[of, column]| values[*of as usize][*column as usize]).collect()
+        }
+        Step::Standardise { of, .. } | Step::Softmax { of } => vec![all(*of); values[*of].len()],
+        Step::Distances { of, centres, lengths } => vec![all(*of); centres.len() / lengths.len()],
+        Step::Forest { of, outputs, .. } => vec![all(*of); *outputs],
+    }
+}
