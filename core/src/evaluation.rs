@@ -123,7 +123,7 @@ impl Accuracy {
     }
 
     /// Measures a surrogate without states on rows of its inputs, `points`, and what its outputs should be, `labels`. The run of an
-    /// error is its row, counted from 0.
+    /// error is its row, counted from 0, and its share is of the labels' range.
     pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &[Vec<f64>], labels: &[Vec<f64>]) -> Self {
         let evaluator = Evaluator::new(surrogate);
         let predict = |scratch: &mut Scratch, point: &Vec<f64>| {
@@ -142,7 +142,14 @@ impl Accuracy {
         let outputs = surrogate.outputs().iter().map(|output| Variable::new(&output.name, &output.unit, "")).collect();
         let runs = labels.iter().map(run).collect();
         let test = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs, runs };
-        Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, &predictions) }
+        let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, &predictions) };
+        // the surrogate's ranges are those of its own predictions
+        for (column, metrics) in found.outputs.values_mut().enumerate() {
+            let ends = labels.iter().map(|row| row[column]);
+            let range = ends.clone().fold(f64::NEG_INFINITY, f64::max) - ends.fold(f64::INFINITY, f64::min);
+            metrics.relative_max_error = (range > 0.0).then(|| finite(metrics.max_abs_error / range));
+        }
+        found
     }
 }
 
@@ -203,7 +210,8 @@ fn output_metrics(
         }
     }
     let (max_abs_error, worst_run, worst_time) = worst;
-    let r2 = (total > 0.0).then(|| finite(1.0 - residual / total));
+    // of infinite sums it is as bad as can be
+    let r2 = (total > 0.0).then(|| if residual.is_finite() { finite(1.0 - residual / total) } else { f64::MIN });
     let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
     let mse = finite(residual / rows);
     let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));

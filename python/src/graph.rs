@@ -164,6 +164,17 @@ impl Graph {
         self.made(made)
     }
 
+    /// Numbers of one value where a condition is positive, else of another one.
+    fn choose(&mut self, condition: usize, chosen: usize, otherwise: usize) -> PyResult<usize> {
+        let builder = self.of(&[condition, chosen, otherwise])?;
+        let width = builder.width(condition);
+        for value in [chosen, otherwise] {
+            lengths("numbers", builder.width(value), width)?;
+        }
+        let made = builder.add(Step::Select { of: [condition, chosen, otherwise] }, width);
+        self.made(made)
+    }
+
     fn columns(&mut self, columns: Vec<[u32; 2]>) -> PyResult<usize> {
         self.check_columns(&columns)?;
         let made = self.of(&[])?.columns(columns);

@@ -1,5 +1,8 @@
 """Functions of JAX by their jaxpr."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -98,6 +101,16 @@ def test_a_differential_equation_has_states():
     time = np.linspace(0.0, 5.0, 101)
     expected = scipy.solve_ivp(lambda t, x: np.asarray(flow(t, x, jnp.array([0.8]))), (0.0, 5.0), [0.5, 0.5], t_eval=time, rtol=1e-10, atol=1e-12).y.T
     assert np.abs(surrogate.simulate(time, {"u": 0.8}) - expected).max() < 1e-8
+
+
+def test_examples_of_numpy_are_what_jax_makes_of_them(rows):
+    """Without doubles, which JAX has only if it is told so."""
+    code = (
+        "import jax.numpy as jnp, numpy as np, metafmu; w = np.random.default_rng(0).normal(size=(3, 2)); "
+        "s = metafmu.from_jax(lambda x: jnp.tanh(x @ jnp.array(w)), np.zeros((1, 3)), inputs={k: (-1, 1) for k in 'abc'}); "
+        "assert abs(s.predict([[0.1, 0.2, 0.3]]) - np.tanh(np.array([0.1, 0.2, 0.3]) @ w)).max() < 1e-6"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_several_arguments(rows, agrees):

@@ -136,6 +136,10 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
     for wrong, message in [
         ((time,), "no inputs, expected a column for each of x"),
         ((time, {"u": time}), "inputs has no `x`, it has u"),
+        ((time, {"x": time[:3]}), r"inputs: `x` \(3,\), expected a number or 11"),
+        (("now", time), "time: 'now', expected numbers"),
+        ((time, time, [1.0]), "parameters: .*expected a dict"),
+        ((time, time, {"y_start": "high"}), "parameter `y_start`: 'high', expected numbers"),
         ((time, time[:3]), "inputs has 3 rows, expected 11"),
         ((time[::-1], time), "expected ascending numbers"),
         ((time, time * np.nan), "not finite"),
@@ -166,7 +170,10 @@ def test_what_was_measured_is_in_the_model_card(surrogate, rows, tmp_path):
     found = surrogate.evaluate(x, y[:, 0])["y"]
     assert abs(found["r2"] - (1 - 0.25 / np.sum((y - y.mean()) ** 2))) < 1e-12
     assert abs(found["rmse"] - 0.5 / np.sqrt(len(x))) < 1e-12 and abs(found["max_error"] - 0.5) < 1e-12 and found["worst_row"] == 17
-    assert abs(found["relative_max_error"] - 0.5 / (surrogate.outputs[0].max - surrogate.outputs[0].min)) < 1e-12
+    assert abs(found["relative_max_error"] - 0.5 / np.ptp(y)) < 1e-12
+    # what is too large for a number is the worst, and not the best
+    assert surrogate.evaluate(x, y * 1e200)["y"]["r2"] < -1e308
+    surrogate.evaluate(x, y)
     for source in (surrogate, pickle.loads(pickle.dumps(surrogate))):
         [fmu] = source.export(tmp_path / "x.fmu")
         with zipfile.ZipFile(fmu) as archive:
@@ -183,6 +190,35 @@ def test_a_network_that_explains_nothing_is_no_surrogate():
     with pytest.warns(metafmu.AccuracyWarning, match="a poor surrogate: R² on the held-out rows of `noise`"):
         surrogate = metafmu.fit(x, np.column_stack([random.normal(size=400), x[:, 0]]), outputs=["noise", "x"], epochs=50)
     assert surrogate.accuracy["noise"]["r2"] < 0.2 and surrogate.accuracy["x"]["r2"] > 0.9
+    with pytest.warns(metafmu.AccuracyWarning):
+        # a single row is held out, and the inputs say nothing
+        metafmu.fit(np.ones((6, 1)), [1.0, -1.0, 1.0, -1.0, 1.0, -1.0], epochs=5)
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"hidden": "ab"}, "hidden: 'ab', expected a whole number"),
+        ({"hidden": (2.5,)}, "hidden: 2.5, expected a whole number"),
+        ({"hidden": (10**6, 10**6)}, "hidden"),
+        ({"epochs": 2.7}, "epochs: 2.7, expected a whole number"),
+        ({"epochs": -1}, "epochs: -1, expected a whole number"),
+        ({"batch": None}, "batch: None, expected a whole number"),
+        ({"learning_rate": float("nan")}, "learning_rate: nan, expected a finite number"),
+        ({"learning_rate": -1.0}, "learning_rate"),
+        ({"training": 3}, "training: 3, expected a dict"),
+        ({"random_state": "a"}, "random_state: 'a', expected an integer"),
+    ],
+)
+def test_options_of_a_training_are_checked(options, message):
+    with pytest.raises(metafmu.Error, match=message):
+        metafmu.fit(np.ones((4, 2)), np.arange(4.0), **options)
+
+
+def test_rows_of_a_training_are_numbers():
+    for x, y, message in [([], [], "expected"), (np.ones((3, 1)) * 1j, np.ones(3), "complex"), ([["a"]], [1.0], "X: could not convert string"), ([[1.0]], ["b"], "y: ")]:
+        with pytest.raises(metafmu.Error, match=message):
+            metafmu.fit(x, y)
 
 
 def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):

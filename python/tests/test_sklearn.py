@@ -152,6 +152,8 @@ def test_names_belong_to_the_columns_of_that_name(rows):
     assert [item.unit for item in metafmu.from_sklearn(model, inputs={"mass": "kg"}, data=frame).inputs] == ["", "", "kg"]
     with pytest.raises(metafmu.Error, match="input `mass` stands at place 1, but is column 3 of the model: x, v, mass"):
         metafmu.from_sklearn(model, inputs=["mass", "b", "c"], data=frame)
+    renamed = metafmu.from_sklearn(model, inputs=["a", "b", "c"], data=frame)
+    assert [(item.name, item.max) for item in renamed.inputs] == [(name, frame[old].max()) for name, old in zip("abc", frame)]
     fitted = metafmu.fit(frame, targets, inputs=given["inputs"], outputs={"power": "W", "force": "N"}, epochs=100, hidden=(8,))
     assert [(item.name, item.unit) for item in fitted.outputs] == [("force", "N"), ("power", "W")]
     assert [item.name for item in fitted.inputs] == ["x", "v", "mass"] and fitted.accuracy["force"]["r2"] > 0.5

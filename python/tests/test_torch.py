@@ -199,6 +199,36 @@ def test_a_differential_equation_has_states(rows, tmp_path):
             metafmu.from_torch(flow, **{"inputs": {"u": (-2, 2)}, "example": example, **wrong})
 
 
+def test_a_right_side_in_physical_units_is_compared_where_it_will_be():
+    class Arrhenius(nn.Module):
+        def __init__(self, hooked):
+            super().__init__()
+            self.layer = nn.Linear(1, 1)
+            if hooked:
+                self.layer.register_forward_hook(lambda module, given, made: 100 * made)
+
+        def forward(self, temperature, q):
+            # in [-1, 1] it is infinite, and zero
+            return torch.relu(temperature - 273) * 0.1 * self.layer(q) - torch.exp(-50 / temperature)
+
+    torch.manual_seed(3)
+    options = {
+        "inputs": {"q": (1, 2)}, "states": {"temperature": {"derivative": "output", "start": 300.0, "min": 250.0, "max": 400.0}},
+        "example": (torch.zeros(1, 1), torch.zeros(1, 1)),
+    }
+    assert metafmu.from_torch(Arrhenius(False), **options).name == "Arrhenius"
+    with pytest.raises(metafmu.Error, match="Arrhenius was read wrongly"):
+        metafmu.from_torch(Arrhenius(True), **options)
+
+    class Driven(nn.Module):
+        def forward(self, t, x):
+            return torch.sin(t) - x
+
+    inputs = {"t": {"value": 0.0}}
+    with pytest.raises(metafmu.Error, match="input `t` has a value, but what the states follow from depends on it"):
+        metafmu.from_torch(Driven(), inputs=inputs, states={"x": {"derivative": "output"}}, example=(torch.zeros(1, 1), torch.zeros(1, 1)))
+
+
 @pytest.mark.parametrize("kind", [nn.LSTMCell, nn.GRUCell, nn.RNNCell])
 def test_a_cell_goes_on_from_sample_to_sample(kind):
     class Cell(nn.Module):
@@ -267,6 +297,59 @@ def test_what_would_be_read_wrongly_is_refused(function, message, rows):
 
     with pytest.raises(metafmu.Error, match=message):
         metafmu.from_torch(Module(), data=rows[0])
+
+
+def test_small_outputs_beside_large_ones_and_offsets_are_compared(rows):
+    """Each output by its own spread, also of a single row of data."""
+
+    class Scales(nn.Module):
+        def forward(self, x):
+            return torch.cat([1e6 * x[:, :1], 101325 + 1e-2 * torch.tanh(x - x.mean(0, keepdim=True))], 1).double()
+
+    for data in (rows[0], rows[0][:1]):
+        with pytest.raises(metafmu.Error, match="Scales was read wrongly"):
+            metafmu.from_torch(Scales().double(), data=data, inputs={"a": (-1, 1), "b": (-1, 1), "c": (-1, 1)}, example=torch.zeros(1, 3, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("scale", [1e-18, 3e-15, 1e20])
+def test_numbers_of_all_sizes_keep_their_digits_in_single_precision(scale, rows, agrees):
+    """Charges in coulomb, for instance."""
+    module = nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 2))
+    with torch.no_grad():
+        module[2].weight *= scale
+        module[2].bias *= scale
+    x = torch.tensor(rows[0], dtype=torch.float32)
+    agrees(metafmu.from_torch(module, data=rows[0]), x.numpy(), module(x).detach().numpy(), 1e-6)
+
+    class Inputs(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.inner = module
+
+        def forward(self, x):
+            return self.inner(x / scale) / scale
+
+    x, model = x * scale, Inputs()
+    agrees(metafmu.from_torch(model, data=x.numpy(), example=x[:1]), x.numpy(), model(x).detach().numpy(), 1e-6)
+
+
+def test_precisions_that_are_mixed_or_half_are_read(rows):
+    class Mixed(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.layer = nn.Linear(3, 2)
+            self.register_buffer("scale", torch.tensor([2.0, 3.0], dtype=torch.float64))
+
+        def forward(self, x):
+            return self.layer(x) * self.scale
+
+    x = torch.tensor(rows[0], dtype=torch.float32)
+    for module in (Mixed(), nn.Sequential(nn.Linear(3, 2), nn.Tanh()).bfloat16(), nn.Sequential(nn.Linear(3, 2), nn.Tanh()).half()):
+        kind = next(module.parameters()).dtype
+        expected = module(x.to(kind)).detach().double().numpy()
+        found = metafmu.from_torch(module, data=rows[0]).predict(rows[0])
+        assert np.abs(found - expected).max() <= (1e-6 if kind == torch.float32 else 0.05)
+    assert metafmu.from_torch(torch.nn.DataParallel(Mixed()), data=rows[0]).name == "Mixed"
 
 
 def test_hooks_and_classes_are_noticed(rows):

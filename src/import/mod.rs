@@ -177,7 +177,8 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
         let is_free = |input: &Input| interface.inputs.get(&input.name).is_none_or(|options| options.start.is_none());
         cover::start_among(rows, cover, &mut inputs, is_free);
     }
-    let is_single = about.is_single && matches!(map, Map::Network(_));
+    let ranges: Vec<[f64; 2]> = inputs.iter().map(|input| [input.min, input.max]).collect();
+    let is_single = about.is_single && matches!(&map, Map::Network(network) if network.fits_single(&ranges));
     let metadata = Metadata {
         precision: if is_single { Precision::Single } else { Precision::Double },
         stop_time: (!has_time).then_some(interface.time.stop),

@@ -125,6 +125,16 @@ def test_inputs_far_from_zero_keep_their_digits(tmp_path, of, mean, spread):
             raise AssertionError(name) from error
 
 
+@pytest.mark.parametrize("size", [1e-18, 3e-15, 1e15])
+def test_small_and_large_numbers_keep_their_digits_in_single_precision(tmp_path, size):
+    """A charge in coulomb, as an input and as an output: weights below 1e-15 that are not those of nodes that nothing needs."""
+    r = lambda *shape: reals(*shape, of=np.float32)
+    constants = {"w": r(3, 16), "b": r(16), "v": r(16, 2) * np.float32(size), "c": r(2) * np.float32(size), "f": np.full(3, 1 / size, np.float32)}
+    model = graphs.model([graphs.node("Mul", "x f", "z"), *LAYERS], constants, kind=onnx.TensorProto.FLOAT)
+    rows = (size * np.random.default_rng(8).uniform(-1.0, 1.0, (60, 3))).astype(np.float32)
+    imported(tmp_path, model, rows, of_runtime(model, rows), np.float32)
+
+
 def test_the_fmu_keeps_the_digits_of_inputs_far_from_zero(tmp_path):
     """So do its sources, another column being constant."""
     model = dict(far_from_zero(np.float32, 101325.0, 50.0))["chosen"]

@@ -32,6 +32,7 @@ _MARGINS = {None: lambda score: score, "exp": np.log, "sigmoid": lambda score: n
 
 def xgboost(graph, estimator, value):
     """`XGBRegressor`, `XGBRFRegressor`: it compares and adds in single precision."""
+    graph.is_single = True
     if not np.isnan(estimator.missing):
         raise Error(f"{type(estimator).__name__} with missing={estimator.missing}, expected nan: an FMU has no inputs that are missing")
     learner = json.loads(bytes(estimator.get_booster().save_raw("json")))["learner"]

@@ -2,57 +2,136 @@
 
 from __future__ import annotations
 
+import json
+from typing import NamedTuple
+
 import numpy as np
 
 from . import _metafmu
-from ._surrogate import rows_of
+from ._surrogate import data_rows
 
-_ROWS = 64
-#: Largest differences, relative to the largest number of an output. Rounding of each precision is far below, also that of ill-conditioned
-#: models, and what was read wrongly is far above.
-SINGLE, DOUBLE = 1e-4, 1e-8
+_ROWS, _MORE = 32, 512
+
+
+class Precision(NamedTuple):
+    """The relative rounding error of a kind of numbers, and the largest difference of predictions as a share of their spread: what rounding makes of
+    them, also in models that are ill-conditioned, is below, and what was read wrongly is above."""
+
+    epsilon: float
+    share: float
+
+    @classmethod
+    def of(cls, name):
+        """By the name of a type, as numpy and PyTorch have it; of types of less precision than float32, it is that of them."""
+        known = {"float64": cls(2.2e-16, 1e-8), "float32": SINGLE, "float16": cls(9.8e-4, 0.03), "bfloat16": cls(7.8e-3, 0.1)}
+        return known.get(str(name).rsplit(".", 1)[-1], SINGLE)
+
+
+SINGLE = Precision(1.2e-7, 1e-4)
+DOUBLE = Precision.of("float64")
 
 
 def some_rows(surrogate, data):
-    """Rows of the data, or points in the ranges of the inputs, of shape (rows, inputs)."""
+    """Rows of the data, if there are some, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
     names = [item.name for item in surrogate.inputs]
-    if data is not None:
-        rows = rows_of(data, names, "data")
-        return rows[:: -(-len(rows) // _ROWS)]
     low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
-    return np.random.default_rng(0).uniform(low, high, (_ROWS, len(names)))
+    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(names)))
+    rows = np.empty((0, len(names))) if data is None else data_rows(data, names, names)
+    return rows[:: max(1, -(-len(rows) // _ROWS))], drawn
 
 
-def compare(rows, found, what, predict, tolerance):
-    """Raises :class:`metafmu.Error` if what was found at rows of the inputs, of shape (rows, outputs), is something else than the model, ``what``,
-    predicts: a part of it was read wrongly, or its rows depend on each other, or on chance."""
-    expected = np.asarray(predict(rows), dtype=np.float64).reshape(len(rows), -1)
-    if expected.shape != found.shape:
-        raise _metafmu.Error(f"{what} has {expected.shape[1]} outputs, and what was read of it {found.shape[1]}")
-    size = np.abs(np.where(np.isfinite(expected), expected, 0.0)).max(axis=0)
-    scale = np.maximum(size, 1e-3 * size.max()) + np.finfo(np.float64).tiny
-    with np.errstate(invalid="ignore"):
-        difference = np.abs(found - expected) / scale
-        is_same = (difference <= tolerance) | (found == expected) | (np.isnan(found) & np.isnan(expected))
-    # a few rows may lie on the other side of a threshold, by rounding
-    wrong = ~is_same.all(axis=1)
-    if wrong.mean() > 0.05:
-        largest = np.nanmax(difference[wrong], initial=0.0)
+def compare(rows, found, what, predict, precision):
+    """Raises :class:`metafmu.Error` if what ``found`` gives for rows of the inputs, of shape (rows, outputs), is something else than the model,
+    ``what``, predicts: a part of it was read wrongly, or its rows depend on each other, or on chance.
+
+    ``rows``: rows that are known, and points that were drawn.
+    """
+    known, drawn = rows
+    first = np.concatenate([known, drawn[:_ROWS]])
+    wrong, difference = _different(first, found, what, predict, precision)
+    # some of the known ones may lie on a threshold; whether points that were drawn do is a matter of more of them
+    count = wrong[len(known) :].sum()
+    if count and len(drawn) > _ROWS:
+        more, _ = _different(drawn[_ROWS:], found, what, predict, precision)
+        count = count if more.mean() > 0.01 else 0
+    if count or wrong.mean() > 0.05:
         raise _metafmu.Error(
-            f"{what} was read wrongly: predictions differ by {largest:.1e} of the largest one; a part of it does something else in this version, or with these "
+            f"{what} was read wrongly: predictions differ by {difference:.1e} of their spread; a part of it does something else in this version, or with these "
             "options, or its rows depend on each other, or on chance; an export to ONNX and from_onnx may help"
         )
 
 
-def finished(graph, value, what, predict, tolerance, named, about):
+def _different(rows, found, what, predict, precision):
+    """Which rows differ, and the largest difference."""
+    try:
+        expected = np.asarray(predict(rows), dtype=np.float64).reshape(len(rows), -1)
+    except _metafmu.Error:
+        raise
+    except Exception as error:
+        raise _metafmu.Error(f"{what} does not predict rows of inputs: {type(error).__name__}: {error}") from error
+    results = found(rows)
+    if expected.shape != results.shape:
+        raise _metafmu.Error(f"{what} has {expected.shape[1]} outputs, and what was read of it {results.shape[1]}")
+    finite = np.isfinite(expected).all(axis=1)
+    if not finite.any():
+        raise _metafmu.Error(f"{what} predicts no finite numbers in {len(rows)} rows: the ranges, or `data`, lead where it is not defined")
+    some = expected[finite]
+    allowed = 32.0 * precision.epsilon * np.abs(some).max(axis=0) + precision.share * np.ptp(some, axis=0)
+    with np.errstate(invalid="ignore"):
+        difference = np.abs(results[finite] - some)
+        wrong = np.zeros(len(rows), dtype=bool)
+        wrong[finite] = ~(difference <= allowed).all(axis=1)
+    spread = np.maximum(np.ptp(some, axis=0), np.abs(some).max(axis=0) * 1e-3) + np.finfo(np.float64).tiny
+    return wrong, np.nanmax(difference / spread, initial=0.0)
+
+
+def finished(graph, value, what, predict, precision, named, about):
     """The surrogate of a graph, after a look at what the model predicts. ``named``: names of the model's columns, those of its inputs and its
     outputs; ``about``: as of :meth:`Graph.finish`, or with states of :meth:`Graph.finish_with_states`."""
     if about.get("states") is None:
         surrogate = graph.finish(value, **about)
-        rows = some_rows(surrogate, about["data"])
-        compare(rows, surrogate.predict(rows), what, predict, tolerance)
+        compare(some_rows(surrogate, about["data"]), surrogate.predict, what, predict, precision)
         return surrogate
-    # where the states will be is not known
-    rows = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, graph.width(0)))
-    compare(rows, graph.evaluate(value, rows), what, predict, tolerance)
-    return graph.finish_with_states(value, *named, **about)
+    columns, results = named
+    low, high = graph.ranges_with_states(columns, results, **about)
+    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(columns)))
+    compare((drawn[:0], drawn), lambda rows: graph.evaluate(value, rows), what, predict, precision)
+    _refuse_frozen_time(graph, value, columns, about["inputs"], drawn[:_ROWS])
+    return graph.finish_with_states(value, columns, results, **about)
+
+
+def _refuse_frozen_time(graph, value, columns, inputs, rows):
+    """A time with a value is always the same."""
+    for place, name in enumerate(columns):
+        given = inputs.get(name) if isinstance(inputs, dict) else None
+        if name in ("t", "time") and isinstance(given, dict) and "value" in given:
+            later = rows.copy()
+            later[:, place] += 1.0
+            if not np.array_equal(graph.evaluate(value, rows), graph.evaluate(value, later), equal_nan=True):
+                raise _metafmu.Error(
+                    f"input `{name}` has a value, but what the states follow from depends on it: expected a state whose derivative is 1, or a right side without the time"
+                )
+
+
+def ranges_of(columns, text, rows):
+    """Ends of the ranges in which the columns of a model with states are drawn: those of the interface, of the data, or around the start."""
+    about = json.loads(text)
+    low, high = dict.fromkeys(columns, -1.0), dict.fromkeys(columns, 1.0)
+    of = lambda column: [name for name in columns if column in (name, name.split("[")[0])]
+    taken = set()
+    for state in about["states"].values():
+        around = max(1.0, 0.1 * abs(state["start"]))
+        for name in of(state["column"]):
+            low[name], high[name] = state.get("min", state["start"] - around), state.get("max", state["start"] + around)
+            taken.add(name)
+    left = [name for name in columns if name not in taken]
+    variable = 0
+    for place, given in enumerate(about["inputs"].values()):
+        for name in of(given["column"]) if "column" in given else left[place : place + 1]:
+            if "value" in given:
+                low[name] = high[name] = given["value"]
+                continue
+            ends = (rows[:, variable].min(), rows[:, variable].max()) if rows is not None else (-1.0, 1.0)
+            low[name], high[name] = given.get("min", ends[0]), given.get("max", ends[1])
+        variable += "value" not in given
+    return [[side[name] for name in columns] for side in (low, high)]

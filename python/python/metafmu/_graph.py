@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class Graph:
 
     def __init__(self, inputs):
         self._core = _metafmu.Graph(int(inputs))
+        # whether a part of the model that is read computes in single precision
+        self.is_single = False
         self._content = hashlib.sha256(str(inputs).encode())
 
     def width(self, value):
@@ -79,6 +82,11 @@ class Graph:
                 second = self.columns([(second, 0)] * widths[0])
         self._note(operation, first, second)
         return self._core.combine(first, second, operation)
+
+    def choose(self, condition, chosen, otherwise):
+        """Numbers of one value where a condition is positive, else of another one; all of the same length."""
+        self._note("choose", condition, chosen, otherwise)
+        return self._core.choose(condition, chosen, otherwise)
 
     def columns(self, columns):
         """Numbers of values: pairs of a value and a position in it."""
@@ -144,6 +152,13 @@ class Graph:
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         columns = [[value, place] for place in range(self.width(value))]
         return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
+
+    def ranges_with_states(self, columns, results, *, producer="", single=False, **about):
+        """Where the columns of a model with states will be, as far as it is known."""
+        from ._comparison import ranges_of
+
+        text, rows = interface_of_columns(columns, results, **about)
+        return ranges_of(columns, text, None if rows is None else np.frombuffer(rows).reshape(-1, sum("value" not in one for one in json.loads(text)["inputs"].values())))
 
     def finish_with_states(self, value, columns, results, *, producer="", single=False, **about):
         """The surrogate of a model whose inputs and outputs have names, ``columns`` and ``results``, of which ``states`` are some: see

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from . import _metafmu
-from ._surrogate import Variable, rows_of
+from ._surrogate import Variable, data_rows
 
 _INPUT_KEYS = ("causality", "variability", "min", "max", "start", "unit", "description")
 _OUTPUT_KEYS = ("unit", "description")
@@ -119,7 +119,8 @@ def interface(
     of_outputs = of_section(outputs, count_outputs, "y", "output", (*column, *_OUTPUT_KEYS), output_names)
     rows = None
     if data is not None:
-        rows = rows_of(data, list(variables), "data")
+        known = input_names if input_names is not None and len(input_names) == len(variables) == count_inputs else list(variables)
+        rows = data_rows(data, list(variables), list(known))
         if not len(rows):
             raise _metafmu.Error("data has no rows, expected at least one")
         if not np.isfinite(rows).all():
@@ -159,9 +160,11 @@ def interface_of_columns(columns, results, *, inputs, outputs, data, states, sam
             raise _metafmu.Error(f"state `{name}`: \"{given['column']}\" is no column of the model's inputs: {', '.join(columns[:20])}")
     left = _without(columns, [given["column"] for given in of_states.values()])
     shown = _without(results, [given.get("next", given.get("derivative", "")) for given in of_states.values()])
-    if outputs is None and not shown and of_states:
+    if not shown and of_states:
         # a model that only tells how its states go on shows them
-        outputs = {column: {"column": column} for column in columns if column not in left}
+        of_model = [column for column in columns if column not in left]
+        section = of_section(outputs, len(of_model), "y", "output", ("column", *_OUTPUT_KEYS), of_model)
+        outputs = {name: {"column": column, **about} for column, (name, about) in zip(of_model, section.items())}
     return interface(
         len(left), len(shown), inputs=inputs, outputs=outputs, data=data, step=0.01 if step is None and sample is None else step, states=of_states,
         sample=sample, input_names=None if data is not None and hasattr(data, "columns") else left, output_names=shown, named=True, **about,

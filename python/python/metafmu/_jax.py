@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import DOUBLE, SINGLE, finished
+from ._comparison import DOUBLE, Precision, finished
 from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
@@ -51,8 +51,6 @@ def from_jax(
     import jax
 
     given = example if isinstance(example, tuple) else (example,)
-    # numbers of Python have no precision of their own
-    kinds = {np.dtype(part.dtype) for part in given if hasattr(part, "dtype")} or {np.dtype(np.float64)}
     examples = [part if hasattr(part, "dtype") else np.asarray(part) for part in given]
     # a time is a number
     if wrong := [part for part in examples if part.ndim > 2 or part.ndim == 0 and len(examples) == 1]:
@@ -66,7 +64,10 @@ def from_jax(
     rows = [Row(graph, 0, (sum(sizes),)).take(of.reshape(part.shape)) for of, part in zip(places, examples)]
     results = _follow(closed.jaxpr, closed.consts, rows)
     _, value = outputs_of(results if len(results) > 1 else results[0])
-    single = np.dtype(np.float64) not in kinds
+    # what JAX makes of the examples: numbers of Python and numpy may lose precision
+    kinds = {str(part.dtype) for part in (*closed.in_avals, *closed.out_avals, *map(np.asarray, closed.consts)) if "float" in str(part.dtype)}
+    single = "float64" not in kinds
+    precision = max(map(Precision.of, kinds), default=DOUBLE)
     title = name or getattr(function, "__name__", "function")
 
     def of_rows(rows):
@@ -91,7 +92,7 @@ def from_jax(
         about |= {"step": step, "states": states, "sample": sample, "solver_step": solver_step}
     # JAX has the entries of a dict in the order of their keys
     named = columns, names_of(dict(zip(sorted(shape), results)) if isinstance(shape, dict) and len(shape) == len(results) else results)
-    return finished(graph, value, f"`{title}`", predict, SINGLE if single else DOUBLE, named, {**about, "producer": "JAX", "single": single})
+    return finished(graph, value, f"`{title}`", predict, precision, named, {**about, "producer": "JAX", "single": single})
 
 
 def _follow(jaxpr, consts, arguments):

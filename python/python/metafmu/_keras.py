@@ -8,7 +8,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import SINGLE, compare, some_rows
+from ._comparison import SINGLE, Precision, compare, some_rows
 from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
 from ._surrogate import Names, Surrogate
 
@@ -52,8 +52,9 @@ def from_keras(
         producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
     )
     # Keras multiplies in single precision, whatever the weights are
-    points = some_rows(surrogate, data)
-    compare(points, surrogate.predict(points), f"{type(model).__name__} `{model.name}`", lambda rows: _predicted(model, shapes, rows), SINGLE)
+    kinds = {str(layer.compute_dtype) for layer in getattr(model, "layers", [])} & {"float16", "bfloat16"}
+    precision = max((Precision.of(kind) for kind in kinds), default=SINGLE)
+    compare(some_rows(surrogate, data), surrogate.predict, f"{type(model).__name__} `{model.name}`", lambda rows: _predicted(model, shapes, rows), precision)
     return surrogate
 
 

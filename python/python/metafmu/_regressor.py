@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import numbers
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from . import _metafmu
-from ._interface import interface
+from ._interface import interface, number
 from ._surrogate import Names, Surrogate
 
 try:
@@ -116,13 +117,15 @@ class Regressor(RegressorMixin, BaseEstimator):
 
     def _trained(self, x, y, **about):
         about = {"inputs": None, "outputs": None, "name": "surrogate", "description": "", "step": 0.01, "stop": 1.0, **about}
+        if not isinstance(self.training or {}, Mapping):
+            raise _metafmu.Error(f"training: {self.training!r}, expected a dict with keys of [training]")
         inputs, outputs = self._names
         text, rows = interface(x.shape[1], y.shape[1], data=x, input_names=inputs, output_names=outputs, **about)
         options = {
-            "network": {"hidden": [int(nodes) for nodes in np.atleast_1d(self.hidden)], "activation": self.activation},
+            "network": {"hidden": [_whole(nodes, "hidden") for nodes in np.atleast_1d(np.asarray(self.hidden, dtype=object)).ravel()], "activation": self.activation},
             "training": {
-                "epochs": self._epochs(len(x)), "batch": int(self.batch), "learning_rate": float(self.learning_rate),
-                "validation": float(self.validation),
+                "epochs": self._epochs(len(x)), "batch": _whole(self.batch, "batch"), "learning_rate": number(self.learning_rate, "learning_rate"),
+                "validation": number(self.validation, "validation"),
                 # of few rows the losses of restarts go up and down too much to judge by
                 "schedule": "cosine", **(self.training or {}),
             },
@@ -134,8 +137,8 @@ class Regressor(RegressorMixin, BaseEstimator):
 
     def _epochs(self, rows):
         if self.epochs is not None:
-            return int(self.epochs)
-        steps = max(1, -(-int(rows * (1.0 - float(self.validation))) // max(1, int(self.batch))))
+            return _whole(self.epochs, "epochs")
+        steps = max(1, -(-int(rows * (1.0 - number(self.validation, "validation"))) // max(1, _whole(self.batch, "batch"))))
         return max(150, -(-2000 // steps))
 
     def _seed(self):
@@ -143,6 +146,8 @@ class Regressor(RegressorMixin, BaseEstimator):
             return 0
         if isinstance(self.random_state, numbers.Integral):
             return int(self.random_state)
+        if not hasattr(self.random_state, "randint"):
+            raise _metafmu.Error(f"random_state: {self.random_state!r}, expected an integer, a RandomState of numpy or None")
         return int(self.random_state.randint(2**31 - 1))
 
     def predict(self, X):
@@ -160,6 +165,21 @@ class Regressor(RegressorMixin, BaseEstimator):
     def export(self, path, **options):
         """Writes FMUs: see :meth:`Surrogate.export`."""
         return self.to_surrogate().export(path, **options)
+
+
+def _of_numbers(x, what):
+    if np.iscomplexobj(x):
+        raise _metafmu.Error(f"{what} has complex numbers, expected real ones")
+    try:
+        return np.ascontiguousarray(x, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise _metafmu.Error(f"{what}: {error}, expected numbers") from error
+
+
+def _whole(value, what):
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or value < 0:
+        raise _metafmu.Error(f"{what}: {value!r}, expected a whole number")
+    return int(value)
 
 
 def fit(
@@ -190,16 +210,18 @@ def fit(
     """
     model = Regressor(**options)
     names = [str(part) for part in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
-    x = np.ascontiguousarray(X, dtype=np.float64)
-    columns = np.asarray(y, dtype=np.float64)
-    columns = columns.reshape(len(columns), -1)
-    if x.ndim != 2 or len(x) != len(columns):
+    x, columns = _of_numbers(X, "X"), _of_numbers(y, "y")
+    columns = columns.reshape(len(columns), -1) if columns.ndim and len(columns) else columns.reshape(0, 1)
+    if x.ndim != 2 or len(x) != len(columns) or not len(x):
         raise _metafmu.Error(f"X has the shape {x.shape} and y {np.shape(y)}, expected (rows, inputs) and as many rows of outputs")
     if not np.isfinite(columns).all():
         raise _metafmu.Error("y has numbers that are not finite")
     model._names = [str(column) for column in X.columns] if hasattr(X, "columns") else None, names
     surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop, domain=domain)
-    poor = [f"`{name}` {of['r2']:.3g}" for name, of in surrogate.accuracy.items() if of["r2"] is not None and of["r2"] < 0.5]
+    spread = dict(zip(surrogate.accuracy, columns.std(axis=0)))
+    # of a single row, or of equal ones, there is no R²
+    r2 = {name: of["r2"] if of["r2"] is not None else 1.0 - (of["rmse"] / max(spread[name], 1e-300)) ** 2 for name, of in surrogate.accuracy.items()}
+    poor = [f"`{name}` {value:.3g}" for name, value in r2.items() if value < 0.5 and spread[name] > 0.0]
     if poor:
         message = f"a poor surrogate: R² on the held-out rows of {', '.join(poor)}, where the mean would have 0; more rows, or other inputs, may be needed"
         warnings.warn(message, AccuracyWarning, stacklevel=2)

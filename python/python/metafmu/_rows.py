@@ -113,7 +113,10 @@ def binary(operation, a, b):
         shape = np.broadcast_shapes(a.shape, b.shape)
         a, b = a.broadcast(shape), b.broadcast(shape)
         return Row(a.graph, a.graph.combine(a.value, b.value, operation), shape)
-    number = np.asarray(b if is_row(a) else a, dtype=np.float64)
+    other = b if is_row(a) else a
+    if other is None:
+        raise Error("None, expected a tensor or a number")
+    number = np.asarray(other, dtype=np.float64)
     row, first = (a, True) if is_row(a) else (b, False)
     if operation == "add":
         return row.linear(1.0, number)
@@ -145,10 +148,11 @@ def compared(name, first, second):
 
 
 def choose(mask, chosen, otherwise):
-    """One or the other, by what :func:`compared` gives."""
+    """One or the other, by what :func:`compared` gives; what is not chosen may be no number."""
     graph = mask.graph
-    parts = [part if is_row(part) else constant(graph, part) for part in (chosen, otherwise)]
-    return binary("add", binary("multiply", mask, parts[0]), binary("multiply", mask.linear(-1.0, 1.0), parts[1]))
+    parts = [mask, *(part if is_row(part) else constant(graph, part) for part in (chosen, otherwise))]
+    shape = np.broadcast_shapes(*(part.shape for part in parts))
+    return Row(graph, graph.choose(*(part.broadcast(shape).value for part in parts)), shape)
 
 
 def extreme(row, axes, operation, keep=False):

@@ -57,6 +57,22 @@ def rows_of(x, names, what="X"):
     return np.ascontiguousarray(x)
 
 
+def data_rows(data, names, known):
+    """The rows of training data, for variables of these names. The columns of a DataFrame are found by the names that the model knows, ``known``, or
+    by their order, if there are as many of them and none is somewhere else."""
+    if not hasattr(data, "columns") or not hasattr(data, "__getitem__"):
+        if isinstance(data, Mapping):
+            raise _metafmu.Error("data is a dict, expected an array or a DataFrame")
+        return rows_of(data, names, "data")
+    there = [str(column) for column in data.columns]
+    for wanted in (known, names):
+        if set(wanted) <= set(there):
+            return rows_of(data, wanted, "data")
+    if len(there) == len(names) and all(name not in there or there[place] == name for place, name in enumerate(known)):
+        return rows_of(data, there, "data")
+    return rows_of(data, names, "data")
+
+
 class Surrogate:
     """A model with named inputs and outputs, their units and ranges, which becomes an FMU.
 
@@ -139,7 +155,7 @@ class Surrogate:
 
         ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame; both unseen in training, or the figures
         say little. ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error; ``max_error``: the largest
-        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the output's range.
+        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the range of ``y``.
 
         FMUs that are exported afterwards have the figures in their model card.
 
@@ -182,18 +198,21 @@ class Surrogate:
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
         """
         self._core.stateful()
-        time = np.ascontiguousarray(time, dtype=np.float64)
+        time = _numbers(time, "time")
         if time.ndim != 1 or not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0.0).all():
             raise _metafmu.Error(f"time has the shape {time.shape}, expected ascending numbers, at least one")
         items = self._metadata["inputs"]
         driven = [item["name"] for item in items if item["role"]["causality"] == "input"]
         constants = {item["name"]: item["start"] for item in items if item["role"]["causality"] != "input"}
+        if not isinstance(parameters or {}, Mapping):
+            raise _metafmu.Error(f"parameters: {parameters!r}, expected a dict of numbers by name")
         for name, value in (parameters or {}).items():
             if name not in constants:
                 raise _metafmu.Error(f"no parameter `{name}`, expected one of {', '.join(constants)}")
-            if not math.isfinite(value):
+            given = _numbers(value, f"parameter `{name}`")
+            if given.ndim or not math.isfinite(given):
                 raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
-            constants[name] = float(value)
+            constants[name] = float(given)
         rows = np.empty((len(time), 0))
         if driven:
             if inputs is None:
@@ -239,12 +258,22 @@ class Surrogate:
         return f"Surrogate({self.name!r}: {names(self._metadata['inputs'])} -> {names(self._metadata['outputs'])})"
 
 
+def _numbers(x, what):
+    try:
+        return np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x))
+    except (TypeError, ValueError) as error:
+        raise _metafmu.Error(f"{what}: {x!r}, expected numbers") from error
+
+
 def _driving(inputs, names, count):
     """Inputs at each time, of shape (times, inputs)."""
     if isinstance(inputs, Mapping):
         if missing := [name for name in names if name not in inputs]:
             raise _metafmu.Error(f"inputs has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, inputs))}")
-        inputs = np.column_stack([np.broadcast_to(np.asarray(inputs[name], dtype=np.float64), (count,)) for name in names])
+        columns = [_numbers(inputs[name], f"inputs: `{name}`") for name in names]
+        if wrong := [f"`{name}` {column.shape}" for name, column in zip(names, columns) if column.shape not in ((), (1,), (count,))]:
+            raise _metafmu.Error(f"inputs: {wrong[0]}, expected a number or {count}, one for each time")
+        inputs = np.column_stack([np.broadcast_to(column, (count,)) for column in columns])
     rows = rows_of(inputs, names, "inputs")
     if len(rows) != count:
         raise _metafmu.Error(f"inputs has {len(rows)} rows, expected {count}, one for each time")

@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import DOUBLE, SINGLE, finished
+from ._comparison import Precision, finished
 from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
@@ -54,6 +54,8 @@ def from_torch(
     import torch
     import torch.fx
 
+    # what torch.compile and DataParallel make of a module
+    module = getattr(module, "_orig_mod", getattr(module, "module", module) if type(module).__name__ == "DataParallel" else module)
     if isinstance(module, type) or not callable(module):
         kind = f"the class {module.__name__}" if isinstance(module, type) else type(module).__name__
         raise Error(f"{kind}, expected a module of PyTorch: an instance of torch.nn.Module")
@@ -94,9 +96,10 @@ def _read(module, example, about):
     holders = [node for place, node in enumerate(holders) if place == 0 or not node.args]
     shapes = _shapes(traced, holders, example, about)
     graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
-    tensors = [tensor for tensor in (*traced.parameters(), *traced.buffers()) if tensor.is_floating_point()]
+    parameters, buffers = ([tensor for tensor in of if tensor.is_floating_point()] for of in (traced.parameters(), traced.buffers()))
+    tensors = [*parameters, *buffers]
     # what a tensor says of itself
-    kind = graph.kind = _kind(tensors, example)
+    kind = graph.kind = _kind(parameters or buffers, example)
     given, begin = {}, 0
     for node, shape in zip(holders, shapes):
         size = int(np.prod(shape))
@@ -108,7 +111,8 @@ def _read(module, example, about):
     predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
     names = [name for node, shape in zip(holders, shapes) for name in columns_of(node.target, int(np.prod(shape)))]
     of_model = {"producer": "PyTorch", "single": bool(tensors) and kind != torch.float64}
-    return finished(graph, value, type(module).__name__, predict, DOUBLE if kind == torch.float64 else SINGLE, (names, names_of(made)), {**about, **of_model})
+    precision = max((Precision.of(tensor.dtype) for tensor in tensors), default=Precision.of(kind))
+    return finished(graph, value, type(module).__name__, predict, max(precision, Precision.of(kind)), (names, names_of(made)), {**about, **of_model})
 
 
 def _kind(tensors, example):
@@ -116,7 +120,7 @@ def _kind(tensors, example):
     import torch
 
     given = [tensor.dtype for tensor in (example if isinstance(example, (tuple, list)) else [example]) if isinstance(tensor, torch.Tensor)]
-    kinds = [tensor.dtype for tensor in tensors] or given or [torch.get_default_dtype()]
+    kinds = given or [tensor.dtype for tensor in tensors] or [torch.get_default_dtype()]
     return torch.float64 if torch.float64 in kinds else kinds[0]
 
 
@@ -127,7 +131,8 @@ def _predicted(module, shapes, rows):
     sizes = [int(np.prod(shape)) for shape in shapes]
 
     def of(rows):
-        parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(torch.split(rows, sizes, dim=1), shapes)]
+        # a copy, which the module may change
+        parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(torch.split(rows.clone(), sizes, dim=1), shapes)]
         made = module(*parts)
         made = list(made.values()) if isinstance(made, dict) else made if isinstance(made, (list, tuple)) else [made]
         return torch.cat([part.reshape(len(rows), -1) for part in made if isinstance(part, torch.Tensor)], dim=1)
@@ -150,6 +155,8 @@ def _shapes(traced, holders, example, about):
         examples = example if isinstance(example, (tuple, list)) else (example,)
         if len(examples) != len(holders):
             raise Error(f"{len(examples)} examples, the module has {len(holders)} inputs: expected one for each")
+        if wrong := [np.shape(tensor) for tensor in examples if len(np.shape(tensor)) < 2]:
+            raise Error(f"an example of the shape {tuple(wrong[0])}, expected a batch: (rows, columns)")
         return [(1, *np.shape(tensor)[1:]) for tensor in examples]
     if len(holders) != 1:
         raise Error(f"the module has {len(holders)} inputs ({', '.join(map(str, holders))}): expected example=(...), a tensor for each")
@@ -158,7 +165,7 @@ def _shapes(traced, holders, example, about):
         raise Error("the number of columns is not known: expected example=x, a tensor like the input")
     if data is not None:
         count = np.shape(data)[1] if len(np.shape(data)) > 1 else None
-    if inputs is not None:
+    if inputs is not None and not (hasattr(data, "columns") and isinstance(inputs, dict)):
         count = 1 if isinstance(inputs, str) else len(inputs)
     if count is None:
         first = [module for module in traced.modules() if isinstance(module, torch.nn.Linear)]

@@ -10,7 +10,10 @@ mod layers;
 mod network;
 pub mod regression;
 
-use crate::{FormatError, Precision, simd::Simd};
+use crate::{
+    FormatError, Precision,
+    simd::{Real, Simd},
+};
 pub use activation::Activation;
 pub(crate) use evaluate::{MapScratch, PreparedMap, Task};
 use graph::Graph;
@@ -165,6 +168,38 @@ fn at_rows(map: &PreparedMap, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>
 }
 
 impl ScaledNetwork {
+    /// Whether single precision loses no more than rounding does, for inputs of these ranges: there numbers of layers that are below 1e-15 count as
+    /// zero, as those of networks that were trained on standardised rows may. An output in coulomb, or an input in square metres per second, may
+    /// have weights of that size that matter.
+    pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
+        const SMALL: f64 = <f32 as Real>::NEGLIGIBLE as f64;
+        /// Of the largest term of a sum.
+        const ROUNDING: f64 = 1e-8;
+        let Scaling { input_mean, input_scale, .. } = &self.scaling;
+        let size = |((range, mean), scale): ((&[f64; 2], &f64), &f64)| {
+            range.iter().map(|end| ((end - mean) / scale).abs()).fold(0.0, f64::max)
+        };
+        let mut sizes: Vec<f64> = ranges.iter().zip(input_mean).zip(input_scale).map(size).collect();
+        if sizes.iter().any(|size| *size != 0.0 && *size < SMALL / ROUNDING) {
+            return false;
+        }
+        for layer in &self.layers {
+            let weights: Vec<f64> = layer.weight.iter().collect();
+            for (row, bias) in weights.chunks(layer.inputs).zip(layer.bias.iter()) {
+                let terms = row.iter().zip(&sizes).map(|(weight, size)| (*weight, (weight * size).abs()));
+                let terms: Vec<(f64, f64)> = terms.chain([(bias, bias.abs())]).collect();
+                let largest = terms.iter().map(|(_, term)| *term).fold(0.0, f64::max);
+                let is_lost = |(number, term): &(f64, f64)| number.abs() < SMALL && *term > ROUNDING * largest;
+                if terms.iter().any(is_lost) {
+                    return false;
+                }
+            }
+            // most activations are bounded by 1, and the others seldom far from it
+            sizes = vec![1.0; layer.outputs];
+        }
+        true
+    }
+
     /// The outputs at each row of columns, in double precision.
     ///
     /// # Panics
