@@ -242,6 +242,7 @@ def malformed():
     yield "cycle", make(node("Add", "x b", "a"), node("Tanh", "a", "b"), node("Identity", "b")), "node 0 (Add): input `b` is made by no earlier node"
     yield "out-of-order", make(node("Identity", "t"), node("Tanh", "x", "t")), "input `t` is made by no earlier node"
     yield "twice", make(node("Tanh", "x"), node("Sin", "x")), "output `y` is made twice"
+    yield "input-twice", model([node("Tanh", "x")], inputs=[("x", ["n", 3]), ("x", ["n", 2])]), "input `x` is there twice, expected names that are unique"
     yield "missing-input", make(node("Add", "x -")), "input 1 is missing"
     yield "unknown-operator", make(node("Tanhh", "x")), "operator `Tanhh` (node 0 (Tanhh)) is not supported; did you mean `Tanh`?"
     yield "other-domain", changed(lambda m: setattr(m.graph.node[0], "domain", "com.microsoft")), "operator `com.microsoft.Tanh`"

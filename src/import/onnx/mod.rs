@@ -149,7 +149,9 @@ impl Reader {
             let count: usize = shape.iter().product();
             let columns = (first..first + count).map(|column| [source as u32, column as u32]).collect();
             let value = builder.columns(columns)?;
-            values.insert(name.clone(), Value::Row(Row { shape, value, is_single }));
+            if values.insert(name.clone(), Value::Row(Row { shape, value, is_single })).is_some() {
+                return Err(format!("input `{name}` is there twice, expected names that are unique"));
+            }
             first += count;
         }
         Ok(Self {
