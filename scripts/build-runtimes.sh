@@ -50,14 +50,13 @@ darwin() {
   fi
 }
 
+# before anything is built
+if [[ " ${only[*]} " = *" x86_64-windows "* ]]; then mingw; fi
 for tuple in "${only[@]}"; do
   case $tuple in
     x86_64-linux) (build "$tuple" x86_64-unknown-linux-gnu libfmu_template.so zigbuild) ;;
     aarch64-linux) (build "$tuple" aarch64-unknown-linux-gnu libfmu_template.so zigbuild) ;;
-    x86_64-windows)
-      mingw
-      (build "$tuple" x86_64-pc-windows-gnu fmu_template.dll "cargo build" -Wl,--no-insert-timestamp)
-      ;;
+    x86_64-windows) (build "$tuple" x86_64-pc-windows-gnu fmu_template.dll "cargo build" -Wl,--no-insert-timestamp) ;;
     x86_64-darwin) (darwin "$tuple" x86_64-apple-darwin) ;;
     aarch64-darwin) (darwin "$tuple" aarch64-apple-darwin) ;;
     *) fail "unknown platform $tuple: x86_64-linux, x86_64-windows, aarch64-linux, x86_64-darwin or aarch64-darwin" ;;

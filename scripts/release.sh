@@ -41,6 +41,11 @@ for tuple in "${only[@]}"; do [ -n "${TARGETS[$tuple]:-}" ] || fail "unknown pla
 need git "the version that is released is a commit"
 need python3 "zig and maturin come as Python packages"
 need sha256sum "install coreutils"
+# what takes minutes does not end with a word about what is missing
+if [[ " ${parts[*]} ${only[*]} " =~ " "(libraries|try|x86_64-windows)" " ]]; then
+  . scripts/emulators.sh
+  install_emulators
+fi
 [ $clean = no ] || [ -z "$(git status --porcelain --untracked-files=no)" ] || fail "there are changes that are not committed (--allow-dirty)"
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
