@@ -178,7 +178,7 @@ def test_what_was_measured_is_in_the_model_card(surrogate, rows, tmp_path):
         [fmu] = source.export(tmp_path / "x.fmu")
         with zipfile.ZipFile(fmu) as archive:
             card = archive.read("documentation/index.html").decode()
-        assert "Measured on 200 rows that were given for it" in card and f"{found['r2']:.6f}" in card
+        assert "Measured on 200 rows that were given for it" in card and f"{found['r2']:.9f}" in card
     for wrong, message in [((x, y[:3]), "X has 200 rows and y 3"), ((x, y * np.nan), "y has a number that is not finite in row 0"), ((x[:0], y[:0]), "at least one")]:
         with pytest.raises(metafmu.Error, match=message):
             surrogate.evaluate(*wrong)

@@ -165,7 +165,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     );
     for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
     {
-        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.6}"));
+        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.9}"));
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
         let (name, unit) = (escape(&output.name), escape(if output.unit.is_empty() { "-" } else { &output.unit }));
         let share =
@@ -429,7 +429,7 @@ mod tests {
         let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
         for piece in [
             "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
-            "<td><code>angle</code></td><td class=\"n\">0.999870</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
+            "<td><code>angle</code></td><td class=\"n\">0.999870000</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
             "20 runs of the original model (4020 rows)",
             "constant output",
             "as long as its inputs and parameters stay what they are at the start of a run",
