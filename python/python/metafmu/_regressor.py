@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _metafmu
 from ._interface import interface, number
-from ._surrogate import Names, Surrogate
+from ._surrogate import Names, Surrogate, numbers_of
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin
@@ -167,15 +167,6 @@ class Regressor(RegressorMixin, BaseEstimator):
         return self.to_surrogate().export(path, **options)
 
 
-def _of_numbers(x, what):
-    if np.iscomplexobj(x):
-        raise _metafmu.Error(f"{what} has complex numbers, expected real ones")
-    try:
-        return np.ascontiguousarray(x, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise _metafmu.Error(f"{what}: {error}, expected numbers") from error
-
-
 def _whole(value, what):
     if not isinstance(value, numbers.Integral) or isinstance(value, bool) or value < 0:
         raise _metafmu.Error(f"{what}: {value!r}, expected a whole number")
@@ -210,7 +201,7 @@ def fit(
     """
     model = Regressor(**options)
     names = [str(part) for part in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
-    x, columns = _of_numbers(X, "X"), _of_numbers(y, "y")
+    x, columns = numbers_of(X, "X"), numbers_of(y, "y")
     columns = columns.reshape(len(columns), -1) if columns.ndim and len(columns) else columns.reshape(0, 1)
     if x.ndim != 2 or len(x) != len(columns) or not len(x):
         raise _metafmu.Error(f"X has the shape {x.shape} and y {np.shape(y)}, expected (rows, inputs) and as many rows of outputs")

@@ -57,6 +57,16 @@ def rows_of(x, names, what="X"):
     return np.ascontiguousarray(x)
 
 
+def numbers_of(x, what):
+    """An array-like as an array of doubles. Raises :class:`metafmu.Error` if it holds anything but real numbers."""
+    try:
+        if np.iscomplexobj(x):
+            raise TypeError("complex numbers")
+        return np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x))
+    except (TypeError, ValueError) as error:
+        raise _metafmu.Error(f"{what}: {error}, expected real numbers") from error
+
+
 def data_rows(data, names, known):
     """The rows of training data, for variables of these names. The columns of a DataFrame are found by the names that the model knows, ``known``, or
     by their order, if there are as many of them and none is somewhere else."""
@@ -198,7 +208,7 @@ class Surrogate:
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
         """
         self._core.stateful()
-        time = _numbers(time, "time")
+        time = numbers_of(time, "time")
         if time.ndim != 1 or not len(time) or not np.isfinite(time).all() or not (np.diff(time) > 0.0).all():
             raise _metafmu.Error(f"time has the shape {time.shape}, expected ascending numbers, at least one")
         items = self._metadata["inputs"]
@@ -209,7 +219,7 @@ class Surrogate:
         for name, value in (parameters or {}).items():
             if name not in constants:
                 raise _metafmu.Error(f"no parameter `{name}`, expected one of {', '.join(constants)}")
-            given = _numbers(value, f"parameter `{name}`")
+            given = numbers_of(value, f"parameter `{name}`")
             if given.ndim or not math.isfinite(given):
                 raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
             constants[name] = float(given)
@@ -258,19 +268,12 @@ class Surrogate:
         return f"Surrogate({self.name!r}: {names(self._metadata['inputs'])} -> {names(self._metadata['outputs'])})"
 
 
-def _numbers(x, what):
-    try:
-        return np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x))
-    except (TypeError, ValueError) as error:
-        raise _metafmu.Error(f"{what}: {x!r}, expected numbers") from error
-
-
 def _driving(inputs, names, count):
     """Inputs at each time, of shape (times, inputs)."""
     if isinstance(inputs, Mapping):
         if missing := [name for name in names if name not in inputs]:
             raise _metafmu.Error(f"inputs has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, inputs))}")
-        columns = [_numbers(inputs[name], f"inputs: `{name}`") for name in names]
+        columns = [numbers_of(inputs[name], f"inputs: `{name}`") for name in names]
         if wrong := [f"`{name}` {column.shape}" for name, column in zip(names, columns) if column.shape not in ((), (1,), (count,))]:
             raise _metafmu.Error(f"inputs: {wrong[0]}, expected a number or {count}, one for each time")
         inputs = np.column_stack([np.broadcast_to(column, (count,)) for column in columns])
