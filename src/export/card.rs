@@ -24,9 +24,10 @@ body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding
 h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
 table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
 th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
-td.n{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}\
-figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}figcaption{color:#52667a}.d{color:#52667a;overflow-wrap:anywhere}\
-@media(max-width:40rem){td.n{white-space:normal}th,td{padding-right:.5rem}}\
+td.n,td.r{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}\
+figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}figcaption{color:#52667a}.d{color:#52667a}\
+h1,p,code,.d,figcaption{overflow-wrap:anywhere}td:first-child{min-width:4rem}\
+@media(max-width:40rem){table{font-size:.85rem}td.r{white-space:normal}th,td{padding-right:.5rem}}@media(max-width:22rem){table{font-size:.75rem}}\
 @media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d,figcaption{color:#93a7bb}}";
 
 /// The page; the same surrogate and options always give the same text.
@@ -135,10 +136,14 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
 }
 
 fn row(page: &mut String, name: &str, kind: &str, range: &str, unit: &str, description: &str) {
-    let (name, unit, description) =
-        (escape(name), escape(if unit.is_empty() { "-" } else { unit }), escape(description));
-    let cells = format!("<td>{kind}</td><td class=\"n\">{range}</td><td>{unit}</td><td class=\"d\">{description}</td>");
-    line(page, &format!("<tr><td><code>{name}</code></td>{cells}</tr>"));
+    let (name, unit, description) = (code(name), escape(if unit.is_empty() { "-" } else { unit }), escape(description));
+    let cells = format!("<td>{kind}</td><td class=\"r\">{range}</td><td>{unit}</td><td class=\"d\">{description}</td>");
+    line(page, &format!("<tr><td>{name}</td>{cells}</tr>"));
+}
+
+/// A variable's name, which may be broken after an underscore or a dot where the page is narrow.
+fn code(name: &str) -> String {
+    format!("<code>{}</code>", escape(name).replace('_', "_<wbr>").replace('.', ".<wbr>"))
 }
 
 fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Accuracy>) {
@@ -160,18 +165,18 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         page,
         &format!(
             "<p>Measured on {measured}.</p>\n\
-             <table><tr><th>Output</th><th>R²</th><th>Root mean square error</th><th>Largest error, of the range</th><th>Unit</th></tr>"
+             <table><tr><th>Output</th><th>R²</th><th>RMS error</th><th>Largest error, of the range</th></tr>"
         ),
     );
     for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
     {
         let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.9}"));
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
-        let (name, unit) = (escape(&output.name), escape(if output.unit.is_empty() { "-" } else { &output.unit }));
+        let (name, unit) = (code(&output.name), escape(&output.unit));
         let share =
             metrics.relative_max_error.map_or(String::new(), |share| format!("<br>{} %", number(100.0 * share)));
         let cells = [r2, rms, largest + &share].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
-        line(page, &format!("<tr><td><code>{name}</code></td>{cells}<td>{unit}</td></tr>"));
+        line(page, &format!("<tr><td>{name} {unit}</td>{cells}</tr>"));
     }
     line(page, "</table>");
     roll_outs(page, accuracy.roll_outs.as_ref());
@@ -185,7 +190,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
                     [0.5 * last, *last].map(|time| format!("±{}", number(bounds.at(index, time)))).join(" and ")
                 }
             };
-            format!("<code>{}</code> {width}{unit}", escape(&output.name))
+            format!("{} {width}{unit}", code(&output.name))
         });
         let of_output = of_output.collect::<Vec<_>>().join(", ");
         let when = times.last().map_or(String::new(), |last| {
@@ -226,8 +231,8 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
 fn domain(surrogate: &Surrogate, page: &mut String) {
     line(page, "<h2>Outside the ranges</h2>\n<table>");
     for variable in BuiltIn::ALWAYS {
-        let (name, description) = (variable.name(), escape(variable.description(known(surrogate))));
-        line(page, &format!("<tr><td><code>{name}</code></td><td>{description}</td></tr>"));
+        let (name, description) = (code(variable.name()), escape(variable.description(known(surrogate))));
+        line(page, &format!("<tr><td>{name}</td><td>{description}</td></tr>"));
     }
     line(page, "</table>");
     line(
@@ -428,13 +433,13 @@ mod tests {
             Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
         let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
         for piece in [
-            "<td><code>length</code></td><td>parameter, tunable</td><td class=\"n\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
-            "<td><code>angle</code></td><td class=\"n\">0.999870000</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
+            "<td><code>length</code></td><td>parameter, tunable</td><td class=\"r\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
+            "<td><code>angle</code> rad</td><td class=\"n\">0.999870000</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
             "20 runs of the original model (4020 rows)",
             "constant output",
             "as long as its inputs and parameters stay what they are at the start of a run",
             "&lt;free&gt; &amp; open",
-            "domain_policy",
+            "domain_<wbr>policy",
             "<figure><svg viewBox=\"0 0 1 1\"/><figcaption>truth &amp; prediction</figcaption></figure>",
         ] {
             assert!(page.contains(piece), "{piece} is not in {page}");

@@ -10,7 +10,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 # (width, height) in CSS pixels
-DESKTOP, PHONE = (1200, 900), (390, 844)
+DESKTOP, PHONE, SMALL_PHONE = (1200, 900), (390, 844), (320, 568)
 FIGURES = {
     "single-pendulum": ["density-theta", "histogram-thetadd", "median-theta", "worst-thetad", "cases-theta", "phase-worst-theta",
                         "path-median-mass", "error-time-theta", "error-L-relative", "worst-L-c", "sensitivity-theta",
@@ -37,6 +37,9 @@ return [...document.querySelectorAll('figure')].map(figure => {
     };
 });
 """
+
+# What is cut at the right edge of the window
+CUT = "return [...document.querySelectorAll('td, th, p, h1, h2, h3, li, figcaption')].filter(e => e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.textContent)"
 
 
 def small(example, folder, *replacements):
@@ -89,7 +92,7 @@ def browser(tmp_path_factory):
 def show(browser, page, size):
     """Opens the page in a window of this size; returns what the page requested."""
     width, height = size
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size == PHONE}
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size != DESKTOP}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     # a new window has a page of its own
     browser.get("about:blank")
@@ -108,8 +111,7 @@ def test_the_page_fits_the_window_and_asks_for_nothing(browser, reports, example
     assert browser.get_log("browser") == []
     assert browser.execute_script("return innerWidth") == size[0]
     assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
-    cut = "return [...document.querySelectorAll('td, th, p, h2, h3, li, figcaption')].filter(e => e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.textContent)"
-    assert browser.execute_script(cut) == []
+    assert browser.execute_script(CUT) == []
 
     figures = browser.execute_script(LOOK_AT_FIGURES)
     found = [figure["id"] for figure in figures]
@@ -123,7 +125,7 @@ def test_the_page_fits_the_window_and_asks_for_nothing(browser, reports, example
         assert len(axes) >= 2, figure
 
 
-@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("size", [DESKTOP, PHONE, SMALL_PHONE], ids=["desktop", "phone", "small-phone"])
 def test_the_model_card_shows_two_plots_and_stays_small(browser, reports, size):
     folder = reports["slider-crank"].parent
     study = folder.parent / "slider-crank.toml"
@@ -135,6 +137,7 @@ def test_the_model_card_shows_two_plots_and_stays_small(browser, reports, size):
     assert card.stat().st_size < 100_000
     assert show(browser, card, size) == [card.as_uri()]
     assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
+    assert browser.execute_script(CUT) == []
     figures = browser.execute_script(LOOK_AT_FIGURES)
     assert len(figures) == 2
     assert all(figure["outside"] == [] and figure["overlapping"] == [] for figure in figures)
