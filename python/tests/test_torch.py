@@ -100,7 +100,20 @@ class Choices(nn.Module):
         return y * torch.tensor([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7], dtype=x.dtype)
 
 
+class Logarithms(nn.Module):
+    """Of sums of exponentials that are far below the smallest number."""
+
+    def __init__(self):
+        super().__init__()
+        self.layer = nn.Linear(3, 5)
+
+    def forward(self, x):
+        y = 1000.0 * self.layer(x)
+        return torch.cat([F.log_softmax(y, 1), torch.logsumexp(y, 1, keepdim=True), y.logsumexp(-1)[:, None]], 1)
+
+
 MODELS = {
+    "logarithms": Logarithms,
     "in-place": InPlace,
     "choices": Choices,
     "sequential-tanh": lambda: nn.Sequential(nn.Linear(3, 32), nn.Tanh(), nn.Linear(32, 32), nn.Tanh(), nn.Linear(32, 1)),

@@ -515,12 +515,28 @@ def _norm(x, p=2, dim=None, keepdim=False, dtype=None, ord=None):
 
 
 def _softmax(x, dim=None, dtype=None, **_):
-    if dim is None:
-        # which it is without `dim` depends on their number
-        if x.ndim != 2:
-            raise Error(f"a softmax of {x.ndim} dimensions without `dim`, expected one that says which")
-        dim = 1
-    return x.softmax(dim)
+    return x.softmax(_softmax_dim(x, dim))
+
+
+def _log_softmax(x, dim=None, dtype=None, **_):
+    # not the logarithm of the softmax, which is 0 where x is far below the largest
+    dim = _softmax_dim(x, dim)
+    shifted = binary("subtract", x, extreme(x, dim, "maximum", True))
+    return binary("subtract", shifted, shifted.map("exp").reduce(dim, True).map("log"))
+
+
+def _log_sum_exp(x, dim, keepdim=False):
+    largest = extreme(x, dim, "maximum", True)
+    total = binary("subtract", x, largest).map("exp").reduce(dim, True).map("log")
+    row = binary("add", largest, total)
+    return row if keepdim else _moved("squeeze", row, [dim], {})
+
+
+def _softmax_dim(x, dim):
+    # which it is without `dim` depends on their number
+    if dim is None and x.ndim != 2:
+        raise Error(f"a softmax of {x.ndim} dimensions without `dim`, expected one that says which")
+    return 1 if dim is None else dim
 
 
 def _where(mask, chosen, otherwise):
@@ -571,7 +587,7 @@ _FUNCTIONS = {
     "elu": lambda x, alpha=1.0: x.map("elu", alpha),
     "celu": lambda x, alpha=1.0: _scaled_elu(x, alpha),
     "hardtanh": lambda x, min_val=-1.0, max_val=1.0: x.map("clip", min_val, max_val),
-    "log_softmax": lambda x, dim=None, **_: _softmax(x, dim).map("log"),
+    "log_softmax": _log_softmax, "logsumexp": _log_sum_exp,
 }
 
 
@@ -630,7 +646,7 @@ def _module(module, x, *args, **kwargs):
     if name == "LayerNorm":
         return _layer_norm(x, module.normalized_shape, module.weight, module.bias, module.eps)
     if name in ("Softmax", "LogSoftmax"):
-        return _FUNCTIONS["softmax" if name == "Softmax" else "log_softmax"](x, module.dim)
+        return (_softmax if name == "Softmax" else _log_softmax)(x, module.dim)
     cells = {"LSTMCell": _lstm_cell, "GRUCell": _gru_cell, "RNNCell": _rnn_cell}
     if name in cells:
         return cells[name](module, x, *args, **kwargs)
