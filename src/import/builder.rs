@@ -161,7 +161,9 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
             }
         }
         let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
-        if let Some(fewer) = linear_first(steps, number, &widths, &nearness, &uses) {
+        if let Some(fewer) = linear_first(steps, number, &widths, &nearness, &uses)
+            .or_else(|| together(steps, number, &widths, &nearness, &uses))
+        {
             return Some(fewer);
         }
         if !keeps_difference(step, &nearness, inner)
@@ -271,6 +273,54 @@ fn linear_first(
     let mut turned = steps.to_vec();
     turned[of - 1] = Step::Elementwise { of: first as usize, function: Elementwise::Linear, parameters };
     turned[number] = Step::Columns { columns: columns.iter().map(|[_, column]| [*of as u32, *column]).collect() };
+    Some(turned)
+}
+
+/// The steps with input columns put together before linear functions of some of them, so that inputs that are normalised one by one are as good
+/// as those that are normalised at once.
+fn together(
+    steps: &[Step],
+    number: usize,
+    widths: &[usize],
+    nearness: &[Nearness],
+    uses: &[usize],
+) -> Option<Vec<Step>> {
+    let Step::Columns { columns } = &steps[number] else { return None };
+    if columns.iter().all(|[value, _]| *value == columns[0][0])
+        || columns.iter().any(|[value, _]| nearness[*value as usize] == Nearness::Far)
+    {
+        return None;
+    }
+    let maker = |value: u32| (value > 0).then(|| &steps[value as usize - 1]);
+    let chosen = |[value, column]: [u32; 2]| match maker(value) {
+        Some(Step::Columns { columns }) => columns[column as usize],
+        _ => [value, column],
+    };
+    let direct: Vec<[u32; 2]> = columns.iter().map(|column| chosen(*column)).collect();
+    let mut turned = steps.to_vec();
+    if direct != *columns {
+        turned[number] = Step::Columns { columns: direct };
+        return Some(turned);
+    }
+    let linear = |[value, column]: [u32; 2]| match maker(value) {
+        Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) if uses[value as usize] == 1 => {
+            let (factors, offsets) = of_each(parameters, widths[value as usize]);
+            let column = column as usize;
+            Some(([*of as u32, column as u32], [factors[column], offsets[column]]))
+        }
+        _ => None,
+    };
+    let found: Vec<Option<_>> = columns.iter().map(|column| linear(*column)).collect();
+    if found.iter().all(Option::is_none) {
+        return None;
+    }
+    let of: Vec<[u32; 2]> =
+        found.iter().zip(columns).map(|(found, column)| found.map_or(*column, |(of, _)| of)).collect();
+    let each = |row: usize| found.iter().map(move |found| found.map_or([1.0, 0.0], |(_, linear)| linear)[row]);
+    let parameters = each(0).chain(each(1)).collect();
+    turned.iter_mut().skip(number + 1).for_each(|step| rename(step, |value| value + usize::from(value > number)));
+    turned[number] = Step::Columns { columns: of };
+    turned.insert(number + 1, Step::Elementwise { of: number + 1, function: Elementwise::Linear, parameters });
     Some(turned)
 }
 

@@ -77,6 +77,32 @@ fn fewer_steps_give_the_same() {
         affine(builder, tanh, 2, 5)
     });
     check("columns in another order, one of them twice", arranged, true);
+    let one_by_one = both(|builder| {
+        let column = |builder: &mut Builder, column| builder.columns(vec![[0, column]]).unwrap();
+        let (first, last) = (column(builder, 0), column(builder, 2));
+        let scaled = builder.elementwise(first, LINEAR, vec![2.0, -0.3]).unwrap();
+        let difference = builder.elementwise(last, LINEAR, vec![1.0, -0.5]).unwrap();
+        let standardised = builder.elementwise(difference, LINEAR, vec![-3.0, 0.1]).unwrap();
+        let all =
+            [[standardised, 0], [0, 1], [scaled, 0], [standardised, 0]].map(|[of, column]| [of as u32, column as u32]);
+        let all = builder.columns(all.to_vec()).unwrap();
+        let hidden = affine(builder, all, 5, 3);
+        let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
+        affine(builder, tanh, 2, 5)
+    });
+    check("inputs that are normalised one by one", one_by_one, true);
+    let twice = both(|builder| {
+        let scaled = builder.elementwise(0, LINEAR, each(3, 1)).unwrap();
+        let other = builder.elementwise(0, LINEAR, each(3, 2)).unwrap();
+        let all = [[scaled, 1], [other, 1], [other, 0]].map(|[of, column]| [of as u32, column as u32]);
+        let all = builder.columns(all.to_vec()).unwrap();
+        let hidden = affine(builder, all, 5, 3);
+        let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
+        let last = affine(builder, tanh, 2, 5);
+        let scaled_again = builder.columns(vec![[scaled as u32, 0]; 2]).unwrap();
+        builder.add(Step::Combine { of: [last, scaled_again], operation: Operation::Multiply }, 2).unwrap()
+    });
+    check("a column that is scaled twice, and used elsewhere", twice, false);
     let residual = both(|builder| {
         let hidden = affine(builder, 0, 3, 3);
         let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
@@ -138,12 +164,9 @@ fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
         let zero = builder.elementwise(inputs, LINEAR, vec![0.0, 0.0]).unwrap();
         builder.add(Step::Combine { of: [network, zero], operation: Operation::Add }, 2).unwrap()
     });
-    for (what, (_, map), is_network) in [
-        ("plain", plain, true),
-        ("chosen", chosen, true),
-        ("column by column", two, false),
-        ("two uses", beside, false),
-    ] {
+    for (what, (_, map), is_network) in
+        [("plain", plain, true), ("chosen", chosen, true), ("column by column", two, true), ("two uses", beside, false)]
+    {
         assert_eq!(matches!(map, Map::Network(_)), is_network, "{what}: {map:?}");
         for offset in [-0.2, -0.0625, 0.1, 0.15] {
             let point = [mean + offset, mean - offset, mean];
