@@ -17,6 +17,11 @@ const HELD: usize = 10;
 const SOLVER_ERROR: f64 = 1e-9;
 /// How often its step is halved for that, at most.
 const HALVINGS: usize = 10;
+/// Difference of outputs, relative to their ranges, beyond which steps are unstable; those of chaotic motions are in their ranges, and that of one
+/// that should not vary is rounding.
+const UNSTABLE: f64 = 1e6;
+/// How far off a state is at the start of a simulation that shows whether steps are stable, of its nominal value.
+const DISTURBANCE: f64 = 1e-3;
 
 /// The surrogate of a model with states; see [`super::surrogate()`].
 pub(super) fn surrogate(
@@ -120,6 +125,20 @@ impl<'a> Known<'a> {
 
     /// Outputs in simulations, row by row: along the rows of a table, or with random inputs, parameters and states.
     fn simulated(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
+        self.simulations(surrogate, rows, 0.0)
+    }
+
+    /// Those, and one from a start that is disturbed: from an equilibrium all of them would stay there, whatever the step of the solver.
+    fn disturbed(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
+        [self.simulations(surrogate, rows, 0.0), self.simulations(surrogate, rows, DISTURBANCE)].concat()
+    }
+
+    fn simulations(
+        &self,
+        surrogate: &Surrogate,
+        rows: Option<&[Vec<f64>]>,
+        disturbance: f64,
+    ) -> Vec<Vec<Option<Vec<f64>>>> {
         let metadata = surrogate.metadata();
         let evaluator = Evaluator::new(surrogate);
         let domain = Domain::new(surrogate.inputs(), surrogate.states());
@@ -130,7 +149,7 @@ impl<'a> Known<'a> {
         let constant = vec![0.0; evaluator.columns()];
         let mut scratch = evaluator.scratch();
         let mut runs = Vec::new();
-        for run in 0..if rows.is_some() { 1 } else { RUNS } {
+        for run in 0..if rows.is_some() || disturbance > 0.0 { 1 } else { RUNS } {
             let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
             point.resize(evaluator.columns(), 0.0);
             if run > 0 {
@@ -143,6 +162,9 @@ impl<'a> Known<'a> {
                 if let Some([min, max]) = known.range {
                     point[surrogate.inputs().len() + state] = draw(min, max);
                 }
+            }
+            for (state, known) in surrogate.states().iter().enumerate() {
+                point[surrogate.inputs().len() + state] += disturbance * known.nominal;
             }
             let count = rows.map_or(steps, <[_]>::len);
             let mut found = Vec::new();
@@ -366,15 +388,25 @@ fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Optio
     }
     let mut step = metadata.time_step;
     let mut surrogate = with_step(step)?;
-    let mut runs = known.simulated(&surrogate, rows);
+    let mut runs = known.disturbed(&surrogate, rows);
+    let mut error = 0.0;
     for _ in 0..HALVINGS {
         let finer = with_step(0.5 * step)?;
-        let finer_runs = known.simulated(&finer, rows);
-        let error = difference(&runs, &finer_runs, surrogate.outputs());
+        let finer_runs = known.disturbed(&finer, rows);
+        error = difference(&runs, &finer_runs, surrogate.outputs());
         if error <= SOLVER_ERROR {
             break;
         }
         (step, surrogate, runs) = (0.5 * step, finer, finer_runs);
+    }
+    // what is not finite at the end is not compared
+    let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
+    let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
+    if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {
+        return Err(known.refused(format!(
+            "with the solver's step {step} s, the shortest that was tried, simulations are unstable near the start values: the equations are stiff, \
+             or have no solution there; expected others, or a shorter `time.step`, or a `time.solver_step` that is short enough"
+        )));
     }
     Ok(surrogate)
 }

@@ -129,6 +129,14 @@ def fitting(of=np.float32):
         w=r(3, 22), s=integers(-1, 11, 2), a=integers(1), e=integers(2), t=integers(-1),
     )
     yield "ReduceMean-flat", make(node("ReduceMean", "x a", keepdims=0), a=integers(-1))
+    # of whole numbers, which become factors: 7 mod -3 with the sign of either, ranges in both directions, a mean
+    whole = lambda *nodes, **constants: make(*nodes, node("Cast", "i", "f", to=kind), node("Mul", "x f"), **constants)
+    for sign in (0, 1):
+        yield f"Mod-{sign}", whole(node("Mod", "a c", "i", fmod=sign), a=integers(-7, 7, 5), c=integers(3, -3, 3))
+    for limit, step in ((7, 3), (-7, -3), (6, 2), (-6, -2)):
+        range_of = [node("Range", "a e d", "r"), node("ReduceSum", "r", "i", keepdims=0)]
+        yield f"Range-{limit}-{step}", whole(*range_of, a=np.int64(0), e=np.int64(limit), d=np.int64(step))
+    yield "ReduceMean-whole", whole(node("ReduceMean", "a", "i", keepdims=0), a=integers(*[1] * 10))
     yield "Cast", make(node("Cast", "x", "c", to=DOUBLE), node("Mul", "c d", "p"), node("Cast", "p", to=kind), d=np.array([2.0, 3.0, 4.0]))
     yield "Constant", make(node("Constant", "", "c", value=numpy_helper.from_array(r(3))), node("Mul", "x c"))
     yield "old", make(node("Clip", "x", "c", min=-0.5, max=0.5), node("Slice", "c", starts=[1], ends=[3], axes=[1]), opset=9)
@@ -203,6 +211,13 @@ def mixed():
         yield f"constant-{rows}", [node("Add", "x c")], {"c": reals(rows, 3)}, f"node 0 (Add): a constant of shape [{rows}, 3] along the batch dimension"
     yield "bias", [node("Gemm", "x w b")], {"w": reals(3, 2), "b": reals(2, 2)}, "node 0 (Gemm): a constant of shape [2, 2] along the batch dimension"
     yield "normalised", [node("LayerNormalization", "x c c", axis=0)], {"c": reals(1, 3)}, "node 0 (LayerNormalization): it mixes rows of the batch"
+    scaler = node("Scaler", "x", "s", domain="ai.onnx.ml", offset=[0.0], scale=[2.0])
+    yield "scaled", [scaler, node("Softmax", "s", axis=0)], {}, "node 1 (Softmax): it mixes rows of the batch"
+    size = [node("Shape", "x", "s", start=0, end=1), node("Cast", "s", "f", to=FLOAT)]
+    yield "size", [*size, node("Mul", "x f")], {}, "node 2 (Mul): a constant that changes along the batch dimension"
+    place = [node("Shape", "x", "s", start=0, end=1), node("Squeeze", "s", "n"), node("Range", "a n b", "r"), node("Cast", "r", "f", to=FLOAT)]
+    yield "place", [*place, node("Unsqueeze", "f c", "g"), node("Add", "x g")], {"a": np.int64(0), "b": np.int64(1), "c": integers(1)}, \
+        "node 5 (Add): a constant that changes along the batch dimension"
     yield "moved", [
         node("Unsqueeze", "x a", "u"), node("Transpose", "u", "t", perm=[2, 0, 1]), node("ReduceMax", "t b", "m"), node("Squeeze", "m b"),
     ], {"a": integers(1), "b": integers(1)}, "node 2 (ReduceMax): it mixes rows of the batch"
@@ -304,6 +319,7 @@ def malformed():
     yield "log-of-negative", make(node("Log", "c", "l"), node("Add", "x l"), c=-np.ones(3, np.float32)), "not finite"
     yield "training", make(node("BatchNormalization", "x s s s s", training_mode=1), s=np.ones(3, np.float32)), "export it after `eval()`"
     yield "channels", make(node("BatchNormalization", "x s s s s"), s=np.ones(4, np.float32)), "has 4 elements, expected 3"
+    yield "features", make(node("FeatureVectorizer", "x", domain="ai.onnx.ml", inputdimensions=[2])), "`inputdimensions` is [2] for inputs of [3] columns"
     for name, nodes, constants, place in mixed():
         yield f"batch-{name}", model(nodes, constants), place
     yield "batch-softmax-old", model([node("Softmax", "x", axis=0)], opset=11), "node 0 (Softmax): it mixes rows of the batch"

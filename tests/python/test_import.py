@@ -257,18 +257,76 @@ def test_constants_that_overflow_when_they_are_taken_together_are_refused(tmp_pa
     assert not list(tmp_path.glob("*.safetensors"))
 
 
+def stump(of, threshold):
+    """A tree of one threshold for the first feature: 1 up to it, 2 above."""
+    return graphs.node("TreeEnsembleRegressor", of, domain="ai.onnx.ml", nodes_treeids=[0] * 3, nodes_nodeids=[0, 1, 2], nodes_featureids=[0] * 3,
+                       nodes_values=[threshold, 0.0, 0.0], nodes_truenodeids=[1, 0, 0], nodes_falsenodeids=[2, 0, 0], n_targets=1, target_ids=[0, 0],
+                       nodes_modes=["BRANCH_LEQ", "LEAF", "LEAF"], target_treeids=[0, 0], target_nodeids=[1, 2], target_weights=[1.0, 2.0])
+
+
 def test_what_is_cast_before_trees_is_rounded(tmp_path):
     """A double that is above a threshold of single precision, and is it once rounded."""
     threshold = float(np.nextafter(np.float32(0.1), np.float32(0)))
-    tree = graphs.node("TreeEnsembleRegressor", "s", domain="ai.onnx.ml", nodes_treeids=[0] * 3, nodes_nodeids=[0, 1, 2], nodes_featureids=[0] * 3,
-                nodes_values=[threshold, 0.0, 0.0], nodes_truenodeids=[1, 0, 0], nodes_falsenodeids=[2, 0, 0], n_targets=1, target_ids=[0, 0],
-                nodes_modes=["BRANCH_LEQ", "LEAF", "LEAF"], target_treeids=[0, 0], target_nodeids=[1, 2], target_weights=[1.0, 2.0])
-    graph = graphs.model([graphs.node("Cast", "x", "s", to=onnx.TensorProto.FLOAT), tree], kind=onnx.TensorProto.DOUBLE)
+    graph = graphs.model([graphs.node("Cast", "x", "s", to=onnx.TensorProto.FLOAT), stump("s", threshold)], kind=onnx.TensorProto.DOUBLE)
     graph.graph.output[0].type.tensor_type.elem_type = onnx.TensorProto.FLOAT
     rows = np.zeros((3, 3))
     rows[:, 0] = threshold + np.array([-1e-10, 1e-10, 1e-8])
     expected = of_runtime(graph, rows)
     assert expected.ravel().tolist() == [1.0, 1.0, 2.0]
+    imported(tmp_path, graph, rows, expected)
+
+
+def test_numbers_on_a_threshold_are_on_the_side_where_onnx_runtime_has_them(tmp_path):
+    """Thresholds that are the number itself, of an input and of what a Scaler makes of it, with rows that are decimals."""
+    offset, scale = np.float32(0.37), np.float32(1.7)
+    decimals = np.round(0.1 * np.arange(1, 21), 1)
+    rows = np.zeros((len(decimals), 3))
+    rows[:, 0] = decimals
+    for place, number in enumerate(decimals[:8]):
+        scaler = graphs.node("Scaler", "x", "s", domain="ai.onnx.ml", offset=[float(offset)], scale=[float(scale)])
+        number = np.float32(number)
+        trees = graphs.model([scaler, stump("s", float((number - offset) * scale))])
+        comparison = graphs.model(
+            [graphs.node("GreaterOrEqual", "x c", "g"), graphs.node("Equal", "x c", "e"), graphs.node("Cast", "g", "f", to=onnx.TensorProto.FLOAT),
+             graphs.node("Cast", "e", "d", to=onnx.TensorProto.FLOAT), graphs.node("Sum", "f d")], {"c": number})
+        for name, graph in (("trees", trees), ("comparison", comparison)):
+            folder = tmp_path / f"{name}-{place}"
+            folder.mkdir()
+            imported(folder, graph, rows, of_runtime(graph, rows.astype(np.float32)))
+
+
+def test_a_number_that_a_writer_left_out_is_zero(tmp_path):
+    """Writers of protocol buffers may leave out what is 0: then the attribute is there, with its kind, but without a number."""
+    cases = [
+        (graphs.node("Unsqueeze", "x a", "u"), graphs.node("Transpose", "u", "t", perm=[1, 2, 0]), graphs.node("Softmax", "t", "s", axis=0), graphs.node("Flatten", "s")),
+        (graphs.node("LeakyRelu", "x", alpha=0.0),),
+        (graphs.node("ReduceMean", "x b", keepdims=0),),
+    ]
+    for place, nodes in enumerate(cases):
+        graph = graphs.model(nodes, {"a": integers(2), "b": integers(1)}, inputs=(("x", [1, 3]),))
+        expected = of_runtime(graph, ROWS.astype(np.float32))
+        for attribute in (attribute for node in graph.graph.node for attribute in node.attribute if attribute.name in ("axis", "alpha", "keepdims")):
+            attribute.ClearField("f" if attribute.name == "alpha" else "i")
+        folder = tmp_path / str(place)
+        folder.mkdir()
+        imported(folder, graph, ROWS, expected)
+
+
+@pytest.mark.parametrize("name", ["tree", "linear", "svm"])
+def test_regressors_take_each_row_of_a_fixed_number(tmp_path, name):
+    ml = {"domain": "ai.onnx.ml"}
+    weights = [0.5, -1.0, 2.0]
+    regressor = {
+        "tree": stump("s", 0.1),
+        "linear": graphs.node("LinearRegressor", "s", coefficients=weights, intercepts=[0.25], targets=1, **ml),
+        "svm": graphs.node("SVMRegressor", "s", coefficients=[1.0, -0.5], support_vectors=[*weights, 0.1, 0.2, 0.3], n_supports=2, rho=[0.1], kernel_type="RBF",
+                           kernel_params=[0.7, 0.0, 0.0], **ml),
+    }[name]
+    graph = graphs.model([graphs.node("Scaler", "x", "s", offset=[0.1, 0.2, 0.3], scale=[1.0, 2.0, 3.0], **ml), regressor], inputs=(("x", [2, 3]),))
+    rows = np.random.default_rng(4).uniform(-1.0, 1.0, (30, 6)).astype(np.float32)
+    session = onnxruntime.InferenceSession(graph.SerializeToString())
+    expected = np.array([session.run(None, {"x": row.reshape(2, 3)})[0].ravel() for row in rows])
+    assert expected.shape == (30, 2)
     imported(tmp_path, graph, rows, expected)
 
 

@@ -5,6 +5,12 @@ use super::{
     tensor::Tensor,
 };
 
+// Kinds of attributes, `AttributeProto.AttributeType`. Writers may leave out a number that is 0 and a text that is empty, of which the kind is
+// left; older files have no kinds.
+const FLOAT: i32 = 1;
+const INT: i32 = 2;
+const STRING: i32 = 3;
+
 /// The attributes of a node, by name.
 #[derive(Clone, Copy)]
 pub struct Attributes<'a>(&'a NodeProto);
@@ -29,11 +35,11 @@ impl<'a> Attributes<'a> {
 
     /// As it stands, be it finite or not.
     pub fn number(self, name: &str) -> Option<f32> {
-        self.find(name).and_then(|attribute| attribute.f)
+        self.find(name).and_then(|attribute| attribute.f.or((attribute.kind == FLOAT).then_some(0.0)))
     }
 
     pub fn integer(self, name: &str) -> Option<i64> {
-        self.find(name).and_then(|attribute| attribute.i)
+        self.find(name).and_then(|attribute| attribute.i.or((attribute.kind == INT).then_some(0)))
     }
 
     pub fn integers(self, name: &str) -> Option<&'a [i64]> {
@@ -41,8 +47,11 @@ impl<'a> Attributes<'a> {
     }
 
     pub fn text(self, name: &str) -> Option<String> {
-        let text = self.find(name).and_then(|attribute| attribute.s.as_ref())?;
-        Some(String::from_utf8_lossy(text).into_owned())
+        let attribute = self.find(name)?;
+        match &attribute.s {
+            Some(text) => Some(String::from_utf8_lossy(text).into_owned()),
+            None => (attribute.kind == STRING).then(String::new),
+        }
     }
 
     pub fn texts(self, name: &str) -> Vec<String> {

@@ -6,9 +6,10 @@ use super::{
     Reader,
     attributes::Attributes,
     node::Value,
-    operators::{ML, RECURRENT},
+    operators::RECURRENT,
     proto::{GraphProto, NodeProto, ValueInfoProto},
-    shape::axis,
+    shape::{axis, broadcast, broadcast_places},
+    tensor::Tensor,
 };
 use metafmu_runtime::graph::Step;
 use std::path::Path;
@@ -76,12 +77,6 @@ impl TwoRows {
     /// # Errors
     /// A sentence if it does not compute each row by itself.
     pub fn follow(&mut self, node: &NodeProto, one: &Reader) -> Result<bool, String> {
-        // they take all numbers that they are given for those of one row
-        let takes_all =
-            !matches!(node.op_type.as_str(), "ArrayFeatureExtractor" | "FeatureVectorizer" | "Imputer" | "Normalizer");
-        if node.domain == ML && takes_all {
-            return Ok(false);
-        }
         self.refuse_along_batch(node, one)?;
         if self.reader.node(node).is_err() {
             return Ok(false);
@@ -167,15 +162,32 @@ impl TwoRows {
                 }
                 let rows = if is_gemm { &node.input[..1] } else { &node.input[..] };
                 let constants = if is_gemm { node.input.get(2..).unwrap_or_default() } else { &node.input[..] };
-                for tensor in constants.iter().filter_map(constant) {
+                for name in constants {
+                    let Some(tensor) = constant(name) else { continue };
                     if rows.iter().any(|name| along(name, &tensor.shape)) {
                         return refused(format!("a constant of shape {:?}", tensor.shape));
+                    }
+                    let is_of_row = rows.iter().any(|name| matches!(known(one, name), Some(Value::Row(_))));
+                    let twice = known(&self.reader, name).and_then(|value| value.constant().cloned());
+                    if is_of_row && twice.is_some_and(|twice| !is_repeated(&tensor, &twice)) {
+                        return refused("a constant that changes".into());
                     }
                 }
             }
             _ => {}
         }
         Ok(())
+    }
+}
+
+/// Whether a constant of two rows is that of one row, for each of them.
+fn is_repeated(one: &Tensor, two: &Tensor) -> bool {
+    match broadcast(&one.shape, &two.shape) {
+        Ok(shape) if shape == two.shape => {
+            let (of_one, of_two) = (one.data.doubles(), two.data.doubles());
+            broadcast_places(&one.shape, &shape).into_iter().zip(of_two).all(|(place, number)| of_one[place] == number)
+        }
+        _ => false,
     }
 }
 

@@ -7,7 +7,10 @@ use super::{
     tensor::{Data, Tensor},
 };
 use crate::import::builder::Builder;
-use metafmu_runtime::{Numbers, graph::Elementwise};
+use metafmu_runtime::{
+    Numbers,
+    graph::{Elementwise, Step},
+};
 
 /// What a name stands for.
 #[derive(Clone, Debug)]
@@ -104,6 +107,57 @@ impl Reader {
             Value::Row(row) => Ok(row),
             Value::Constant(_) => Err(format!("input {place} is a constant, expected what follows from the inputs")),
         }
+    }
+
+    /// The value of which a row's numbers are chosen.
+    fn chosen_from(&self, row: &Row) -> usize {
+        let mut value = row.value;
+        while let Some(Step::Columns { columns }) = value.checked_sub(1).map(|step| &self.builder.steps()[step])
+            && columns.iter().all(|[of, _]| *of == columns[0][0])
+        {
+            value = columns[0][0] as usize;
+        }
+        value
+    }
+
+    /// Whether a row is nothing but inputs of the graph.
+    pub fn is_input(&self, row: &Row) -> bool {
+        self.chosen_from(row) == 0
+    }
+
+    /// A row in single precision, rounded as it was there unless it is already.
+    pub fn rounded(&mut self, row: Row) -> Result<Row, String> {
+        let from = self.chosen_from(&row).checked_sub(1).map(|step| &self.builder.steps()[step]);
+        if let Some(Step::Elementwise { function: Elementwise::Single, .. }) = from {
+            return Ok(row);
+        }
+        Ok(Row { value: self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?, ..row })
+    }
+
+    /// A model of one row of features for each of the rows: the last dimension has the features.
+    pub fn each_row(
+        &mut self,
+        node: &NodeProto,
+        outputs: usize,
+        mut make: impl FnMut(&mut Self, &Row) -> Result<Value, String>,
+    ) -> Result<Value, String> {
+        let row = self.row(node, 0)?;
+        let width = row.shape.last().copied().unwrap_or(1);
+        let rows = self.builder.width(row.value).checked_div(width).unwrap_or(0);
+        if rows == 0 || row.shape.len() > 2 {
+            return Err(format!("an input of shape {:?}, expected rows of features", row.shape));
+        }
+        if rows == 1 {
+            return make(self, &row);
+        }
+        let mut columns = Vec::new();
+        for index in 0..rows {
+            let places: Vec<usize> = (index * width..(index + 1) * width).collect();
+            let part = self.picked(&row, &places, vec![1, width])?;
+            let Value::Row(made) = make(self, &part)? else { return Err("what it gives is constant".into()) };
+            columns.extend((0..outputs).map(|column| [made.value as u32, column as u32]));
+        }
+        Ok(Value::Row(Row { shape: vec![rows, outputs], value: self.builder.columns(columns)?, ..row }))
     }
 
     /// The value of the node's input, which must be a constant.

@@ -10,7 +10,7 @@ mod shapes;
 mod windows;
 
 use super::{
-    Reader,
+    Builder, Reader,
     attributes::Attributes,
     node::{Row, Value, constant_row, is_standard, operator},
     proto::{DOUBLE, FLOAT, INT32, INT64, NodeProto, type_name},
@@ -360,11 +360,7 @@ impl Reader {
             "SVMRegressor" => self.svm_regressor(node),
             "TreeEnsembleRegressor" => self.tree_ensemble(node),
             "ArrayFeatureExtractor" => self.extract(node),
-            "FeatureVectorizer" => {
-                let values =
-                    (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
-                self.concatenated(&values, 1)
-            }
+            "FeatureVectorizer" => self.features(node),
             "Imputer" => self.imputer(node),
             "Normalizer" => self.normalizer(node),
             _ => Err(format!("operator {} is not supported", operator(node))),

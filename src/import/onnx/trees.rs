@@ -40,8 +40,7 @@ enum Comparison {
 impl Reader {
     pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, String> {
         let attributes = Attributes::of(node);
-        let row = self.row(node, 0)?;
-        let columns = self.builder.width(row.value);
+        let columns = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
         let (share, mut base) =
             (attributes.text("aggregate_function").unwrap_or("SUM".into()), attributes.numbers("base_values")?.values);
         refuse_transform(attributes)?;
@@ -56,20 +55,24 @@ impl Reader {
             "AVERAGE" => 1.0 / trees.len().max(1) as f64,
             other => return Err(format!("aggregate function {other}, expected SUM or AVERAGE")),
         };
-        let forest = forest(&nodes, &trees, &leaves, (outputs, scale))?;
-        let value = self.builder.add(Step::Forest { of: row.value, forest, outputs }, outputs)?;
-        let value = Value::Row(Row { shape: vec![1, outputs], value, is_single: row.is_single });
-        if base.is_empty() {
-            return Ok(value);
-        }
         if base.len() == 1 {
             base = vec![base[0]; outputs];
         }
-        if base.len() != outputs {
+        if !base.is_empty() && base.len() != outputs {
             return Err(format!("{} base values, expected {outputs}", base.len()));
         }
-        let parameters = [vec![1.0; outputs], base].concat();
-        self.mapped(&value, Elementwise::Linear, parameters)
+        let forest = forest(&nodes, &trees, &leaves, (outputs, scale))?;
+        self.each_row(node, outputs, |reader, row| {
+            // thresholds lie between two singles: what is compared with them is one
+            let row = if row.is_single { reader.rounded(row.clone())? } else { row.clone() };
+            let step = Step::Forest { of: row.value, forest: forest.clone(), outputs };
+            let value = reader.builder.add(step, outputs)?;
+            let value = Value::Row(Row { shape: vec![1, outputs], value, is_single: row.is_single });
+            match base.as_slice() {
+                [] => Ok(value),
+                base => reader.mapped(&value, Elementwise::Linear, [&vec![1.0; outputs], base].concat()),
+            }
+        })
     }
 }
 

@@ -81,9 +81,10 @@ impl Reader {
         if step == 0 {
             return Err("a step of 0".into());
         }
-        let count = (i128::from(limit) - i128::from(start)).div_euclid(i128::from(step)).max(0);
-        let exact = count * i128::from(step) == i128::from(limit) - i128::from(start);
-        let count = usize::try_from(if exact { count } else { count + 1 }).unwrap_or(usize::MAX);
+        // steps up to the limit, rounded up; both signs are made positive
+        let (way, step_size) = (i128::from(limit) - i128::from(start), i128::from(step));
+        let count = (way * step_size.signum() + step_size.abs() - 1).div_euclid(step_size.abs()).max(0);
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
         within_limits(&[count])?;
         let values = (0..count).map(|index| start.wrapping_add(step.wrapping_mul(index as i64))).collect();
         Ok(Value::Constant(Tensor::of_integers(values)))

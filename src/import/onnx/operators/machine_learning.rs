@@ -15,26 +15,39 @@ impl Reader {
         }
     }
 
+    /// Inputs beside each other.
+    pub(super) fn features(&mut self, node: &NodeProto) -> Made {
+        let values = (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
+        let widths: Vec<i64> = values.iter().map(|value| value.shape().last().copied().unwrap_or(1) as i64).collect();
+        match Attributes::of(node).integers("inputdimensions") {
+            Some(given) if !given.is_empty() && given != widths => Err(format!(
+                "attribute `inputdimensions` is {given:?} for inputs of {widths:?} columns, expected the same"
+            )),
+            _ => self.concatenated(&values, 1),
+        }
+    }
+
     pub(super) fn scaler(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let value = self.input(node, 0)?;
-        let width = value.shape().iter().product::<usize>();
+        let count = value.shape().iter().product::<usize>();
+        let width = value.shape().last().copied().unwrap_or(1);
         let numbers = |name: &str| -> Result<Vec<f64>, String> {
             match attributes.numbers(name)?.values {
-                one if one.len() == 1 => Ok(vec![one[0]; width]),
-                all if all.len() == width => Ok(all),
+                one if one.len() == 1 => Ok(vec![one[0]; count]),
+                // of each row the same
+                all if all.len() == width && width > 0 => Ok(all.repeat(count / width)),
                 other => Err(format!("attribute `{name}` has {} elements, expected {width}", other.len())),
             }
         };
         let (offset, scale) = (numbers("offset")?, numbers("scale")?);
-        self.standardised(&value, &offset, &scale, &vec![0.0; width])
+        self.standardised(&value, &offset, &scale, &vec![0.0; count])
     }
 
     pub(super) fn linear_regressor(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         refuse_transform(attributes)?;
-        let row = self.row(node, 0)?;
-        let width = self.builder.width(row.value);
+        let width = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
         let targets = usize::try_from(attributes.integer("targets").unwrap_or(1)).unwrap_or(0);
         let (weight, mut bias) = (attributes.numbers("coefficients")?.values, attributes.numbers("intercepts")?.values);
         if bias.is_empty() {
@@ -47,7 +60,8 @@ impl Reader {
                 bias.len()
             ));
         }
-        self.affine(&row, single(weight), single(bias), vec![1, targets])
+        let (weight, bias) = (single(weight), single(bias));
+        self.each_row(node, targets, |reader, row| reader.affine(row, weight.clone(), bias.clone(), vec![1, targets]))
     }
 
     pub(super) fn svm_regressor(&mut self, node: &NodeProto) -> Made {
@@ -56,8 +70,7 @@ impl Reader {
         if attributes.integer("one_class").unwrap_or(0) != 0 {
             return Err("a classifier of one class, expected a regression".into());
         }
-        let row = self.row(node, 0)?;
-        let width = self.builder.width(row.value);
+        let width = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
         let supports = usize::try_from(attributes.integer("n_supports").unwrap_or(0)).unwrap_or(0);
         let (coefficients, rho) = (attributes.numbers("coefficients")?.values, attributes.numbers("rho")?.values);
         let bias = rho.first().copied().unwrap_or(0.0);
@@ -66,7 +79,9 @@ impl Reader {
             if coefficients.len() != width {
                 return Err(format!("{} coefficients, expected {width}", coefficients.len()));
             }
-            return self.affine(&row, single(coefficients), single(vec![bias]), vec![1, 1]);
+            let (coefficients, bias) = (single(coefficients), single(vec![bias]));
+            return self
+                .each_row(node, 1, |reader, row| reader.affine(row, coefficients.clone(), bias.clone(), vec![1, 1]));
         }
         let vectors = attributes.numbers("support_vectors")?.values;
         if coefficients.len() != supports
@@ -83,29 +98,33 @@ impl Reader {
         let parameter = |place: usize, default: f64| parameters.get(place).copied().unwrap_or(default);
         let (gamma, offset, degree) = (parameter(0, 0.0), parameter(1, 0.0), parameter(2, 0.0));
         let like_vectors = |factor: f64| vectors.iter().map(|number| factor * number).collect::<Vec<f64>>();
-        let products = |reader: &mut Self, factor: f64, offset: f64| {
-            reader.builder.affine(row.value, like_vectors(factor).into(), vec![offset; supports].into())
-        };
-        let kernels = match kernel.as_str() {
-            "LINEAR" => products(self, 1.0, 0.0)?,
-            "POLY" => {
-                let line = products(self, gamma, offset)?;
-                self.builder.elementwise(line, Elementwise::Power, vec![degree])?
-            }
-            "SIGMOID" => {
-                let line = products(self, gamma, offset)?;
-                self.builder.elementwise(line, Elementwise::Activation(Activation::Tanh), Vec::new())?
-            }
-            "RBF" => {
-                let step = Step::Distances { of: row.value, centres: vectors.clone(), lengths: vec![1.0; width] };
-                let distances = self.builder.add(step, supports)?;
-                let exponent = self.builder.elementwise(distances, Elementwise::Linear, vec![-gamma, 0.0])?;
-                self.builder.elementwise(exponent, Elementwise::Exponential, Vec::new())?
-            }
-            other => return Err(format!("kernel {other}, expected LINEAR, POLY, RBF or SIGMOID")),
-        };
-        let kernels = Row { shape: vec![1, supports], value: kernels, is_single: row.is_single };
-        self.affine(&kernels, single(coefficients), single(vec![bias]), vec![1, 1])
+        let (coefficients, bias) = (single(coefficients), single(vec![bias]));
+        self.each_row(node, 1, |reader, row| {
+            let builder = &mut reader.builder;
+            let products = |builder: &mut Builder, factor: f64, offset: f64| {
+                builder.affine(row.value, like_vectors(factor).into(), vec![offset; supports].into())
+            };
+            let kernels = match kernel.as_str() {
+                "LINEAR" => products(builder, 1.0, 0.0)?,
+                "POLY" => {
+                    let line = products(builder, gamma, offset)?;
+                    builder.elementwise(line, Elementwise::Power, vec![degree])?
+                }
+                "SIGMOID" => {
+                    let line = products(builder, gamma, offset)?;
+                    builder.elementwise(line, Elementwise::Activation(Activation::Tanh), Vec::new())?
+                }
+                "RBF" => {
+                    let step = Step::Distances { of: row.value, centres: vectors.clone(), lengths: vec![1.0; width] };
+                    let distances = builder.add(step, supports)?;
+                    let exponent = builder.elementwise(distances, Elementwise::Linear, vec![-gamma, 0.0])?;
+                    builder.elementwise(exponent, Elementwise::Exponential, Vec::new())?
+                }
+                other => return Err(format!("kernel {other}, expected LINEAR, POLY, RBF or SIGMOID")),
+            };
+            let kernels = Row { shape: vec![1, supports], value: kernels, is_single: row.is_single };
+            reader.affine(&kernels, coefficients.clone(), bias.clone(), vec![1, 1])
+        })
     }
 
     pub(super) fn normalizer(&mut self, node: &NodeProto) -> Made {
@@ -118,6 +137,8 @@ impl Reader {
         self.in_groups(&value, rank - 1, |reader, of, width| {
             let square =
                 reader.builder.add(Step::Distances { of, centres: vec![0.0; width], lengths: vec![1.0; width] }, 1)?;
+            // of nothing but zeros nothing else is made
+            let square = reader.builder.elementwise(square, Elementwise::Clip, vec![f64::MIN_POSITIVE, f64::MAX])?;
             let inverse = reader.builder.elementwise(square, Elementwise::Power, vec![-0.5])?;
             let repeated = reader.builder.columns(vec![[inverse as u32, 0]; width])?;
             reader.builder.add(Step::Combine { of: [of, repeated], operation: Operation::Multiply }, width)

@@ -216,7 +216,7 @@ impl Reader {
             "ReduceProd" => self.folded(Operation::Multiply, &value, kept)?,
             "ReduceMax" => self.folded(Operation::Maximum, &value, kept)?,
             "ReduceMin" => self.folded(Operation::Minimum, &value, kept)?,
-            "ReduceMean" => self.sum(&value, kept, count as f64 / width as f64)?,
+            "ReduceMean" => self.mean(&value, kept, width / count)?,
             "ReduceLogSumExp" => self.logarithm_of_sum(&value, kept)?,
             "ReduceLogSum" => {
                 let sum = self.sum(&value, kept, 1.0)?;
@@ -234,6 +234,18 @@ impl Reader {
             _ => self.sum(&value, kept, 1.0)?,
         };
         self.reshaped(&reduced, rest)
+    }
+
+    fn mean(&mut self, value: &Value, kept: Vec<usize>, each: usize) -> Made {
+        match value {
+            // whole numbers are added up before they are divided
+            Value::Constant(Tensor { data: Data::Integer(_), .. }) => {
+                let sum = self.sum(value, kept, 1.0)?;
+                let count = Tensor { shape: Vec::new(), data: Data::Integer(vec![each as i64]) };
+                self.combined(Operation::Divide, &sum, &Value::Constant(count))
+            }
+            _ => self.sum(value, kept, 1.0 / each as f64),
+        }
     }
 
     /// Sums of elements times a factor.

@@ -109,9 +109,17 @@ impl Reader {
         }
     }
 
+    /// What a comparison takes: inputs of the graph in the precision that they have there, as a threshold may be the same number.
+    fn compared(&mut self, node: &NodeProto, place: usize) -> Made {
+        match self.input(node, place)? {
+            Value::Row(row) if row.is_single && self.is_input(&row) => Ok(Value::Row(self.rounded(row)?)),
+            value => Ok(value),
+        }
+    }
+
     /// 1 where it is so, else 0.
     pub(super) fn compare(&mut self, node: &NodeProto) -> Made {
-        let (a, b) = (self.input(node, 0)?, self.input(node, 1)?);
+        let (a, b) = (self.compared(node, 0)?, self.compared(node, 1)?);
         let (more, less) = if node.op_type.starts_with("Greater") { (a, b) } else { (b, a) };
         if !node.op_type.ends_with("OrEqual") {
             let difference = self.combined(Operation::Subtract, &more, &less)?;
@@ -124,7 +132,7 @@ impl Reader {
 
     /// 1 where the numbers are the same, else 0.
     pub(super) fn equal(&mut self, node: &NodeProto) -> Made {
-        let (a, b) = (self.input(node, 0)?, self.input(node, 1)?);
+        let (a, b) = (self.compared(node, 0)?, self.compared(node, 1)?);
         let difference = self.combined(Operation::Subtract, &a, &b)?;
         let distance = self.mapped(&difference, Elementwise::Absolute, Vec::new())?;
         let differs = self.mapped(&distance, Elementwise::Positive, Vec::new())?;
@@ -178,9 +186,10 @@ impl Reader {
         let (of_a, of_b) = (broadcast_places(&a.shape, &shape), broadcast_places(&b.shape, &shape));
         let (a, b) = (a.integers()?, b.integers()?);
         let pairs = of_a.iter().zip(&of_b).map(|(first, second)| (a[*first], b[*second]));
-        let values = pairs.map(|(a, b)| {
-            a.checked_rem(b).map(|rest| if rest != 0 && (rest < 0) != (b < 0) { rest + b } else { rest })
-        });
+        // with `fmod` the sign is that of the first number, else that of the second
+        let of_first = Attributes::of(node).integer("fmod").unwrap_or(0) != 0;
+        let is_other = |rest: i64, b: i64| !of_first && rest != 0 && (rest < 0) != (b < 0);
+        let values = pairs.map(|(a, b)| a.checked_rem(b).map(|rest| if is_other(rest, b) { rest + b } else { rest }));
         let values: Option<Vec<i64>> = values.collect();
         Ok(Value::Constant(Tensor { shape, data: Data::Integer(values.ok_or("a division by 0")?) }))
     }
