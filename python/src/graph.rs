@@ -1,6 +1,6 @@
 //! The builder of graphs, for readers of fitted models.
 
-use crate::{Error, Surrogate, bytes, doubles, refused, rows};
+use crate::{Error, Surrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
     import::{self, About, Imported, builder::Builder},
     interface::Interface,
@@ -265,7 +265,8 @@ impl Graph {
         let (stacked, recurrences, producer) = (Vec::new(), Vec::new(), producer.to_owned());
         let imported =
             Imported { inputs, stacked, outputs, builder, columns, recurrences, is_single: single, producer };
-        let made = import::surrogate((Path::new(&interface.name), content), imported, &interface, rows);
+        let path = Path::new(&interface.name);
+        let made = shared(|| import::surrogate((path, content), imported, &interface, rows));
         made.map(Surrogate::new).map_err(refused)
     }
 
@@ -285,7 +286,7 @@ impl Graph {
         let rows = rows(data, variables);
         let map = builder.finish(columns).map_err(refused)?;
         let about = About { path: Path::new(&interface.name), content, is_single: single, producer };
-        let made = import::of_map(map, about, &interface, rows);
+        let made = shared(|| import::of_map(map, about, &interface, rows));
         made.map(Surrogate::new).map_err(refused)
     }
 }

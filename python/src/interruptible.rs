@@ -1,5 +1,6 @@
 //! Work in a thread of its own, while the caller's thread looks for Ctrl-C and shows what the work says.
 
+use crate::threads::shared;
 use metafmu::pipeline::{Control, Event, Observer};
 use pyo3::prelude::*;
 use std::{
@@ -59,7 +60,7 @@ pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool, Lin
             let stop = &stop;
             let worker = scope.spawn(move || {
                 let alive = sender.clone();
-                let done = work(stop, Lines(Some(Mutex::new(sender))));
+                let done = shared(|| work(stop, Lines(Some(Mutex::new(sender)))));
                 drop(alive);
                 done
             });

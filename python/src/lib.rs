@@ -6,6 +6,7 @@
 
 mod graph;
 mod interruptible;
+mod threads;
 
 use interruptible::interruptible;
 use metafmu::{
@@ -38,6 +39,7 @@ use std::{
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
 };
+use threads::detached;
 
 create_exception!(metafmu, Error, PyValueError, "What the command `metafmu` would say about wrong input.");
 
@@ -103,7 +105,7 @@ impl Surrogate {
 impl Surrogate {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.detach(|| predict::load_file(&path)).map(Self::new).map_err(refused)
+        detached(py, || predict::load_file(&path)).map(Self::new).map_err(refused)
     }
 
     #[staticmethod]
@@ -116,7 +118,7 @@ impl Surrogate {
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| surrogate::save(&self.surrogate, &path)).map_err(refused)
+        detached(py, || surrogate::save(&self.surrogate, &path)).map_err(refused)
     }
 
     /// Name, variables and provenance, as JSON.
@@ -158,7 +160,7 @@ impl Surrogate {
     fn evaluate(&self, py: Python<'_>, x: &[u8], y: &[u8]) -> PyResult<String> {
         let (points, labels) = (rows(Some(x), self.evaluator.columns()), rows(Some(y), self.evaluator.results()));
         let (points, labels) = (points.unwrap_or_default(), labels.unwrap_or_default());
-        let accuracy = py.detach(|| Accuracy::of_rows(&self.surrogate, TestRows::Given, &points, &labels));
+        let accuracy = detached(py, || Accuracy::of_rows(&self.surrogate, TestRows::Given, &points, &labels));
         serde_json::to_string(&accuracy).map_err(refused)
     }
 
@@ -173,7 +175,7 @@ impl Surrogate {
     ) -> PyResult<Bound<'py, PyByteArray>> {
         let run =
             Run { parameters: constants, times: doubles(times).into(), inputs: doubles(inputs), outputs: Vec::new() };
-        let outputs = py.detach(|| evaluation::predict(&self.surrogate, &self.evaluator, &run));
+        let outputs = detached(py, || evaluation::predict(&self.surrogate, &self.evaluator, &run));
         Ok(PyByteArray::new(py, &bytes(&outputs)))
     }
 
@@ -193,7 +195,7 @@ impl Surrogate {
     }
 
     fn to_onnx(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| pipeline::export::export_onnx(&self.surrogate, &path)).map(drop).map_err(refused)
+        detached(py, || pipeline::export::export_onnx(&self.surrogate, &path)).map(drop).map_err(refused)
     }
 
     fn export(
@@ -208,7 +210,7 @@ impl Surrogate {
         let accuracy: Option<Accuracy> = accuracy.map(serde_json::from_str).transpose().map_err(refused)?;
         let options = ExportOptions { fmi: versions(Some(fmi))?, platforms, sources, ..ExportOptions::default() };
         let written =
-            py.detach(|| pipeline::export::export_surrogate(&self.surrogate, accuracy.as_ref(), &path, &options));
+            detached(py, || pipeline::export::export_surrogate(&self.surrogate, accuracy.as_ref(), &path, &options));
         Ok(written.map_err(refused)?.into_iter().map(|Written { fmu, .. }| fmu).collect())
     }
 }
@@ -239,7 +241,7 @@ fn rows(bytes: Option<&[u8]>, columns: usize) -> Option<Vec<Vec<f64>>> {
 /// The columns that an ONNX model takes and gives.
 #[pyfunction]
 fn onnx_columns(py: Python<'_>, model: &[u8], folder: Option<PathBuf>) -> PyResult<(Vec<String>, Vec<String>)> {
-    let read = py.detach(|| onnx::read(model, folder.as_deref()));
+    let read = detached(py, || onnx::read(model, folder.as_deref()));
     let imported = read.map_err(|problems| refused(problems.join("\n")))?;
     Ok((imported.inputs, imported.outputs))
 }
@@ -252,7 +254,7 @@ fn from_onnx(
     interface: &str,
     data: Option<&[u8]>,
 ) -> PyResult<Surrogate> {
-    py.detach(|| {
+    detached(py, || {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let imported = onnx::read(model, folder.as_deref()).map_err(|problems| refused(problems.join("\n")))?;
         let rows = rows(data, interface.variables().count());
@@ -348,11 +350,12 @@ fn validate(py: Python<'_>, fmu: PathBuf, time_limit: f64, program: PathBuf) -> 
 /// The command `metafmu`; the result is its exit code.
 #[pyfunction]
 fn command(py: Python<'_>, arguments: Vec<OsString>, program: PathBuf) -> u8 {
-    py.detach(|| metafmu::command(arguments, Some(&program)))
+    detached(py, || metafmu::command(arguments, Some(&program)))
 }
 
 #[pymodule]
 fn _metafmu(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    threads::of_this_process();
     module.add("Error", module.py().get_type::<Error>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("FUNCTIONS", graph::names())?;
