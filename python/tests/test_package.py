@@ -302,6 +302,31 @@ def test_other_threads_go_on_meanwhile():
     assert len(ticks) > 5
 
 
+FORKED = """
+import multiprocessing
+import numpy as np
+import metafmu
+
+x = np.random.default_rng(0).normal(size=(5000, 3))
+graph = metafmu.Graph(3)
+surrogate = graph.finish(graph.affine(0, np.ones((1, 3))), data=x)
+
+def work(x):
+    metafmu.fit(x[:100], x[:100, 0], hidden=(4,), training={"epochs": 3})
+    return surrogate.predict(x), surrogate.jacobian(x).sum()
+
+expected = work(x)
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    for predicted, slopes in pool.map(work, [x, x]):
+        assert (predicted == expected[0]).all() and slopes == expected[1]
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_forked_processes_have_threads_of_their_own():
+    subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], check=True, timeout=120)
+
+
 def test_a_network_is_fitted_to_a_data_frame(agrees):
     pandas = pytest.importorskip("pandas")
     random = np.random.default_rng(7)
