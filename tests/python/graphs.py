@@ -338,6 +338,7 @@ def malformed():
     yield "external-absolute", external(location="/etc/passwd"), "expected a file in the folder of the model"
     yield "external-link", external(location="link.bin", length=12), "expected a file in the folder of the model"
     yield "external-device", external(location="folder"), "expected a file in the folder of the model"
+    yield "external-pipe", external(location="pipe"), "expected a file in the folder of the model"
     yield "external-missing", external(location="none.bin"), "`none.bin`: "
     yield "external-without-location", external(offset=0), "without a `location`"
     yield "external-beyond", external(location="data.bin", offset=8, length=1 << 40), "but the file has 12"

@@ -1,5 +1,6 @@
 """`metafmu import`: trained models of other tools give in the FMU what ONNX Runtime and numpy say; what does not fit is refused."""
 
+import os
 import resource
 import shutil
 import subprocess
@@ -509,6 +510,7 @@ def test_what_does_not_fit_is_refused(tmp_path, name, model, message):
     (tmp_path / "data.bin").write_bytes(b"123456789012")
     (tmp_path / "folder").mkdir()
     (tmp_path / "link.bin").symlink_to("/etc/passwd")
+    os.mkfifo(tmp_path / "pipe")
     content = model if isinstance(model, bytes) else model.SerializeToString()
     (tmp_path / "model.onnx").write_bytes(content)
     limited = lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))

@@ -198,11 +198,12 @@ fn external_data(proto: &TensorProto, folder: Option<&Path>) -> Result<Vec<u8>, 
         }
         None => Ok(None),
     };
-    let mut file = File::open(&path).map_err(unreadable)?;
-    let metadata = file.metadata().map_err(unreadable)?;
+    // before it is opened, as a pipe would wait for a writer
+    let metadata = path.metadata().map_err(unreadable)?;
     if !metadata.is_file() {
         return Err(outside());
     }
+    let mut file = File::open(&path).map_err(unreadable)?;
     let (offset, size) = (number("offset")?.unwrap_or(0), metadata.len());
     let length = number("length")?.unwrap_or(size.saturating_sub(offset));
     if offset.checked_add(length).is_none_or(|end| end > size) {
