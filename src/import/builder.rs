@@ -161,9 +161,8 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
             }
         }
         let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
-        if let Some(fewer) = linear_first(steps, number, &widths, &nearness, &uses)
-            .or_else(|| together(steps, number, &widths, &nearness, &uses))
-        {
+        let known = Known { steps, widths: &widths, nearness: &nearness, uses: &uses };
+        if let Some(fewer) = linear_first(known, number).or_else(|| together(known, number)) {
             return Some(fewer);
         }
         if !keeps_difference(step, &nearness, inner)
@@ -175,6 +174,15 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
         }
     }
     None
+}
+
+/// Steps, and of each value its length, its nearness to the inputs, and by how many steps it is used.
+#[derive(Clone, Copy)]
+struct Known<'a> {
+    steps: &'a [Step],
+    widths: &'a [usize],
+    nearness: &'a [Nearness],
+    uses: &'a [usize],
 }
 
 /// How much was done to the input columns until they became a value.
@@ -242,13 +250,7 @@ fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize
 
 /// The steps with a linear function of chosen input columns before the choice, so that it may become the scaling of a network's inputs; none
 /// if a column would have two of them.
-fn linear_first(
-    steps: &[Step],
-    number: usize,
-    widths: &[usize],
-    nearness: &[Nearness],
-    uses: &[usize],
-) -> Option<Vec<Step>> {
+fn linear_first(Known { steps, widths, nearness, uses }: Known, number: usize) -> Option<Vec<Step>> {
     let Step::Elementwise { of, function: Elementwise::Linear, parameters } = &steps[number] else { return None };
     let Step::Columns { columns } = &steps[of.checked_sub(1)?] else { return None };
     let first = columns[0][0];
@@ -278,13 +280,7 @@ fn linear_first(
 
 /// The steps with input columns put together before linear functions of some of them, so that inputs that are normalised one by one are as good
 /// as those that are normalised at once.
-fn together(
-    steps: &[Step],
-    number: usize,
-    widths: &[usize],
-    nearness: &[Nearness],
-    uses: &[usize],
-) -> Option<Vec<Step>> {
+fn together(Known { steps, widths, nearness, uses }: Known, number: usize) -> Option<Vec<Step>> {
     let Step::Columns { columns } = &steps[number] else { return None };
     if columns.iter().all(|[value, _]| *value == columns[0][0])
         || columns.iter().any(|[value, _]| nearness[*value as usize] == Nearness::Far)
