@@ -14,6 +14,8 @@ use std::collections::HashMap;
 
 /// Nodes of all trees together, each once for every output that it adds to.
 const MAX_NODES: usize = 1 << 24;
+/// The same for several rows.
+const MAX_NODES_OF_ROWS: usize = 1 << 21;
 
 /// A node as the file has it.
 struct Given {
@@ -40,7 +42,8 @@ enum Comparison {
 impl Reader {
     pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, String> {
         let attributes = Attributes::of(node);
-        let columns = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
+        let shape = self.row(node, 0)?.shape;
+        let columns = shape.last().copied().unwrap_or(1);
         let (share, mut base) =
             (attributes.text("aggregate_function").unwrap_or("SUM".into()), attributes.numbers("base_values")?.values);
         refuse_transform(attributes)?;
@@ -62,6 +65,14 @@ impl Reader {
             return Err(format!("{} base values, expected {outputs}", base.len()));
         }
         let forest = forest(&nodes, &trees, &leaves, (outputs, scale))?;
+        // each row has the trees once more
+        let rows = shape.iter().product::<usize>().checked_div(columns).unwrap_or(0);
+        if rows > 1 && rows.saturating_mul(forest.nodes.len()) > MAX_NODES_OF_ROWS {
+            return Err(format!(
+                "{} nodes of trees for each of {rows} rows, expected at most {MAX_NODES_OF_ROWS} in all",
+                forest.nodes.len()
+            ));
+        }
         self.each_row(node, outputs, |reader, row| {
             // thresholds lie between two singles: what is compared with them is one
             let row = if row.is_single { reader.rounded(row.clone())? } else { row.clone() };
