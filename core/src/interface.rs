@@ -14,10 +14,11 @@ use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     path::{Path, PathBuf},
     sync::LazyLock,
 };
+use toml::de::DeTable;
 
 /// An interface file: names, units and ranges of what a model of another tool takes and gives.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -213,6 +214,9 @@ pub struct InterfaceOutput {
     pub description: String,
 }
 
+/// Characters of an interface's `name` at most.
+pub const LONGEST_NAME: usize = MAX_NAME;
+
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Interface>);
 
 /// The JSON schema of an interface file.
@@ -325,7 +329,25 @@ impl Interface {
     /// # Errors
     /// [`Error::Study`] if there are any.
     pub fn refuse(&self, problems: Problems) -> Result<()> {
-        self.origin.refuse(problems)
+        if problems.is_empty() {
+            return Ok(());
+        }
+        let mut problems = self.origin.locate(problems);
+        for problem in &mut problems {
+            problem.line = self.line_of_layer(&problem.key).unwrap_or(problem.line);
+        }
+        Err(Error::Study { problems })
+    }
+
+    /// The line of a key such as `layers[1].weight`.
+    fn line_of_layer(&self, key: &str) -> Option<usize> {
+        let (number, rest) = key.strip_prefix("layers[")?.split_once(']')?;
+        let root = DeTable::parse(self.text()).ok()?;
+        let layer = root.get_ref().get("layers")?.get_ref().get(number.parse::<usize>().ok()?)?;
+        let field = rest.trim_start_matches('.');
+        let given = layer.get_ref().as_table().and_then(|table| table.get_key_value(field));
+        let offset = given.map_or(layer.span().start, |(name, _)| name.span().start);
+        Some(self.text()[..offset].matches('\n').count() + 1)
     }
 
     /// How the states go on, if there are any.
@@ -340,6 +362,7 @@ impl Interface {
     /// [`Error::Study`] for columns that there are not, too few or too many of them, or one that is named twice.
     pub fn mapping(&self, inputs: &[String], outputs: &[String]) -> Result<Mapping> {
         let mut problems = Problems::default();
+        self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
         let mut sources = vec![Source::Value(0.0); inputs.len()];
         let states = self.followed((inputs, outputs), &mut sources, &mut problems);
         // what is left over for inputs, and for outputs that do not say which column they are
@@ -386,6 +409,24 @@ impl Interface {
             };
         }
         Ok(Mapping { inputs: sources, outputs: shown, states })
+    }
+
+    /// Columns of the model that have the same name, where columns are meant by their names.
+    fn ambiguous(&self, ends: [(&str, &[String]); 2]) -> Problems {
+        let of_inputs = self.inputs.values().any(|input| input.column.is_some());
+        let of_outputs = self.outputs.values().any(|output| output.column.is_some());
+        let are_named = [of_inputs, of_outputs].map(|are_named| are_named || !self.states.is_empty());
+        let mut problems = Problems::default();
+        for ((section, names), _) in ends.into_iter().zip(are_named).filter(|(_, are_named)| *are_named) {
+            let mut before = HashSet::new();
+            for name in names.iter().filter(|name| !before.insert(name.as_str())) {
+                let message = format!(
+                    "two columns of the model's {section} are called `{name}`: expected different names, of tensors that are called otherwise"
+                );
+                problems.add(section, message);
+            }
+        }
+        problems
     }
 
     /// The columns that are states, which are noted in `sources`.
@@ -458,7 +499,7 @@ impl Interface {
         let is_good = |name: &str| {
             name.starts_with(|first: char| first.is_ascii_alphabetic())
                 && name.chars().all(|other| other.is_ascii_alphanumeric() || matches!(other, '-' | '_'))
-                && name.len() <= MAX_NAME
+                && name.len() <= LONGEST_NAME
         };
         let expected = "a letter, then letters, digits, `-` and `_`, at most 100 characters";
         problems.expect(is_good(&self.name), "name", format!("`{}`", self.name), expected);

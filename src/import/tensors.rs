@@ -38,6 +38,23 @@ pub fn is_safetensors(bytes: &[u8]) -> bool {
     bytes.get(8) == Some(&b'{') && bytes[..8].ends_with(&[0, 0])
 }
 
+/// What is said of a file that is an FMU, or a model file of metafmu: there is nothing to import.
+pub fn made_already(bytes: &[u8]) -> Option<String> {
+    let expected = "expected a trained network of another tool: ONNX, .npz or .safetensors";
+    if is_npz(bytes) {
+        let archive = ZipArchive::new(Cursor::new(bytes)).ok()?;
+        let is_fmu = archive.index_for_name("modelDescription.xml").is_some();
+        return is_fmu.then(|| {
+            format!(
+                "is an FMU, {expected}; of one by metafmu `metafmu export` makes FMUs of other versions and platforms"
+            )
+        });
+    }
+    let (_, header) = is_safetensors(bytes).then(|| SafeTensors::read_metadata(bytes).ok()).flatten()?;
+    let is_ours = header.metadata().as_ref().is_some_and(|entries| entries.contains_key("metafmu"));
+    is_ours.then(|| format!("is a model file of metafmu already, {expected}; `metafmu export` makes an FMU of it"))
+}
+
 /// The tensors of an archive of numpy.
 ///
 /// # Errors
@@ -48,13 +65,17 @@ pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
     let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
     for index in 0..archive.len() {
         let entry = archive.by_index(index).map_err(broken)?;
-        let name = entry.name().map_err(broken)?.trim_end_matches(".npy").to_owned();
+        let name = entry.name().map_err(broken)?;
+        let name = name.strip_suffix(".npy").unwrap_or(name.as_ref()).to_owned();
         let mut content = Vec::new();
         match entry.take(MAX_BYTES + 1).read_to_end(&mut content) {
             Ok(_) if content.len() as u64 > MAX_BYTES => {
                 problems.push(format!("`{name}`: more than {MAX_BYTES} bytes"))
             }
             Ok(_) => match read_npy(&content) {
+                Ok(_) if tensors.contains_key(&name) => {
+                    problems.push(format!("`{name}`: two entries of this name, expected one"));
+                }
                 Ok(tensor) => drop(tensors.insert(name, tensor)),
                 Err(problem) => problems.push(format!("`{name}`: {problem}")),
             },
@@ -205,7 +226,12 @@ fn layer(
                 problems.add(format!("{key}.{what}"), format!("no tensor `{name}`, {}", expected_one_of(name, &known)))
             }
             Some(tensor) if tensor.shape.len() != dimensions || tensor.numbers.is_empty() => {
-                let message = format!("`{name}` has the shape {:?}, expected {dimensions} dimensions", tensor.shape);
+                let expected = match (tensor.shape.len() == dimensions, dimensions) {
+                    (true, _) => "at least one number",
+                    (false, 1) => "1 dimension",
+                    (false, _) => "2 dimensions",
+                };
+                let message = format!("`{name}` has the shape {:?}, expected {expected}", tensor.shape);
                 problems.add(format!("{key}.{what}"), message);
                 return None;
             }

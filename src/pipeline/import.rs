@@ -1,6 +1,6 @@
 //! Trained models of other tools become surrogates, without a study.
 
-use super::predict::{is_surrogate, roll_outs};
+use super::predict::roll_outs;
 use crate::{
     Error, Result,
     diagnostics::{Problems, names::listed},
@@ -72,14 +72,16 @@ const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
     let interface = Interface::load(&options.interface)?;
     let out = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.safetensors", interface.name)));
-    if !is_surrogate(&out) || out.extension().is_some_and(|extension| extension == "fmu") {
-        return Err(Error::NoSurrogate { path: out });
+    if !out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors")) {
+        let problem =
+            "expected a name that ends in .safetensors, of a model file: `metafmu export` makes the FMU of it";
+        return Err(Error::Import { path: out, problems: vec![problem.into()] });
     }
     files::check_output(&out)?;
+    let (bytes, model) = read(&options.model, Some(&interface))?;
     if out.exists() && out.canonicalize().ok() == options.model.canonicalize().ok() {
         return Err(Error::SameFile { path: out });
     }
-    let (bytes, model) = read(&options.model, Some(&interface))?;
     let tolerance = options.tolerance.unwrap_or(TOLERANCES[usize::from(!model.is_single)]);
     let rows = options.data.as_deref().map(|data| import::rows(data, &interface)).transpose()?;
     let surrogate = import::surrogate((&options.model, &bytes), model, &interface, rows)?;
@@ -257,6 +259,9 @@ fn later_names(input: &str) -> Vec<String> {
 fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
+    if let Some(problem) = tensors::made_already(&bytes) {
+        return Err(refused(vec![problem]));
+    }
     let tensors = match &bytes {
         _ if tensors::is_npz(&bytes) => Some(tensors::read_npz(&bytes).map_err(refused)?),
         _ if tensors::is_safetensors(&bytes) => Some(tensors::read_safetensors(&bytes).map_err(refused)?),

@@ -1,0 +1,114 @@
+"""Tables beside `metafmu import`: which of their columns are which of the model, what is compared with them, and starters that import as they are."""
+
+import tomllib
+import zipfile
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import fmu_of, metafmu
+from graphs import DOUBLE, model, node
+
+def weighted(*names):
+    """y = 1 first + 10 second + 100 third, of one column each."""
+    nodes = [node("Concat", " ".join(names), "all", axis=1), node("MatMul", "all weights")]
+    return model(nodes, {"weights": 10.0 ** np.arange(len(names))[:, None]}, inputs=[(name, [1, 1]) for name in names], kind=DOUBLE)
+
+
+def starter(folder, graph, table=None, name="m.onnx", check=True):
+    """The text of the interface that `--new` writes, beside the table's file; or what is wrong with the table."""
+    (folder / name).write_bytes(graph.SerializeToString())
+    (folder / "i.toml").unlink(missing_ok=True)
+    more = []
+    if table is not None:
+        table.to_csv(folder / "t.csv", index=False, float_format="%.17g")
+        more = ["--data", "t.csv"]
+    run = metafmu("import", name, "--new", "i.toml", *more, cwd=folder, check=check)
+    return (folder / "i.toml").read_text() if run.returncode == 0 else run.stderr
+
+
+def columns(text):
+    interface = tomllib.loads(text)
+    return [{name: entry["column"] for name, entry in interface[of].items()} for of in ("inputs", "outputs")]
+
+
+def rows(*names):
+    return pd.DataFrame(np.random.default_rng(3).uniform(-1.0, 1.0, (20, len(names))), columns=list(names))
+
+
+def compared(folder, interface, table, *more, code=0):
+    (folder / "i.toml").write_text(interface)
+    table.to_csv(folder / "c.csv", index=False, float_format="%.17g")
+    run = metafmu("import", "m.onnx", "--interface", "i.toml", "--check", "c.csv", "--out", "m.safetensors", *more, cwd=folder, check=False)
+    assert run.returncode == code, (run.stdout, run.stderr)
+    return run.stdout + run.stderr
+
+
+def test_columns_of_outputs_of_the_same_name_are_refused(tmp_path):
+    nodes = [node("Mul", "x k", "y"), node("Neg", "z", "y[1]")]
+    graph = model(nodes, {"k": np.array([2.0, 3.0])}, inputs=[("x", [1, 2]), ("z", [1, 1])], outputs=[("y", None), ("y[1]", None)], kind=DOUBLE)
+    text = starter(tmp_path, graph, rows("a", "b", "c"))
+    run = metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", cwd=tmp_path, check=False)
+    assert run.returncode == 2 and "outputs: two columns of the model's outputs are called `y[1]`" in run.stderr
+    # by their position they are known
+    table = rows("a", "b", "c")
+    table = table.assign(u=2 * table["a"], v=3 * table["b"], w=-table["c"])
+    text = 'name = "m"\ninputs = { a = {}, b = {}, c = {} }\noutputs = { u = {}, v = {}, w = {} }\n'
+    compared(tmp_path, text, table, "--data", "c.csv")
+
+
+LAYERS = """name = "m"
+[inputs.x]
+min = -1.0
+max = 1.0
+[outputs.y]
+[[layers]]
+weight = "w"
+transposed = true
+
+[[layers]]
+activation = "tanh"
+weight = "w"
+transposed = false
+"""
+
+
+def test_tensors_that_do_not_fit_are_named(tmp_path):
+    def refused(text=LAYERS, name="m.npz", **arrays):
+        if arrays:
+            np.savez(tmp_path / name, **arrays)
+        (tmp_path / "i.toml").write_text(text)
+        run = metafmu("import", name, "--interface", "i.toml", "--out", "m.safetensors", cwd=tmp_path, check=False)
+        assert run.returncode == 2, (run.stdout, run.stderr)
+        return run.stderr
+
+    second = LAYERS[::-1].replace('"w"'[::-1], '"v"'[::-1], 1)[::-1]
+    assert "i.toml:12: layers[1].weight: no tensor `v`" in refused(second, w=np.ones((1, 1)))
+    assert "i.toml:11: layers[1].activation: \"tanhh\"" in refused(LAYERS.replace("tanh", "tanhh"), w=np.ones((1, 1)))
+    assert "i.toml:7: layers[0].weight: `w` has the shape [0, 2], expected at least one number" in refused(w=np.ones((0, 2)))
+    assert "`w` has the shape [2], expected 2 dimensions" in refused(w=np.ones(2))
+    # `.npy` belongs to the archive once
+    second = second.replace('"v"', '"w.npy"')
+    run_of = lambda *more: metafmu("import", "m.npz", "--interface", "i.toml", "--out", "m.safetensors", *more, cwd=tmp_path)
+    np.savez(tmp_path / "m.npz", **{"w": np.array([[2.0]]), "w.npy": np.array([[0.25]])})
+    pd.DataFrame({"x": [0.5, 1.0], "y": np.tanh([0.25, 0.5])}).to_csv(tmp_path / "c.csv", index=False, float_format="%.17g")
+    (tmp_path / "i.toml").write_text(second)
+    run_of("--check", "c.csv")
+    with zipfile.ZipFile(tmp_path / "m.npz") as archive:
+        content = archive.read("w.npy")
+    with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive:
+        archive.writestr("w", content)
+        archive.writestr("w.npy", content)
+    assert "m.npz: `w`: two entries of this name, expected one" in refused()
+
+
+def test_what_is_a_surrogate_already_is_not_imported(tmp_path):
+    text = starter(tmp_path, weighted("x", "z"), rows("x", "z"))
+    run = metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", "--out", "m.fmu", cwd=tmp_path, check=False)
+    assert run.returncode == 2 and "m.fmu: expected a name that ends in .safetensors" in run.stderr
+    metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", cwd=tmp_path)
+    metafmu("export", "m.safetensors", "--out", tmp_path, cwd=tmp_path)
+    for name, said in [("m.safetensors", "is a model file of metafmu already"), (fmu_of(tmp_path, "m", 2), "is an FMU")]:
+        for more in (["--new", "n.toml"], ["--interface", "i.toml"]):
+            run = metafmu("import", name, *more, cwd=tmp_path, check=False)
+            assert run.returncode == 2 and said in run.stderr and "`metafmu export`" in run.stderr and run.stderr.count("\n") == 1, run.stderr
