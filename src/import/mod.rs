@@ -271,9 +271,9 @@ fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>
             &format!("a value from {min} to {max}"),
         );
         inputs.push(Input {
-            name: if of_time.is_some() { "time".into() } else { name.clone() },
+            name: if of_time.is_some() { TIME.into() } else { name.clone() },
             role: role(options),
-            unit: options.unit.clone(),
+            unit: unit(options).into(),
             description: options.description.clone(),
             min,
             max,
@@ -294,14 +294,47 @@ fn role(options: &InterfaceInput) -> Role {
     }
 }
 
+/// The time of the FMU, and of tables.
+const TIME: &str = "time";
+
+/// The unit of an input; that of the time needs not be given.
+fn unit(options: &InterfaceInput) -> &str {
+    if options.causality == InterfaceCausality::Time { "s" } else { &options.unit }
+}
+
+/// The columns of an interface's variables in a table, of the time that of its key or `time`.
+///
+/// # Errors
+/// [`Error::Table`] if there is none, or if it has another unit.
+pub fn columns(table: &Table, interface: &Interface) -> Result<Vec<usize>> {
+    let column = |(name, options): (&String, &InterfaceInput)| {
+        let found = table.column(name);
+        match options.causality {
+            InterfaceCausality::Time => found.or_else(|error| table.column(TIME).map_err(|_| error)),
+            _ => found,
+        }
+    };
+    let columns = interface.variables().map(column).collect::<Result<Vec<usize>>>()?;
+    check_units(table, columns.iter().copied().zip(interface.variables().map(|(_, options)| unit(options))))?;
+    Ok(columns)
+}
+
+/// Checks that the units that columns have are those that are expected.
+///
+/// # Errors
+/// [`Error::Table`] with all that are not.
+pub fn check_units<'a>(table: &Table, expected: impl Iterator<Item = (usize, &'a str)>) -> Result<()> {
+    let problems: Vec<String> = expected.filter_map(|(column, unit)| table.unit_problem(column, Some(unit))).collect();
+    if problems.is_empty() { Ok(()) } else { Err(table.mistake_in_header(&problems.join("; "))) }
+}
+
 /// The rows of a table: the columns of an interface's variables.
 ///
 /// # Errors
 /// [`Error::Table`], [`Error::Io`], [`Error::Import`] if there are no rows.
 pub fn rows(path: &Path, interface: &Interface) -> Result<Vec<Vec<f64>>> {
     let mut table = Table::open(path)?;
-    let names = interface.variables().map(|(name, _)| name);
-    let columns = names.map(|name| table.column(name)).collect::<Result<Vec<usize>>>()?;
+    let columns = columns(&table, interface)?;
     let mut rows = Vec::new();
     while table.next_row()? {
         rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);

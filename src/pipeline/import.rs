@@ -10,7 +10,7 @@ use crate::{
     surrogate,
     table::Table,
 };
-use metafmu_runtime::{Evaluator, Role, Surrogate};
+use metafmu_runtime::{Evaluator, Surrogate};
 use serde::Serialize;
 use std::{
     collections::HashSet,
@@ -61,6 +61,9 @@ pub struct Difference {
     pub fits: bool,
 }
 
+/// Column that labels the runs of a table.
+const RUN: &str = "run";
+
 /// Tolerance of a check: of a model in single precision, and of one in double.
 const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 
@@ -86,7 +89,7 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
     let rows = options.data.as_deref().map(|data| import::rows(data, &interface)).transpose()?;
     let surrogate = import::surrogate((&options.model, &bytes), model, &interface, rows)?;
     let check = match &options.check {
-        Some(table) => check(&surrogate, table, tolerance)?,
+        Some(table) => check(&surrogate, &interface, table, tolerance)?,
         None => Vec::new(),
     };
     let fits = check.iter().all(|difference| difference.fits);
@@ -290,18 +293,18 @@ fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported
 }
 
 /// Compares the outputs with those of a table, row by row.
-fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
+fn check(surrogate: &Surrogate, interface: &Interface, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
     let mut table = Table::open(path)?;
-    let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs());
-    let needed = inputs.iter().filter(|input| input.role != Role::Start);
-    let of_inputs = needed.map(|input| table.column(&input.name)).collect::<Result<Vec<usize>>>()?;
+    let outputs = surrogate.outputs();
+    let of_inputs = import::columns(&table, interface)?;
     let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
+    import::check_units(&table, of_outputs.iter().copied().zip(outputs.iter().map(|output| output.unit.as_str())))?;
     let mut along = if surrogate.goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
     let evaluator = Evaluator::new(surrogate);
     let (mut scratch, mut found) = (evaluator.scratch(), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];
-    let mut row = 0;
+    let (mut row, mut compared) = (0, 0);
     while table.next_row()? {
         row += 1;
         match &mut along {
@@ -321,6 +324,7 @@ fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Diffe
                 evaluator.evaluate(&point, &mut found, &mut scratch);
             }
         }
+        compared += 1;
         for (output, column) in of_outputs.iter().enumerate() {
             let expected = table.number(*column)?;
             let difference = (found[output] - expected).abs();
@@ -332,12 +336,24 @@ fn check(surrogate: &Surrogate, path: &Path, tolerance: f64) -> Result<Vec<Diffe
             }
         }
     }
-    if row == 0 {
-        return Err(Error::Import { path: path.to_owned(), problems: vec!["no rows, expected at least one".into()] });
+    if compared == 0 {
+        let why = format!(
+            "in the first row of a run outputs are not those of the model, and rows with the same `{RUN}` whose time grows are a run"
+        );
+        let problem = match row {
+            0 => "no rows, expected at least one".into(),
+            1 => format!("no row to compare in one run of one row: {why}"),
+            runs => format!("no row to compare in {runs} runs of one row each: {why}"),
+        };
+        return Err(Error::Import { path: path.to_owned(), problems: vec![problem] });
     }
     let difference = |((output, (largest, row)), [min, max]): ((&metafmu_runtime::Output, (f64, u64)), [f64; 2])| {
-        // of a single value, or of values that are all the same
-        let scale = if max > min { max - min } else { max.abs().max(f64::MIN_POSITIVE) };
+        let scale = match max - min {
+            range if range > 0.0 => range,
+            // of a single value, or of values that are all the same
+            _ if max != 0.0 => max.abs(),
+            _ => 1.0,
+        };
         let relative = if largest == 0.0 { 0.0 } else { largest / scale };
         Difference { output: output.name.clone(), largest, relative, row, fits: relative <= tolerance }
     };

@@ -44,6 +44,83 @@ def compared(folder, interface, table, *more, code=0):
     return run.stdout + run.stderr
 
 
+SAMPLES = """name = "m"
+[time]
+sample = 0.1
+[inputs.u]
+column = "u"
+unit = "N"
+min = -1.0
+max = 1.0
+[states.h]
+column = "h0"
+next = "h1"
+start = 0.5
+[outputs.y]
+column = "y"
+"""
+
+
+def test_a_check_compares_something(tmp_path):
+    """Of samples the first row of a run is none of the model's."""
+    graph = model([node("Mul", "h0 u", "h1"), node("Add", "h0 u", "y")], inputs=[("u", [1, 1]), ("h0", [1, 1])], outputs=[("y", None), ("h1", None)], kind=DOUBLE)
+    (tmp_path / "m.onnx").write_bytes(graph.SerializeToString())
+    table = pd.DataFrame({"time": [0.0, 0.1, 0.2], "u [N]": [1.0, 0.5, 0.0], "y": [99.0, 1.5, 1.0]})
+    compared(tmp_path, SAMPLES, table)
+    for wrong, runs in [(table[:1], "one run of one row"), (table[::-1], "3 runs of one row each"), (table.assign(run=["a", "b", "c"]), "3 runs of")]:
+        said = compared(tmp_path, SAMPLES, wrong, code=2)
+        assert f"c.csv: no row to compare in {runs}" in said
+    assert "no rows, expected at least one" in compared(tmp_path, SAMPLES, table[:0], code=2)
+    said = compared(tmp_path, SAMPLES, table.rename(columns={"u [N]": "u [kN]"}), code=2)
+    assert "c.csv:1: column `u`: unit `kN`, expected `N`" in said
+
+
+PLAIN = """name = "m"
+[inputs.x]
+column = "x"
+unit = "m"
+[inputs.clock]
+column = "t"
+causality = "time"
+[outputs.y]
+column = "y"
+unit = "K"
+"""
+
+
+def test_units_of_tables_are_those_of_the_interface(tmp_path):
+    (tmp_path / "m.onnx").write_bytes(weighted("x", "t").SerializeToString())
+    table = rows("x", "time")
+    table["y"] = table["x"] + 10 * table["time"]
+    good = table.set_axis(["x [m]", "time [s]", "y [K]"], axis=1)
+    # the time by its name, and by that of its column in the interface
+    for names in (table.columns, good.columns, ["x", "clock", "y"]):
+        compared(tmp_path, PLAIN, table.set_axis(names, axis=1), "--data", "c.csv")
+    wrong = good.rename(columns={"x [m]": "x [mm]", "time [s]": "time [ms]"})
+    for said in (
+        compared(tmp_path, PLAIN, wrong, "--data", "c.csv", code=2),
+        compared(tmp_path, PLAIN.replace('"m"\n[inputs.c', '"m"\nmin = -1.0\nmax = 1.0\n[inputs.c'), wrong, code=2),
+    ):
+        assert "c.csv:1: column `x`: unit `mm`, expected `m`; column `time`: unit `ms`, expected `s`" in said
+    assert "column `y`: unit `degC`, expected `K`" in compared(tmp_path, PLAIN, good.rename(columns={"y [K]": "y [degC]"}), "--data", "c.csv", code=2)
+    # a row of what is missing is none of units
+    lines = ["x,time,y", "NA,NA,NA", "0.5,1.0,10.5"]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    run = metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", cwd=tmp_path, check=False)
+    assert run.returncode == 2 and "unit `NA`, expected `m`" in run.stderr
+    # starters have them
+    text = starter(tmp_path, weighted("x", "t"), good.rename(columns={"time [s]": "t [s]"}))
+    assert [entry["unit"] for of in ("inputs", "outputs") for entry in tomllib.loads(text)[of].values()] == ["m", "s", "K"]
+
+
+def test_an_output_that_is_always_the_same_has_a_scale(tmp_path):
+    interface = 'name = "m"\n[inputs.x]\nmin = -1.0\nmax = 1.0\n[outputs.y]\n'
+    for value, difference, code in [(0.0, 3e-13, 0), (0.0, 3e-6, 1), (1e6, 1e-6, 0), (1e6, 1.0, 1)]:
+        graph = model([node("Mul", "x k", "d"), node("Add", "d c", "y")], {"k": np.array([0.0]), "c": np.array([value + difference])}, inputs=[("x", [1, 1])], kind=DOUBLE)
+        (tmp_path / "m.onnx").write_bytes(graph.SerializeToString())
+        compared(tmp_path, interface, pd.DataFrame({"x": [0.0, 1.0], "y": value}), code=code)
+
+
 def test_columns_of_outputs_of_the_same_name_are_refused(tmp_path):
     nodes = [node("Mul", "x k", "y"), node("Neg", "z", "y[1]")]
     graph = model(nodes, {"k": np.array([2.0, 3.0])}, inputs=[("x", [1, 2]), ("z", [1, 1])], outputs=[("y", None), ("y[1]", None)], kind=DOUBLE)
