@@ -6,14 +6,14 @@ use crate::{
     diagnostics::{Problems, names::listed},
     files,
     import::{self, Imported, onnx, tensors},
-    interface::Interface,
+    interface::{Interface, LONGEST_NAME},
     surrogate,
-    table::Table,
+    table::{Column, Table},
 };
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{BuiltIn, Evaluator, Surrogate};
 use serde::Serialize;
 use std::{
-    collections::HashSet,
+    collections::{HashMap, HashSet},
     fmt::Write,
     path::{Path, PathBuf},
 };
@@ -61,7 +61,8 @@ pub struct Difference {
     pub fits: bool,
 }
 
-/// Column that labels the runs of a table.
+/// Columns of a table beside those of the model: the time, and the label of a run.
+const TIME: &str = "time";
 const RUN: &str = "run";
 
 /// Tolerance of a check: of a model in single precision, and of one in double.
@@ -106,19 +107,17 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
 /// Those of [`import()`].
 pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let (_, imported) = read(model, None)?;
-    let stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
+    let mut stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
+    stem.truncate(LONGEST_NAME);
     let mut text = String::new();
     let of = |what: &str| Error::Import { path: model.to_owned(), problems: vec![what.into()] };
     let states = feedback(&imported);
-    let names =
-        data.map(|data| column_names(data, imported.inputs.len(), imported.outputs.len())).transpose()?.flatten();
-    let (given, given_outputs) = match &names {
-        Some(names) => names.split_at(imported.inputs.len()),
-        None => (&[] as &[String], &[] as &[String]),
-    };
-    let mut taken = HashSet::new();
-    let inputs = unique(&imported.inputs, given, &mut taken);
-    let outputs = unique(&imported.outputs, given_outputs, &mut taken);
+    let goes_on = !(states.is_empty() && imported.recurrences.is_empty());
+    let mut inputs = ports(&imported.inputs, states.iter().map(|state| &state.column));
+    let mut outputs = ports(&imported.outputs, states.iter().map(|state| &state.output));
+    if let Some(data) = data {
+        find_in_table(data, [&mut inputs, &mut outputs], goes_on)?;
+    }
     let known = if data.is_some() { "# ranges are those of the table of training data, by --data\n" } else { "" };
     write!(
         text,
@@ -144,6 +143,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
             "\n# {name}: {rows} rows of {width} numbers, which are all inputs; if they are a batch, export the model with one row\n"
         );
     }
+    let mut taken = HashSet::new();
     for Fed { column, output, follows } in &states {
         let (key_of_output, about) = match follows {
             Follows::Next => ("next", "what it is a sample later; `derivative = ` if it is its derivative"),
@@ -153,36 +153,153 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         };
         text += &format!(
             "\n[states.{}]\ncolumn = {}\n{key_of_output} = {}    # {about}\nstart = 0.0\n",
-            key(&identifier(column)),
+            key(&free(&identifier(column), &mut taken)),
             quoted(column),
             quoted(output)
         );
     }
-    let of_state = |column: &str, names: &[&String]| {
-        let tensor = column.split('[').next().unwrap_or(column);
-        names.iter().any(|name| *name == column || *name == tensor)
-    };
-    let (of_inputs, of_outputs): (Vec<&String>, Vec<&String>) =
-        states.iter().map(|state| (&state.column, &state.output)).unzip();
-    for (column, name) in imported.inputs.iter().zip(&inputs).filter(|(column, _)| !of_state(column, &of_inputs)) {
+    let of_states = taken.clone();
+    for port in inputs.iter().filter(|port| !port.is_state) {
+        // of a model with states the time is no input
+        let is_time = !goes_on && port.wanted() == TIME && taken.insert(TIME.into());
+        let name = if is_time { TIME.into() } else { free(&port.wanted(), &mut taken) };
         let range = match data {
-            Some(_) => "",
-            None => "# min =       # the training range\n# max =\n",
+            None if !is_time => "# min =       # the training range\n# max =\n",
+            _ => "",
         };
         text += &format!(
-            "\n[inputs.{}]\ncolumn = {}\ncausality = \"input\"\nunit = \"\"\ndescription = \"\"\n{range}",
-            key(name),
-            quoted(column)
+            "\n[inputs.{}]{}\ncolumn = {}\ncausality = \"{}\"\nunit = {}\ndescription = \"\"\n{range}",
+            key(&name),
+            port.about(&name),
+            quoted(port.column),
+            if is_time { TIME } else { "input" },
+            quoted(port.unit()),
         );
     }
-    let left = || imported.outputs.iter().zip(&outputs).filter(|(column, _)| !of_state(column, &of_outputs));
-    // a model that only tells how its states go on shows them
-    let states = || imported.inputs.iter().zip(&inputs).filter(|(column, _)| of_state(column, &of_inputs));
-    let shown: Vec<_> = if left().next().is_some() { left().collect() } else { states().collect() };
-    for (column, name) in shown {
-        text += &format!("\n[outputs.{}]\ncolumn = {}\nunit = \"\"\ndescription = \"\"\n", key(name), quoted(column));
+    let mut shown: Vec<&Port> = outputs.iter().filter(|port| !port.is_state).collect();
+    if shown.is_empty() {
+        // a model that only tells how its states go on shows them, with their names
+        shown = inputs.iter().filter(|port| port.is_state).collect();
+        taken.retain(|name| !of_states.contains(name));
+    }
+    for port in shown {
+        let name = free(&port.wanted(), &mut taken);
+        text += &format!(
+            "\n[outputs.{}]{}\ncolumn = {}\nunit = {}\ndescription = \"\"\n",
+            key(&name),
+            port.about(&name),
+            quoted(port.column),
+            quoted(port.unit())
+        );
     }
     Ok(text)
+}
+
+/// A column of a model.
+struct Port<'a> {
+    column: &'a str,
+    /// Whether it is that of a state, or what a state follows from.
+    is_state: bool,
+    /// The column of the training data that it is, if that is known.
+    found: Option<Column>,
+}
+
+impl Port<'_> {
+    /// What it is called, unless that name is taken.
+    fn wanted(&self) -> String {
+        self.found.as_ref().map_or_else(|| identifier(self.column), |found| found.name.clone())
+    }
+
+    fn unit(&self) -> &str {
+        self.found.as_ref().and_then(Column::unit).unwrap_or_default()
+    }
+
+    /// A comment, if the table has another name.
+    fn about(&self, name: &str) -> String {
+        match &self.found {
+            Some(found) if found.name != name => {
+                format!("    # `{}` in the table, a name that is taken: rename it there, too", found.name)
+            }
+            _ => String::new(),
+        }
+    }
+}
+
+/// The columns of these names; `states` are names of columns, or of tensors.
+fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) -> Vec<Port<'a>> {
+    let states: Vec<&String> = states.collect();
+    let is_state = |column: &str| {
+        let tensor = column.split('[').next().unwrap_or(column);
+        states.iter().any(|name| *name == column || *name == tensor)
+    };
+    columns.iter().map(|column| Port { column, is_state: is_state(column), found: None }).collect()
+}
+
+/// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
+/// columns as there are.
+fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: bool) -> Result<()> {
+    let columns = Table::open(path)?.columns().to_vec();
+    let mut open: HashMap<&str, usize> =
+        columns.iter().enumerate().map(|(place, column)| (column.name.as_str(), place)).collect();
+    let found = [(&mut *inputs, "inputs"), (&mut *outputs, "outputs")]
+        .map(|(ports, what)| find_by_name(&columns, &mut open, ports, what));
+    let problems: Vec<String> = found.iter().filter_map(|found| found.clone().err()).collect();
+    if !problems.is_empty() {
+        return Err(Error::Import { path: path.to_owned(), problems });
+    }
+    // rows of runs have columns beside those of the model
+    open.retain(|name, _| !(goes_on && [TIME, RUN].contains(name)));
+    let mut rest: Vec<usize> = open.into_values().collect();
+    rest.sort_unstable();
+    let is_behind = rest.first().is_some_and(|first| first + rest.len() == columns.len());
+    let is_plain = |port: &&mut Port| !port.is_state;
+    let meant: Vec<&mut Port> = match found {
+        [Ok(true), Ok(false)] if is_behind => outputs.iter_mut().filter(is_plain).collect(),
+        [Ok(false), Ok(true)] => inputs.iter_mut().filter(is_plain).collect(),
+        [Ok(false), Ok(false)] if rest.len() == inputs.len() => inputs.iter_mut().collect(),
+        [Ok(false), Ok(false)] => inputs.iter_mut().chain(outputs).collect(),
+        _ => Vec::new(),
+    };
+    if meant.len() == rest.len() {
+        meant.into_iter().zip(rest).for_each(|(port, place)| port.found = Some(columns[place].clone()));
+    }
+    Ok(())
+}
+
+/// Finds ports by their names among the columns that are `open`; whether it has found all, but for those of states. If there are some and not all,
+/// the position of the others would be a guess.
+fn find_by_name(
+    columns: &[Column],
+    open: &mut HashMap<&str, usize>,
+    ports: &mut [Port],
+    what: &str,
+) -> std::result::Result<bool, String> {
+    for port in ports.iter_mut().filter(|port| !port.is_state) {
+        port.found = open.remove(port.column).map(|place| columns[place].clone());
+    }
+    // what is left over of other letters does not tell, nor what is left over of two names
+    let mut cleaned: HashMap<String, Vec<&str>> = HashMap::new();
+    for name in open.keys().filter(|name| name.is_ascii()) {
+        cleaned.entry(identifier(name)).or_default().push(name);
+    }
+    for port in ports.iter_mut().filter(|port| !port.is_state && port.found.is_none() && port.column.is_ascii()) {
+        if let Some(&[name]) = cleaned.get(&identifier(port.column)).map(Vec::as_slice) {
+            port.found = open.remove(name).map(|place| columns[place].clone());
+        }
+    }
+    let (found, missing): (Vec<&Port>, Vec<&Port>) =
+        ports.iter().filter(|port| !port.is_state).partition(|port| port.found.is_some());
+    let names = |ports: &[&Port]| listed(&ports.iter().map(|port| port.column).collect::<Vec<&str>>());
+    match (found.is_empty(), missing.is_empty()) {
+        (true, _) => Ok(false),
+        (false, true) => Ok(true),
+        (false, false) => Err(format!(
+            "has columns for {} of the model's {what}, but none for {}: expected one for each, or none with the model's names, if columns are \
+             meant by their position",
+            names(&found),
+            names(&missing)
+        )),
+    }
 }
 
 /// An input that is a state, by its name.
@@ -360,24 +477,14 @@ fn check(surrogate: &Surrogate, interface: &Interface, path: &Path, tolerance: f
     Ok(outputs.iter().zip(largest).zip(ranges).map(difference).collect())
 }
 
-/// The names of a table's columns, if there are as many as the model has, or as it has inputs.
-fn column_names(path: &Path, inputs: usize, outputs: usize) -> Result<Option<Vec<String>>> {
-    let table = Table::open(path)?;
-    let names: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
-    Ok((names.len() == inputs || names.len() == inputs + outputs).then_some(names))
-}
-
-/// Names for columns: those given, else made of the model's, all different from each other and from those that are taken.
-fn unique(columns: &[String], given: &[String], taken: &mut HashSet<String>) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for (place, column) in columns.iter().enumerate() {
-        let name = given.get(place).cloned().unwrap_or_else(|| identifier(column));
-        let numbered = (2..).map(|number| format!("{name}_{number}"));
-        let free = std::iter::once(name.clone()).chain(numbered).find(|name| !taken.contains(name)).unwrap_or(name);
-        taken.insert(free.clone());
-        names.push(free);
-    }
-    names
+/// A name that nothing else has, neither of those that are taken nor what every FMU has; it is taken then.
+fn free(wanted: &str, taken: &mut HashSet<String>) -> String {
+    let is_reserved = wanted == TIME || BuiltIn::ALWAYS.iter().any(|variable| variable.name() == wanted);
+    let numbered = (if is_reserved { 1 } else { 2 }..).map(|number| format!("{wanted}_{number}"));
+    let names = (!is_reserved).then(|| wanted.to_owned()).into_iter().chain(numbered);
+    let name = names.into_iter().find(|name| !taken.contains(name)).unwrap_or_else(|| wanted.to_owned());
+    taken.insert(name.clone());
+    name
 }
 
 /// A name of letters, digits and `_`.

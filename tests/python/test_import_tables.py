@@ -44,6 +44,63 @@ def compared(folder, interface, table, *more, code=0):
     return run.stdout + run.stderr
 
 
+def test_columns_with_the_names_of_the_model_are_these(tmp_path):
+    graph = weighted("pressure", "temp", "flow.in")
+    table = rows("flow_in", "id", "pressure", "temp")
+    table["y"] = table["pressure"] + 10 * table["temp"] + 100 * table["flow_in"]
+    text = starter(tmp_path, graph, table)
+    assert columns(text) == [{"pressure": "pressure", "temp": "temp", "flow_in": "flow.in"}, {"y": "y"}]
+    compared(tmp_path, text, table, "--data", "t.csv")
+    # by position where none has a name of the model; those of outputs may have one
+    table = table[["temp", "pressure", "flow_in", "y"]].set_axis(["a", "b", "c", "d"], axis=1)
+    expected = {"a": "pressure", "b": "temp", "c": "flow.in"}
+    for names, outputs in [(list("abc"), {"y": "y"}), (list("abcd"), {"d": "y"})]:
+        assert columns(starter(tmp_path, graph, table[names])) == [expected, outputs]
+    assert columns(starter(tmp_path, graph, table.rename(columns={"d": "y"})[["y", *"abc"]])) == [expected, {"y": "y"}]
+    # two may be meant
+    text = starter(tmp_path, graph, rows("flow_in", "flow-in", "temp", "pressure"), check=False)
+    assert "t.csv: has columns for pressure, temp of the model's inputs, but none for flow.in" in text
+    # some of them
+    for names, some, others in [("abc", "pressure", "temp, flow.in"), ("acb", "temp", "pressure, flow.in")]:
+        text = starter(tmp_path, graph, table[[*names]].rename(columns={names[1]: some}), check=False)
+        assert f"t.csv: has columns for {some} of the model's inputs, but none for {others}: expected one for each" in text
+
+
+def test_columns_of_states_are_in_no_table(tmp_path):
+    nodes = [node("Add", "h0 u", "h1"), node("Mul", "h1 u", "y")]
+    graph = model(nodes, inputs=[("h0", [1, 1]), ("u", [1, 1])], outputs=[("y", None), ("h1", None)], kind=DOUBLE)
+    for names in (["time", "u", "y"], ["time", "run", "y", "u", "other"]):
+        assert columns(starter(tmp_path, graph, rows(*names))) == [{"u": "u"}, {"y": "y"}]
+    assert "time" not in columns(starter(tmp_path, graph, rows("time", "force")))[0]
+
+
+@pytest.mark.parametrize("name", ["time", "in_domain", "domain_policy", "domain_distance", "domain_policy_1"])
+def test_starters_have_names_that_import(tmp_path, name):
+    expected = ["time" if name == "time" else "input", "input"]
+    text = starter(tmp_path, weighted(name, "domain_policy" if name.endswith("1") else "z"))
+    text = text.replace("# min =       # the training range\n# max =\n", "min = -1.0\nmax = 1.0\n")
+    assert [entry["causality"] for entry in tomllib.loads(text)["inputs"].values()] == expected
+    (tmp_path / "i.toml").write_text(text)
+    metafmu("import", "m.onnx", "--interface", "i.toml", cwd=tmp_path)
+    # of a column of the table
+    text = starter(tmp_path, weighted("x", "z"), rows(name, "second"))
+    inputs = tomllib.loads(text)["inputs"]
+    assert [entry["causality"] for entry in inputs.values()] == expected
+    assert (f"`{name}` in the table" in text) == (name not in inputs)
+    rows(*inputs).to_csv(tmp_path / "t.csv", index=False)
+    metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", cwd=tmp_path)
+
+
+def test_starters_have_different_names_of_states(tmp_path):
+    nodes = [node("Mul", "h.0 h_0", "h.1"), node("Mul", "h.0 h.0", "h_1")]
+    graph = model(nodes, inputs=[("h.0", [1, 1]), ("h_0", [1, 1])], outputs=[("h.1", None), ("h_1", None)], kind=DOUBLE)
+    long = "q" * 150 + ".onnx"
+    text = starter(tmp_path, graph, name=long)
+    assert list(tomllib.loads(text)["states"]) == list(tomllib.loads(text)["outputs"]) == ["h_0", "h_0_2"]
+    metafmu("import", long, "--interface", "i.toml", cwd=tmp_path)
+    assert (tmp_path / ("q" * 100 + ".safetensors")).exists()
+
+
 SAMPLES = """name = "m"
 [time]
 sample = 0.1
