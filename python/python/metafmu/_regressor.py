@@ -106,6 +106,7 @@ class Regressor(RegressorMixin, BaseEstimator):
     def fit(self, X, y):
         """Trains the network on rows of inputs and of outputs, one or several columns."""
         names = [str(name) for name in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
+        _refuse_times(X, y)
         x, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
         y = np.asarray(y, dtype=np.float64)
         self._is_vector = y.ndim == 1
@@ -153,6 +154,7 @@ class Regressor(RegressorMixin, BaseEstimator):
     def predict(self, X):
         """Outputs of rows of inputs, of the shape of ``y``."""
         check_is_fitted(self)
+        _refuse_times(X)
         x = validate_data(self, X, reset=False, dtype=np.float64)
         found = self.surrogate_.predict(x)
         return found[:, 0] if self._is_vector else found
@@ -165,6 +167,14 @@ class Regressor(RegressorMixin, BaseEstimator):
     def export(self, path, **options):
         """Writes FMUs: see :meth:`Surrogate.export`."""
         return self.to_surrogate().export(path, **options)
+
+
+def _refuse_times(*arrays):
+    """scikit-learn makes numbers of dates and durations."""
+    for array in arrays:
+        kinds = np.ravel(np.array(getattr(array, "dtypes", getattr(array, "dtype", None)), dtype=object))
+        if wrong := [kind for kind in kinds if getattr(kind, "kind", "f") in "mM"]:
+            raise _metafmu.Error(f"rows of the type {wrong[0]}, expected real numbers")
 
 
 def _whole(value, what):

@@ -39,14 +39,14 @@ def rows_of(x, names, what="X"):
 
     Raises :class:`metafmu.Error` if they do not fit.
     """
-    if hasattr(x, "columns") and hasattr(x, "__getitem__"):
+    if is_frame(x):
         known = [str(column) for column in x.columns]
         missing = [name for name in names if name not in known]
         if missing:
             raise _metafmu.Error(f"{what} has no column {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(known)}")
         of_name = dict(zip(known, x.columns))
-        x = np.column_stack([np.asarray(x[of_name[name]], dtype=np.float64) for name in names])
-    x = np.asarray(x, dtype=np.float64)
+        x = np.column_stack([numbers_of(x[of_name[name]], f"{what}: `{name}`") for name in names])
+    x = numbers_of(x, what)
     if x.ndim == 1 and len(names) > 1:
         hint = f"expected rows of {len(names)} columns: for a single row, {what}[None, :]"
         raise _metafmu.Error(f"{what} has the shape {x.shape}, {hint}")
@@ -57,13 +57,23 @@ def rows_of(x, names, what="X"):
     return np.ascontiguousarray(x)
 
 
+def is_frame(x):
+    """Whether it is a DataFrame."""
+    return hasattr(x, "columns") and hasattr(x, "__getitem__")
+
+
 def numbers_of(x, what):
     """An array-like as an array of doubles. Raises :class:`metafmu.Error` if it holds anything but real numbers."""
     try:
-        if np.iscomplexobj(x):
-            raise TypeError("complex numbers")
-        return np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x))
-    except (TypeError, ValueError) as error:
+        found = np.asarray(x.detach().cpu() if hasattr(x, "detach") else x)
+        # of objects, what they are
+        found = found.tolist() if found.dtype.kind in "OSU" else found
+        kind = np.asarray(found).dtype
+        if kind.kind in "cmM":
+            raise TypeError(f"{kind}")
+        numbers = np.asarray(found, dtype=np.float64)
+        return np.ascontiguousarray(numbers).reshape(numbers.shape)
+    except (TypeError, ValueError, RuntimeError) as error:
         raise _metafmu.Error(f"{what}: {error}, expected real numbers") from error
 
 
@@ -172,8 +182,9 @@ class Surrogate:
         >>> surrogate.evaluate(X_test, y_test)["force"]["r2"]
         """
         x = self._rows(X)
-        if not hasattr(y, "columns") and np.ndim(y) == 1 and len(self._metadata["outputs"]) == 1:
-            y = np.asarray(y)[:, None]
+        y = y if is_frame(y) else numbers_of(y, "y")
+        if not is_frame(y) and y.ndim == 1 and len(self._metadata["outputs"]) == 1:
+            y = y[:, None]
         y = rows_of(y, [item["name"] for item in self._metadata["outputs"]], "y")
         if len(x) != len(y) or not len(x):
             raise _metafmu.Error(f"X has {len(x)} rows and y {len(y)}, expected as many, at least one")
