@@ -119,12 +119,17 @@ _ACTIVATIONS = {
 def _activation(function, row):
     if function is None:
         return row
+    import keras
+
     name = getattr(function, "__name__", type(function).__name__)
+    # not any function that has its name
+    if not any(function is getattr(module, name, None) for module in (keras.activations, keras.ops)):
+        name = f"{name} of {getattr(function, '__module__', '?')}"
     if name in _ACTIVATIONS:
         return compose(row, _ACTIVATIONS[name])
     # with the options that Keras has unless told otherwise
     others = {
-        "gelu": lambda: row.map("gelu"),
+        "gelu": lambda: row.map("gelu" if function is keras.activations.gelu else "gelu_tanh"),
         "elu": lambda: row.map("elu", 1.0),
         "leaky_relu": lambda: row.map("leaky_relu", 0.2),
         "softmax": lambda: row.softmax(-1),

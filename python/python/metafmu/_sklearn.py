@@ -126,9 +126,15 @@ def _or(array, otherwise):
     return otherwise if array is None else np.asarray(array, dtype=np.float64)
 
 
+def _kind(part):
+    """The name of a class of scikit-learn; a class of somebody else may do something else."""
+    kind = type(part)
+    return kind.__name__ if kind.__module__.split(".")[0] in _PACKAGES else f"{kind.__name__} of {kind.__module__}"
+
+
 def _scaling(estimator):
     """Of a transformer that is linear in each column, ``factor (x - centre) + offset``: factors, centres and offsets. Numbers far from zero cancel otherwise."""
-    name = type(estimator).__name__
+    name = _kind(estimator)
     if name == "StandardScaler":
         return 1.0 / _or(estimator.scale_, 1.0), _or(estimator.mean_ if estimator.with_mean else None, 0.0), 0.0
     if name == "MinMaxScaler":
@@ -152,8 +158,12 @@ def _scaler(graph, estimator, value):
 
 
 def _by_numpy(graph, function, value):
-    """A function of numpy, number by number."""
+    """A function of numpy, number by number, or the same one of scipy; not any that has its name."""
+    import scipy.special
+
     name = getattr(function, "__name__", repr(function))
+    if not any(function is getattr(module, name, None) for module in (np, scipy.special)):
+        name = f"{name} of {getattr(function, '__module__', '?')}"
     if name in ("exp", "log", "sin", "cos", "tanh", "absolute"):
         return graph.elementwise(value, "abs" if name == "absolute" else name)
     if name == "expm1":
@@ -316,7 +326,7 @@ def _generalized(graph, estimator, value):
 
 
 def _linked(graph, link, value):
-    name = type(link).__name__
+    name = _kind(link)
     if name == "IdentityLink":
         return value
     if name == "LogLink":
@@ -411,7 +421,7 @@ _KERNELS = "RBF, Matern (0.5, 1.5, 2.5, inf), RationalQuadratic, ConstantKernel,
 
 def _kernel(graph, kernel, value, points):
     """A number, or the value with the kernel between the inputs and each of the points."""
-    name = type(kernel).__name__
+    name = _kind(kernel)
     if name == "ConstantKernel":
         return "number", float(kernel.constant_value)
     if name == "WhiteKernel":
@@ -583,7 +593,7 @@ def _inverse(graph, transformer, value):
             raise Error(f"a {type(transformer).__name__} of targets with clip=True, expected one that is linear")
         factor, centre, offset = (np.asarray(part, dtype=np.float64) for part in scaling)
         return graph.linear(value, 1.0 / factor, centre - offset / factor)
-    name = type(transformer).__name__
+    name = _kind(transformer)
     if name == "Pipeline":
         for _, step in reversed(transformer.steps):
             value = _inverse(graph, step, value)

@@ -320,6 +320,8 @@ def _step(traced, node, args, kwargs):
         if args[1] in ("dtype", "device"):
             return args[0].graph.kind if args[1] == "dtype" else None
         raise Error(f"the attribute {args[1]}, expected shape or T")
+    if (node.target.__module__ or "torch").split(".")[0] not in ("torch", "_operator", "operator", "math", "builtins"):
+        raise Error(f"a function of {node.target.__module__}, expected one of torch")
     return _function(node.target.__name__.lstrip("_").removesuffix("_"), args, kwargs)
 
 
