@@ -57,7 +57,11 @@ def from_jax(
         raise Error(f"an example of the shape {wrong[0].shape}, expected (n,) or (rows, n)")
     examples = [part[:1] if part.ndim == 2 else part for part in examples]
     of_x = function if params is None else lambda *x: function(params, *x)
-    closed, shape = jax.make_jaxpr(of_x, return_shape=True)(*examples)
+    title = name or getattr(function, "__name__", "function")
+    try:
+        closed, shape = jax.make_jaxpr(of_x, return_shape=True)(*examples)
+    except Exception as error:
+        raise Error(f"`{title}` cannot be followed by JAX: {type(error).__name__}: {error}; expected a function of arrays like the example") from error
     sizes = [int(np.prod(part.shape)) for part in examples]
     graph = Graph(sum(sizes))
     places = np.split(np.arange(sum(sizes)), np.cumsum(sizes[:-1]))
@@ -68,7 +72,6 @@ def from_jax(
     kinds = {str(part.dtype) for part in (*closed.in_avals, *closed.out_avals, *map(np.asarray, closed.consts)) if "float" in str(part.dtype)}
     single = "float64" not in kinds
     precision = max(map(Precision.of, kinds), default=DOUBLE)
-    title = name or getattr(function, "__name__", "function")
 
     def of_rows(rows):
         parts = np.split(rows, np.cumsum(sizes[:-1]), axis=1)

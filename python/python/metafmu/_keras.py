@@ -107,6 +107,8 @@ def _apply(operation, args, kwargs):
         return known(operation, *args, **kwargs)
     except Error as error:
         raise Error(f"layer `{operation.name}` ({kind}): {error}") from None
+    except Exception as error:
+        raise Error(f"layer `{operation.name}` ({kind}), in a form that is not known: {type(error).__name__}: {error}") from error
 
 
 _ACTIVATIONS = {

@@ -51,8 +51,11 @@ def from_onnx(
     elif isinstance(model, (bytes, bytearray, memoryview)):
         content = bytes(model)
     else:
-        path = Path(os.fspath(model))
-        content, folder, title = path.read_bytes(), path.parent, path.stem
+        try:
+            path = Path(os.fspath(model))
+            content, folder, title = path.read_bytes(), path.parent, path.stem
+        except (OSError, TypeError) as error:
+            raise _metafmu.Error(f"{model}: {error}, expected an ONNX file, its bytes, or what onnx.load gives") from error
     columns, results = _metafmu.onnx_columns(content, folder)
     text, rows = interface_of_columns(
         columns, results, inputs=inputs, outputs=outputs, data=data, states=states, sample=sample, step=step, name=name or title, description=description,

@@ -212,7 +212,9 @@ def fit(
     model = Regressor(**options)
     names = [str(part) for part in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
     x, columns = numbers_of(X, "X"), numbers_of(y, "y")
-    columns = columns.reshape(len(columns), -1) if columns.ndim and len(columns) else columns.reshape(0, 1)
+    if columns.ndim not in (1, 2):
+        raise _metafmu.Error(f"y has the shape {columns.shape}, expected (rows, outputs)")
+    columns = columns.reshape(len(columns), -1) if len(columns) else columns.reshape(0, 1)
     if x.ndim != 2 or len(x) != len(columns) or not len(x):
         raise _metafmu.Error(f"X has the shape {x.shape} and y {np.shape(y)}, expected (rows, inputs) and as many rows of outputs")
     if not np.isfinite(columns).all():

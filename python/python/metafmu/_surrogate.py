@@ -256,9 +256,11 @@ class Surrogate:
             path = path / f"{self.name}.fmu"
         if path.suffix != ".fmu":
             raise _metafmu.Error(f"{path}: expected a file that ends in .fmu, or a folder")
-        platforms = [platforms] if isinstance(platforms, str) else list(platforms or [])
+        platforms = [platforms] if isinstance(platforms, str) else platforms or []
+        if not isinstance(platforms, Iterable):
+            raise _metafmu.Error(f"platforms: {platforms!r}, expected tuples like \"x86_64-linux\"")
         accuracy = None if self._accuracy is None else json.dumps(self._accuracy)
-        written = self._core.export(path, str(fmi), bool(sources), platforms, accuracy)
+        written = self._core.export(path, str(fmi), bool(sources), list(platforms), accuracy)
         return [Path(fmu) for fmu in written]
 
     def to_onnx(self, path: str | os.PathLike[str]) -> None:

@@ -344,7 +344,7 @@ _ONE = {
     "tanh": "tanh", "sigmoid": "sigmoid", "relu": "relu", "silu": "silu", "sin": "sin", "cos": "cos", "exp": "exp", "log": "log",
     "abs": "abs", "absolute": "abs", "reciprocal": "reciprocal", "erf": "erf", "softsign": "softsign", "atan": "atan", "arctan": "atan",
     "sqrt": "sqrt", "rsqrt": "rsqrt", "square": "square", "neg": "neg", "negative": "neg", "tan": "tan", "sinh": "sinh", "cosh": "cosh",
-    "log1p": "log1p", "expm1": "expm1", "log2": "log2", "log10": "log10", "exp2": "exp2", "erfc": "erfc", "logsigmoid": "log_sigmoid",
+    "log1p": "log1p", "expm1": "expm1", "log2": "log2", "log10": "log10", "exp2": "exp2", "erfc": "erfc", "logsigmoid": "log_sigmoid", "log_sigmoid": "log_sigmoid",
     "selu": "selu", "relu6": "relu6", "hardsigmoid": "hard_sigmoid", "hardswish": "hard_swish", "mish": "mish", "tanhshrink": "tanhshrink",
 }
 
@@ -353,7 +353,7 @@ def _function(name, args, kwargs):
     """A function or method of PyTorch, of which at least one argument is a row."""
     import torch
 
-    kwargs = {key: value for key, value in kwargs.items() if key != "inplace"}
+    kwargs = {key: value for key, value in kwargs.items() if key not in ("inplace", "out")}
     x = args[0] if args else kwargs.pop("input", None)
     rest = list(args[1:])
     if name == "getitem" and isinstance(x, tuple):
@@ -513,7 +513,8 @@ def _reduced(mean):
 def _norm(x, p=2, dim=None, keepdim=False, dtype=None, ord=None):
     if (p if ord is None else ord) not in (2, 2.0, "fro", None):
         raise Error("a norm of another order, expected 2")
-    return x.map("power", 2.0).reduce(dim, keepdim).map("power", 0.5)
+    # the slope of the root is not finite at 0, where that of the norm is none
+    return x.map("power", 2.0).reduce(dim, keepdim).map("clip", 1e-200, np.finfo(np.float64).max).map("power", 0.5)
 
 
 def _softmax(x, dim=None, dtype=None, **_):
