@@ -84,3 +84,36 @@ def rows():
     x = random.uniform([-1.0, 0.5, -3.0], [1.0, 2.0, 3.0], (200, 3))
     y = np.stack([np.sin(2 * x[:, 0]) * x[:, 1] + 0.1 * x[:, 2], x[:, 1] ** 2 - np.cos(x[:, 2])], axis=1)
     return x, y
+
+
+@pytest.fixture
+def goes_by_names():
+    """Checks a reader of a model with the columns flow and temp, in whatever way these names are given; ``knows``: whether the model knows them."""
+
+    def check(read, predict, tolerance, knows):
+        frame, _ = flow_and_temp()
+        further, units = frame.assign(force=1.0), {"temp": "K", "flow": "m3/s"}
+        ways = [{"data": frame}, {"data": frame, "inputs": units}, {"data": further, "inputs": units}, {"data": further, "inputs": ["temp", "flow"]}]
+        if knows:
+            ways += [{"data": further[["force", "temp", "flow"]]}, {"data": further[["force", "temp", "flow"]], "inputs": units},
+                     {"data": frame[["temp", "flow"]]}, {"inputs": {"temp": (300, 400), "flow": (0, 1)}}]
+            for wrong in ({"inputs": ["temp", "pressure"], "data": frame}, {"data": frame.rename(columns={"flow": "pressure"})}):
+                with pytest.raises(metafmu.Error, match="temp.*pressure|pressure.*temp"):
+                    read(**wrong)
+        for way in ways:
+            surrogate = read(**way)
+            expected = np.reshape(predict(frame), (60, -1))
+            assert [item.name for item in surrogate.inputs] == ["flow", "temp"] and surrogate.inputs[1].max > 390, way
+            assert np.abs(surrogate.predict(further) - expected).max() <= tolerance * np.ptp(expected), way
+        renamed = read(inputs=["a", "b"], data=frame)
+        assert [(item.name, item.max) for item in renamed.inputs] == [("a", frame.flow.max()), ("b", frame.temp.max())]
+
+    return check
+
+
+def flow_and_temp():
+    """A DataFrame with these columns, and what follows from them."""
+    pandas = pytest.importorskip("pandas")
+    random = np.random.default_rng(0)
+    frame = pandas.DataFrame({"flow": random.uniform(0, 1, 60), "temp": random.uniform(300, 400, 60)})
+    return frame, 100 * frame.flow + 2 * frame.temp

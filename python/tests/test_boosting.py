@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import flow_and_temp
 
 import metafmu
 
@@ -129,3 +130,18 @@ def test_what_cannot_be_read_is_refused(rows):
     ]:
         with pytest.raises(metafmu.Error, match=message):
             metafmu.from_sklearn(model, data=x)
+
+
+@pytest.mark.parametrize("make", [cat, lgbm, xgb, lambda: make_pipeline("passthrough", cat()), lambda: StackingRegressor([("one", cat())])])
+@pytest.mark.parametrize("knows", [True, False])
+def test_columns_go_by_the_names_that_trees_know(make, knows, goes_by_names):
+    frame, y = flow_and_temp()
+    model = make().fit(frame if knows else frame.to_numpy(), y)
+    goes_by_names(lambda **names: metafmu.from_sklearn(model, **names), lambda rows: model.predict(rows if knows else rows.to_numpy()), 1e-6, knows)
+
+
+def test_lightgbm_has_no_spaces_in_its_names():
+    frame, y = flow_and_temp()
+    frame = frame.rename(columns={"flow": "flow rate"})
+    surrogate = metafmu.from_sklearn(lgbm().fit(frame, y), data=frame[["temp", "flow rate"]])
+    assert [item.name for item in surrogate.inputs] == ["flow rate", "temp"] and surrogate.inputs[0].max < 1.0

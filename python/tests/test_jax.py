@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import flow_and_temp
 
 import metafmu
 
@@ -133,3 +134,18 @@ def test_what_is_not_known_is_refused(rows):
             metafmu.from_jax(function, jnp.asarray(rows[0][:1]), data=rows[0])
     with pytest.raises(metafmu.Error, match="an example of the shape"):
         metafmu.from_jax(lambda x: x, jnp.ones((1, 2, 3)), data=rows[0])
+
+
+def test_columns_go_by_the_names_of_arguments(goes_by_names):
+    frame, y = flow_and_temp()
+    column = np.zeros((1, 1))
+    named = lambda **names: metafmu.from_jax(lambda flow, temp: {"left": flow, "heat": 100 * flow + 2 * temp}, (column, column), **names)
+    goes_by_names(named, lambda rows: np.column_stack([y, rows.flow]), 1e-12, True)
+    goes_by_names(lambda **names: metafmu.from_jax(lambda x: x @ jnp.array([100.0, 2.0]), np.zeros((1, 2)), **names), lambda rows: y, 1e-12, False)
+    for outputs in (None, ["left", "heat"], {"left": "m3", "heat": "W"}):
+        assert [item.name for item in named(outputs=outputs, data=frame).outputs] == ["heat", "left"]
+
+
+def test_what_jax_does_not_follow_is_an_error():
+    with pytest.raises(metafmu.Error, match="cannot be followed by JAX: TypeError"):
+        metafmu.from_jax(lambda x: x.reshape(64, 3), np.zeros((64, 3)), inputs={name: (0, 1) for name in "abc"})

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from conftest import flow_and_temp
 
 os.environ.setdefault("KERAS_BACKEND", "jax")
 
@@ -109,3 +110,45 @@ def test_what_is_not_known_is_refused(rows):
         metafmu.from_keras(Doubled([keras.Input((3,)), layers.Dense(1)]), data=rows[0])
     with pytest.raises(metafmu.Error, match="not built"):
         metafmu.from_keras(keras.Sequential([layers.Dense(2)]), data=rows[0])
+
+
+@pytest.mark.parametrize("take", [dict, lambda inputs: list(inputs.values())])
+def test_columns_go_by_the_names_of_inputs(take, goes_by_names):
+    frame, y = flow_and_temp()
+    inputs = {name: keras.Input((1,), name=name) for name in ("flow", "temp")}
+    heat = layers.Add()([layers.Rescaling(100.0)(inputs["flow"]), layers.Rescaling(2.0)(inputs["temp"])])
+    model = keras.Model(take(inputs), {"left": layers.Identity()(inputs["flow"]), "heat": heat})
+    names = [item.name for item in metafmu.from_keras(model, data=frame).outputs]
+    expected = lambda rows: np.column_stack([{"heat": y, "left": rows.flow}[name] for name in names])
+    goes_by_names(lambda **given: metafmu.from_keras(model, **given), expected, 1e-6, True)
+    for outputs in (["left", "heat"], ["heat", "left"], {"left": "m3", "heat": "W"}):
+        assert [item.name for item in metafmu.from_keras(model, outputs=outputs, data=frame).outputs] == names
+
+
+def test_columns_without_names_have_the_order_of_a_data_frame(goes_by_names):
+    model = keras.Sequential([keras.Input((2,)), layers.Dense(1)])
+    model.set_weights([np.array([[100.0], [2.0]], np.float32), np.zeros(1, np.float32)])
+    goes_by_names(lambda **given: metafmu.from_keras(model, **given), lambda rows: flow_and_temp()[1], 1e-6, False)
+
+
+def relu(x):
+    """Not that of Keras."""
+    return keras.activations.relu(x, max_value=20.0)
+
+
+def test_a_name_alone_does_not_make_a_function_one_of_keras():
+    model = keras.Sequential([keras.Input((2,)), layers.Dense(4, activation=relu)])
+    with pytest.raises(metafmu.Error, match="activation relu of test_keras is not known"):
+        metafmu.from_keras(model, inputs={"a": (0, 1), "b": (0, 1)})
+
+
+def test_gelu_of_the_operations_is_the_approximate_one():
+    model = keras.Sequential([keras.Input((2,)), layers.Dense(4, activation=keras.ops.gelu), layers.Dense(2, activation="gelu")])
+    metafmu.from_keras(model, inputs={"a": (-3, 3), "b": (-3, 3)})
+
+
+def test_an_operation_in_another_form_is_an_error():
+    x = keras.Input((4,))
+    for make in (lambda: keras.ops.reshape(x, (-1, 2, 2)), lambda: keras.ops.average(x, axis=1)):
+        with pytest.raises(metafmu.Error, match="in a form that is not known"):
+            metafmu.from_keras(keras.Model(x, layers.Identity()(make())), inputs={name: (0, 1) for name in "abcd"})

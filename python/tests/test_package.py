@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import differences
+from conftest import differences, flow_and_temp
 
 import metafmu
 from metafmu._program import program
@@ -216,7 +216,8 @@ def test_options_of_a_training_are_checked(options, message):
 
 
 def test_rows_of_a_training_are_numbers():
-    for x, y, message in [([], [], "expected"), (np.ones((3, 1)) * 1j, np.ones(3), "complex"), ([["a"]], [1.0], "X: could not convert string"), ([[1.0]], ["b"], "y: ")]:
+    for x, y, message in [([], [], "expected"), (np.ones((3, 1)) * 1j, np.ones(3), "complex"), ([["a"]], [1.0], "X: could not convert string"), ([[1.0]], [[[1.0]]], "y has the shape"),
+                          ([[1.0]], ["b"], "y: ")]:
         with pytest.raises(metafmu.Error, match=message):
             metafmu.fit(x, y)
 
@@ -232,6 +233,8 @@ def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):
         names(fmi="4")
     with pytest.raises(metafmu.Error, match="not-a-platform"):
         names(platforms=["not-a-platform"])
+    with pytest.raises(metafmu.Error, match="platforms: 3, expected"):
+        names(platforms=3)
     with pytest.raises(metafmu.Error, match="ends in .fmu"):
         surrogate.export(tmp_path / "x.zip")
 
@@ -408,3 +411,19 @@ def test_onnx_files_are_read(rows, agrees, tmp_path):
     assert [item.name for item in surrogate.outputs] == ["y[0]", "y[1]", "y[2]", "y[3]"]
     with pytest.raises(metafmu.Error, match="not an ONNX model"):
         metafmu.from_onnx(b"nothing", data=rows[0])
+
+
+def test_columns_go_by_the_names_of_an_onnx_model(goes_by_names, tmp_path):
+    onnx = pytest.importorskip("onnx")
+    helper, double = onnx.helper, onnx.TensorProto.DOUBLE
+    tensor = lambda name: helper.make_tensor_value_info(name, double, [None, 1])
+    nodes = [helper.make_node("Concat", ["flow", "temp"], ["x"], axis=1), helper.make_node("MatMul", ["x", "w"], ["heat"])]
+    graph = helper.make_graph(nodes, "g", [tensor("flow"), tensor("temp")], [tensor("heat")], [helper.make_tensor("w", double, [2, 1], [100.0, 2.0])])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    frame, y = flow_and_temp()
+    goes_by_names(lambda **names: metafmu.from_onnx(model, **names), lambda rows: y, 1e-12, True)
+    chosen = metafmu.from_onnx(model, inputs={"hot": {"column": "temp"}, "amount": {"column": "flow"}}, data=frame)
+    assert [(item.name, item.max) for item in chosen.inputs] == [("hot", frame.temp.max()), ("amount", frame.flow.max())]
+    for missing in (tmp_path / "none.onnx", tmp_path, 3):
+        with pytest.raises(metafmu.Error, match="expected an ONNX file"):
+            metafmu.from_onnx(missing)

@@ -1,8 +1,10 @@
 """Every estimator that is read: the FMU predicts what scikit-learn does, in double precision."""
 
+import types
+
 import numpy as np
 import pytest
-from conftest import differences
+from conftest import differences, flow_and_temp
 
 import metafmu
 
@@ -21,7 +23,7 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
-from sklearn.pipeline import FeatureUnion, make_pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import FunctionTransformer, MaxAbsScaler, MinMaxScaler, PolynomialFeatures, PowerTransformer, RobustScaler, StandardScaler
 from sklearn.svm import SVR, LinearSVR, NuSVR
 
@@ -150,7 +152,7 @@ def test_names_belong_to_the_columns_of_that_name(rows):
     assert [(item.name, item.unit) for item in surrogate.inputs] == [("x", "m"), ("v", "m/s"), ("mass", "kg")]
     assert np.abs(surrogate.predict(frame) - model.predict(frame)).max() < 1e-12
     assert [item.unit for item in metafmu.from_sklearn(model, inputs={"mass": "kg"}, data=frame).inputs] == ["", "", "kg"]
-    with pytest.raises(metafmu.Error, match="input `mass` stands at place 1, but is column 3 of the model: x, v, mass"):
+    with pytest.raises(metafmu.Error, match="inputs: `mass` is of the model, `b`, `c` are not; expected all of its names, in any order: x, v, mass"):
         metafmu.from_sklearn(model, inputs=["mass", "b", "c"], data=frame)
     renamed = metafmu.from_sklearn(model, inputs=["a", "b", "c"], data=frame)
     assert [(item.name, item.max) for item in renamed.inputs] == [(name, frame[old].max()) for name, old in zip("abc", frame)]
@@ -220,3 +222,88 @@ def test_what_is_not_known_is_refused_with_what_is(rows):
     logarithm = TransformedTargetRegressor(linear_model.Ridge(), transformer=FunctionTransformer(np.cbrt, lambda y: y**3, check_inverse=False))
     with pytest.raises(metafmu.Error, match="lambda"):
         metafmu.from_sklearn(logarithm.fit(x, y), data=x)
+
+
+PASSED = Pipeline([("nothing", "passthrough"), ("model", linear_model.Ridge())])
+
+
+@pytest.mark.parametrize(
+    "model, knows",
+    [
+        (linear_model.Ridge(), False), (linear_model.Ridge(), True), (PASSED, True), (make_pipeline(make_pipeline("passthrough", None), PASSED), True),
+        (GridSearchCV(PASSED, {"model__alpha": [1.0]}, cv=2), True), (TransformedTargetRegressor(PASSED), True), (ensemble.VotingRegressor([("only", PASSED)]), True),
+        (make_pipeline(ColumnTransformer([("of", StandardScaler(), ["temp"])], remainder="passthrough"), linear_model.Ridge()), True),
+        (make_pipeline(ColumnTransformer([("of", StandardScaler(), slice("flow", "temp"))]), linear_model.Ridge()), True),
+        (make_pipeline(ColumnTransformer([("of", StandardScaler(), slice(0, 1))], remainder="passthrough"), linear_model.Ridge()), True),
+    ],
+)
+def test_columns_go_by_the_names_that_an_estimator_knows(model, knows, goes_by_names):
+    frame, y = flow_and_temp()
+    model.fit(frame if knows else frame.to_numpy(), y)
+    goes_by_names(lambda **names: metafmu.from_sklearn(model, **names), lambda rows: model.predict(rows if knows else rows.to_numpy()), 1e-12, knows)
+
+
+def log(x):
+    """Not that of numpy."""
+    return np.log(x + 1e-4)
+
+
+def exp(x):
+    return np.exp(np.clip(x, -2, 2))
+
+
+class StandardScalerOfMine(StandardScaler):
+    def inverse_transform(self, X):
+        return np.maximum(super().inverse_transform(X), 0.0)
+
+
+StandardScalerOfMine.__name__ = "StandardScaler"
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        make_pipeline(FunctionTransformer(log), linear_model.Ridge()), TransformedTargetRegressor(linear_model.Ridge(), func=np.log, inverse_func=exp),
+        TransformedTargetRegressor(linear_model.Ridge(), transformer=StandardScalerOfMine()),
+    ],
+)
+def test_a_name_alone_does_not_make_a_function_one_of_numpy(model):
+    x = np.random.default_rng(0).uniform(0.5, 3.0, (200, 2))
+    model.fit(x, np.exp(0.3 * x[:, 0] + 0.2 * x[:, 1]))
+    with pytest.raises(metafmu.Error, match="(log|exp|StandardScaler) of "):
+        metafmu.from_sklearn(model, data=x)
+
+
+def test_the_same_function_of_scipy_is_read(rows, agrees):
+    special = pytest.importorskip("scipy.special")
+    x = np.abs(rows[0])
+    model = make_pipeline(FunctionTransformer(special.log1p), linear_model.Ridge()).fit(x, rows[1])
+    agrees(metafmu.from_sklearn(model, data=x), x, model.predict(x), 1e-12)
+
+
+@pytest.mark.parametrize("kind", ["datetime64[s]", "timedelta64[s]", complex, object])
+def test_what_is_no_number_is_refused(kind):
+    frame, y = flow_and_temp()
+    model = linear_model.Ridge().fit(frame, y)
+    surrogate = metafmu.from_sklearn(model, data=frame)
+    bad = frame.astype(int).astype("datetime64[s]").astype(object) if kind is object else frame.astype(int).astype(kind)
+    for use in (
+        surrogate.predict, lambda rows: surrogate.predict(rows.to_numpy()), lambda rows: metafmu.from_sklearn(model, data=rows), lambda rows: metafmu.fit(rows, y),
+        lambda rows: metafmu.fit(frame, rows["flow"]), lambda rows: surrogate.evaluate(frame, rows["flow"]),
+    ):
+        with pytest.raises(metafmu.Error, match="expected real numbers"):
+            use(bad)
+    if kind in ("datetime64[s]", "timedelta64[s]"):
+        with pytest.raises(metafmu.Error, match="expected real numbers"):
+            metafmu.Regressor().fit(bad, y)
+
+
+def test_names_are_given_as_a_dict_a_series_or_a_list(rows):
+    model = linear_model.Ridge().fit(*rows)
+    of = lambda names: [(item.name, item.unit) for item in metafmu.from_sklearn(model, inputs=names, data=rows[0]).inputs]
+    units = {"a": "m", "b": "s", "c": "kg"}
+    assert of(units) == of(types.MappingProxyType(units)) == of(pandas.Series(units)) == list(units.items())
+    assert of(units.keys()) == of(pandas.Index(["a", "b", "c"])) == of(("a", "b", "c")) == [("a", ""), ("b", ""), ("c", "")]
+    for wrong in ({"a", "b", "c"}, (name for name in "abc"), 3):
+        with pytest.raises(metafmu.Error, match="inputs: .*expected a list of names"):
+            of(wrong)

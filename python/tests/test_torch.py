@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from conftest import differences
+from conftest import differences, flow_and_temp
 
 import metafmu
 
@@ -404,3 +404,78 @@ def test_what_cannot_be_followed_is_refused(rows):
         metafmu.from_torch(Product(), data=rows[0])
     with pytest.raises(metafmu.Error, match="expected inputs="):
         metafmu.from_torch(Product())
+
+
+class Named(nn.Module):
+    def forward(self, flow, temp):
+        return {"heat": 100 * flow + 2 * temp, "left": flow}
+
+
+class Unnamed(nn.Module):
+    def forward(self, x):
+        return 100 * x[:, :1] + 2 * x[:, 1:2]
+
+
+def test_columns_go_by_the_names_of_arguments(goes_by_names):
+    frame, y = flow_and_temp()
+    column = torch.zeros(1, 1, dtype=torch.float64)
+    named = lambda **names: metafmu.from_torch(Named(), example=(column, column), **names)
+    goes_by_names(named, lambda rows: np.column_stack([y, rows.flow]), 1e-12, True)
+    goes_by_names(lambda **names: metafmu.from_torch(Unnamed(), example=column.expand(1, 2), **names), lambda rows: y, 1e-12, False)
+    for outputs in (None, ["left", "heat"], {"left": "m3", "heat": "W"}, {"left": "m3"}):
+        assert [item.name for item in named(outputs=outputs, data=frame).outputs] == ["heat", "left"]
+    with pytest.raises(metafmu.Error, match="outputs: `left` is of the model, `power` is not"):
+        named(outputs=["left", "power"], data=frame)
+    # a name that no variable may have
+    timed = metafmu.from_torch(lambda flow, temp: {"time": flow, "heat": temp}, example=(column, column), data=frame)
+    assert [item.name for item in timed.outputs] == ["y0", "y1"]
+    # further columns of the data are no columns of the network
+    net = nn.Sequential(nn.Linear(2, 1))
+    assert [item.name for item in metafmu.from_torch(net, inputs={"temp": "K", "flow": "m3/s"}, data=frame.assign(y=y)).inputs] == ["flow", "temp"]
+
+
+def test_columns_of_a_model_with_states_go_by_their_names():
+    class Rate(nn.Module):
+        def forward(self, x, u, k):
+            return -k * x + u
+
+    column = torch.zeros(1, 1, dtype=torch.float64)
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"k": [1.0, 4.0], "u": [-2.0, 2.0], "x": [0.0, 1.0]})
+    for given in ({"data": frame}, {"data": frame[["k", "u"]]}, {"inputs": {"k": (1, 4), "u": (-2, 2)}}):
+        surrogate = metafmu.from_torch(Rate(), states={"x": {"derivative": "output", "start": 1.0}}, example=(column, column, column), **given)
+        assert abs(surrogate.simulate(np.linspace(0, 1, 11), {"u": 0.0, "k": 2.0})[-1, 0] - np.exp(-2)) < 1e-6
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_weights_that_hooks_make_are_those_of_now():
+    net = nn.Sequential(nn.utils.weight_norm(nn.Linear(3, 8)), nn.Tanh(), nn.Linear(8, 1))
+    net.load_state_dict({name: 1.5 * tensor for name, tensor in net.state_dict().items()})
+    metafmu.from_torch(net, inputs={"a": (0, 1), "b": (0, 1), "c": (0, 1)})
+
+
+def test_a_norm_has_a_slope_at_zero():
+    class Norms(nn.Module):
+        def forward(self, x):
+            return torch.stack([torch.norm(x, dim=1), x.norm(dim=1) + F.logsigmoid(x[:, 0])], dim=1)
+
+    surrogate = metafmu.from_torch(Norms(), inputs={"a": (-1, 1), "b": (-1, 1)})
+    assert np.array_equal(surrogate.jacobian([[0.0, 0.0]]), [[[0.0, 0.0], [0.5, 0.0]]])
+
+
+def softplus(x):
+    """Not that of PyTorch."""
+    return F.softplus(x) + 1e-6
+
+
+torch.fx.wrap("softplus")
+
+
+def test_a_name_alone_does_not_make_a_function_one_of_torch():
+    with pytest.raises(metafmu.Error, match="a function of test_torch, expected one of torch"):
+        metafmu.from_torch(lambda x: softplus(x), inputs={"a": (-1, 1), "b": (-1, 1)})
+
+
+def test_tensors_are_rows_too():
+    surrogate = metafmu.from_torch(nn.Linear(2, 1), inputs={"a": (-1, 1), "b": (-1, 1)})
+    assert np.array_equal(surrogate.predict(torch.ones(3, 2, requires_grad=True)), surrogate.predict(np.ones((3, 2))))

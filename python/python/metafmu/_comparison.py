@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from . import _metafmu
-from ._surrogate import data_rows
 
 _ROWS, _MORE = 32, 512
 
@@ -31,12 +30,11 @@ SINGLE = Precision(1.2e-7, 1e-4)
 DOUBLE = Precision.of("float64")
 
 
-def some_rows(surrogate, data):
-    """Rows of the data, if there are some, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
-    names = [item.name for item in surrogate.inputs]
+def some_rows(surrogate, rows):
+    """Some of the rows that it was made with, unless they are None, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
     low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
-    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(names)))
-    rows = np.empty((0, len(names))) if data is None else data_rows(data, names, names)
+    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(low)))
+    rows = np.empty((0, len(low))) if rows is None else rows
     return rows[:: max(1, -(-len(rows) // _ROWS))], drawn
 
 
@@ -85,12 +83,13 @@ def _different(rows, found, what, predict, precision):
     return wrong, np.nanmax(difference / spread, initial=0.0)
 
 
-def finished(graph, value, what, predict, precision, named, about):
+def finished(graph, value, what, predict, precision, named, known, about):
     """The surrogate of a graph, after a look at what the model predicts. ``named``: names of the model's columns, those of its inputs and its
-    outputs; ``about``: as of :meth:`Graph.finish`, or with states of :meth:`Graph.finish_with_states`."""
+    outputs, as a model with states needs them, and ``known``: those that it knows itself, or None; ``about``: as of :meth:`Graph.finish`, or with states
+    of :meth:`Graph.finish_with_states`."""
     if about.get("states") is None:
-        surrogate = graph.finish(value, **about)
-        compare(some_rows(surrogate, about["data"]), surrogate.predict, what, predict, precision)
+        surrogate = graph.finish(value, **about, input_names=known[0], output_names=known[1])
+        compare(some_rows(surrogate, graph.rows), surrogate.predict, what, predict, precision)
         return surrogate
     columns, results = named
     low, high = graph.ranges_with_states(columns, results, **about)

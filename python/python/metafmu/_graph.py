@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 
 import numpy as np
 
 from . import _metafmu
-from ._interface import interface, interface_of_columns
+from ._interface import as_bytes, interface, interface_of_columns
 from ._surrogate import Surrogate
 
 
@@ -27,6 +26,8 @@ class Graph:
 
     def __init__(self, inputs):
         self._core = _metafmu.Graph(int(inputs))
+        # rows of the inputs that the surrogate was made with
+        self.rows = None
         # whether a part of the model that is read computes in single precision
         self.is_single = False
         self._content = hashlib.sha256(str(inputs).encode())
@@ -158,14 +159,14 @@ class Graph:
         from ._comparison import ranges_of
 
         text, rows = interface_of_columns(columns, results, **about)
-        return ranges_of(columns, text, None if rows is None else np.frombuffer(rows).reshape(-1, sum("value" not in one for one in json.loads(text)["inputs"].values())))
+        return ranges_of(columns, text, rows)
 
     def finish_with_states(self, value, columns, results, *, producer="", single=False, **about):
         """The surrogate of a model whose inputs and outputs have names, ``columns`` and ``results``, of which ``states`` are some: see
         :func:`metafmu.from_onnx`."""
-        text, rows = interface_of_columns(columns, results, **about)
+        text, self.rows = interface_of_columns(columns, results, **about)
         places = [[value, place] for place in range(self.width(value))]
-        return Surrogate(self._core.finish_with_states(places, text, rows, self._content.digest(), bool(single), producer, (list(columns), list(results))))
+        return Surrogate(self._core.finish_with_states(places, text, as_bytes(self.rows), self._content.digest(), bool(single), producer, (list(columns), list(results))))
 
     def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
                single=False, input_names=None, output_names=None):
@@ -175,9 +176,9 @@ class Graph:
         the inputs, whose ranges count where ``inputs`` has none; ``single``: a network is computed in single precision; ``step``, ``stop``: of a simulation, unless the host says otherwise.
         """
         count = self.width(value)
-        text, rows = interface(
+        text, self.rows = interface(
             self.width(0), count, inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,
             input_names=input_names, output_names=output_names,
         )
         columns = [[value, place] for place in range(count)]
-        return Surrogate(self._core.finish(columns, text, rows, self._content.digest(), bool(single), producer))
+        return Surrogate(self._core.finish(columns, text, as_bytes(self.rows), self._content.digest(), bool(single), producer))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from . import _metafmu
-from ._surrogate import Variable, data_rows
+from ._surrogate import Variable, data_rows, is_frame
 
 _INPUT_KEYS = ("causality", "variability", "min", "max", "start", "unit", "description")
 _OUTPUT_KEYS = ("unit", "description")
@@ -40,22 +40,35 @@ def check_keys(about, keys, what):
         raise _metafmu.Error(f"{what}: unknown key `{unknown[0]}`, expected one of {', '.join(keys)}")
 
 
+def items_of(given, what):
+    """Pairs of names and what is said of them. Raises :class:`metafmu.Error` for what has no names, or not in an order."""
+    if hasattr(given, "items"):
+        return list(given.items())
+    if given is None or isinstance(given, str):
+        return [] if given is None else [(given, {})]
+    if isinstance(given, Iterable) and not isinstance(given, (bytes, set, frozenset, Iterator)):
+        return [(item, {}) for item in given]
+    raise _metafmu.Error(f"{what}s: {given!r}, expected a list of names, or a dict of names to units, ranges or dicts")
+
+
+def names_in(given, what):
+    """The names of what :func:`items_of` takes."""
+    return [str(item.name if isinstance(item, Variable) else item) for item, _ in items_of(given, what)]
+
+
 def of_section(given, count, prefix, what, keys, names=None):
     """The entries of a section of an interface: a dict of dicts by name, in the order of the model's columns.
 
     ``given``: a list of names or :class:`Variable`, or a dict of names to units, ranges ``(min, max)`` or dicts with the keys of
-    docs/import.md; ``names``: those used if nothing is given. If ``keys`` has ``column``, and all entries do, there may be another number of
+    docs/import.md; ``names``: those of the columns, used if nothing is given. If ``keys`` has ``column``, and all entries do, there may be another number of
     them.
     """
     if given is None:
-        given = names if names is not None and len(names) == count else [f"{prefix}{place}" for place in range(count)]
-        if count == 1 and names is None:
-            given = [prefix]
-    if isinstance(given, str):
-        given = [given]
-    items = list(given.items()) if isinstance(given, dict) else [(item, {}) for item in given]
+        made_up = [f"{prefix}{place}" for place in range(count)] if count != 1 else [prefix]
+        # an input of a name that no variable may have is better told of
+        given = made_up if names is None or what == "output" and not all(map(_is_valid, names)) else names
     section = {}
-    for name, about in items:
+    for name, about in items_of(given, what):
         if isinstance(name, Variable):
             fields = ("unit", "min", "max", "start", "description") if "min" in keys else ("unit", "description")
             about = {field: getattr(name, field) for field in fields if getattr(name, field) is not None}
@@ -78,49 +91,73 @@ def of_section(given, count, prefix, what, keys, names=None):
         if name in section:
             raise _metafmu.Error(f"{what} `{name}` is there twice: names of variables must be unique")
         section[name] = about
-    say_which = bool(section) and all("column" in about for about in section.values())
-    if names is not None and len(names) == count and not say_which:
-        section = _in_order(section, list(names), isinstance(given, dict), what)
-    if len(section) != count and not say_which:
+    say_which = [about for about in section.values() if "column" in about]
+    if names is not None and not say_which:
+        section = _in_order(section, names, hasattr(given, "items"), what)
+    if len(section) != count and (not section or len(say_which) != len(section)):
         expected = f"the model has {count}"
-        if names is not None and len(names) == count:
+        if names is not None:
             expected += ": " + ", ".join([*names[:12], *(["..."] if count > 12 else [])])
         raise _metafmu.Error(f"{len(section)} {what}s ({', '.join(list(section)[:20])}), {expected}")
     return section
 
 
+def _is_valid(name):
+    """Whether a variable of an FMU may have this name."""
+    return name == name.strip() and name.isprintable() and name not in ("", "time", "in_domain", "domain_distance")
+
+
 def _in_order(section, names, is_dict, what):
-    """The entries in the order of the columns, whose names are known: what a name is written for is the column of that name."""
+    """The entries in the order of the columns, whose names are known: what a name is written for is the column of that name, and names that are none of
+    them are those of the columns in their order."""
     known = set(names)
     if set(section) == known or is_dict and section and set(section) <= known:
         return {name: section.get(name, {}) for name in names}
-    for place, name in enumerate(section):
-        if name in known and (place >= len(names) or names[place] != name):
-            raise _metafmu.Error(
-                f"{what} `{name}` stands at place {place + 1}, but is column {names.index(name) + 1} of the model: {', '.join(names[:20])}; expected these names, "
-                "or others for all columns in their order"
-            )
+    same, others = ([name for name in section if (name in known) is there] for there in (True, False))
+    if same and others:
+        raise _metafmu.Error(
+            f"{what}s: {_quoted(same)} of the model, {_quoted(others)} not; expected all of its names, in any order: {', '.join(names[:20])}, "
+            "or other names for all columns in their order"
+        )
     return section
+
+
+def _quoted(names):
+    return ", ".join(f"`{name}`" for name in names[:20]) + (" is" if len(names) == 1 else " are")
+
+
+def _names_of_columns(known, count, given, there):
+    """The names of a model's columns: those that it knows, ``known``, unless it knows none, or none of those that are given. Then they have the order of a
+    DataFrame, whose columns are ``there`` and of which there may be more, or none is known."""
+    known = list(known) if known is not None and len(known) == len(set(known)) == count else None
+    if known is not None and not (there and set(known).isdisjoint([*given, *there])):
+        return known
+    if len(given) == count and set(given) <= set(there):
+        return [name for name in there if name in given]
+    return there if there and len(there) == count else known
 
 
 def interface(
     count_inputs, count_outputs, *, inputs, outputs, data, name, description, step, stop, domain="data", input_names=None, output_names=None,
     states=None, sample=None, solver_step=None, named=False,
 ):
-    """The text of an interface, in JSON, and the rows of the data as bytes, or None. ``named``: whether the columns of the model have names."""
+    """The text of an interface, in JSON, and the rows of the data as an array, in the order of the variables, or None.
+
+    ``input_names``, ``output_names``: of the columns, as far as the model knows them; ``named``: whether entries may say by these which column they are.
+    """
     if domain not in ("data", "ranges"):
         raise _metafmu.Error(f"domain: {domain!r}, expected \"data\" or \"ranges\"")
-    if data is not None and input_names is None and hasattr(data, "columns"):
-        columns = [str(column) for column in data.columns]
-        input_names = columns if len(columns) == count_inputs else None
+    input_names = _names_of_columns(input_names, count_inputs, names_in(inputs, "input"), [str(name) for name in data.columns] if is_frame(data) else [])
+    output_names = _names_of_columns(output_names, count_outputs, names_in(outputs, "output"), [])
     column = ("column",) if named else ()
     of_inputs = of_section(inputs, count_inputs, "x", "input", (*column, *(("value",) if named else ()), *_INPUT_KEYS), input_names)
     variables = {name: about for name, about in of_inputs.items() if "value" not in about}
     of_outputs = of_section(outputs, count_outputs, "y", "output", (*column, *_OUTPUT_KEYS), output_names)
     rows = None
     if data is not None:
-        known = input_names if input_names is not None and len(input_names) == len(variables) == count_inputs else list(variables)
-        rows = data_rows(data, list(variables), list(known))
+        # entries that say which column they are may be more or less than the columns
+        columns = dict(zip(of_inputs, input_names)) if input_names is not None and len(of_inputs) == count_inputs else {}
+        rows = data_rows(data, list(variables), [about.get("column", columns.get(name, name)) for name, about in variables.items()])
         if not len(rows):
             raise _metafmu.Error("data has no rows, expected at least one")
         if not np.isfinite(rows).all():
@@ -143,7 +180,12 @@ def interface(
             "outputs": of_outputs,
         }
     )
-    return text, None if rows is None else rows.tobytes()
+    return text, rows
+
+
+def as_bytes(rows):
+    """As the extension takes them."""
+    return None if rows is None else rows.tobytes()
 
 
 _STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "description")
@@ -167,7 +209,7 @@ def interface_of_columns(columns, results, *, inputs, outputs, data, states, sam
         outputs = {name: {"column": column, **about} for column, (name, about) in zip(of_model, section.items())}
     return interface(
         len(left), len(shown), inputs=inputs, outputs=outputs, data=data, step=0.01 if step is None and sample is None else step, states=of_states,
-        sample=sample, input_names=None if data is not None and hasattr(data, "columns") else left, output_names=shown, named=True, **about,
+        sample=sample, input_names=left, output_names=shown, named=True, **about,
     )
 
 

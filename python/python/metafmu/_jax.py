@@ -11,7 +11,7 @@ import numpy as np
 from . import _metafmu
 from ._graph import Graph
 from ._comparison import DOUBLE, Precision, finished
-from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
+from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, known_names, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -86,7 +86,8 @@ def from_jax(
             return of_rows(np.asarray(rows, dtype=np.float32 if single else np.float64))
 
     arguments = [name for name in inspect.signature(function).parameters][0 if params is None else 1 :]
-    arguments = arguments if len(arguments) == len(examples) else [f"x{place}" for place in range(len(examples))]
+    is_named = len(arguments) == len(examples)
+    arguments = arguments if is_named else [f"x{place}" for place in range(len(examples))]
     columns = [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
     about = {"inputs": inputs, "outputs": outputs, "data": data, "name": title, "description": description, "stop": stop, "domain": domain}
     if states is None:
@@ -94,8 +95,10 @@ def from_jax(
     else:
         about |= {"step": step, "states": states, "sample": sample, "solver_step": solver_step}
     # JAX has the entries of a dict in the order of their keys
-    named = columns, names_of(dict(zip(sorted(shape), results)) if isinstance(shape, dict) and len(shape) == len(results) else results)
-    return finished(graph, value, f"`{title}`", predict, precision, named, {**about, "producer": "JAX", "single": single})
+    is_dict = isinstance(shape, dict) and len(shape) == len(results)
+    named = columns, names_of(dict(zip(sorted(shape), results)) if is_dict else results)
+    known = known_names(arguments, sizes) if is_named else None, named[1] if is_dict else None
+    return finished(graph, value, f"`{title}`", predict, precision, named, known, {**about, "producer": "JAX", "single": single})
 
 
 def _follow(jaxpr, consts, arguments):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from . import _metafmu
 from ._graph import Graph
 from ._comparison import SINGLE, Precision, compare, some_rows
-from ._rows import Row, binary, compose, concatenate, is_row, outputs_of
+from ._rows import Row, binary, compose, concatenate, is_row, known_names, names_of, outputs_of
 from ._surrogate import Names, Surrogate
 
 Error = _metafmu.Error
@@ -39,32 +40,46 @@ def from_keras(
     shapes = [(1, *tensor.shape[1:]) for tensor in _inputs(model)]
     if any(length is None for shape in shapes for length in shape):
         raise Error(f"inputs of the shapes {shapes}, expected numbers for all dimensions but the batch")
-    graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    graph = Graph(sum(sizes))
     everything, rows, begin = Row(graph, 0, (graph.width(0),)), [], 0
-    for shape in shapes:
-        size = int(np.prod(shape))
+    for shape, size in zip(shapes, sizes):
         rows.append(everything.take(np.arange(begin, begin + size).reshape(shape)))
         begin += size
-    _, value = outputs_of(_model(model, rows))
+    made = _model(model, rows)
+    _, value = outputs_of(made)
     weights = model.get_weights()
     surrogate = graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop, domain=domain,
         producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
+        input_names=_input_names(model, sizes), output_names=names_of(made) if isinstance(made, dict) else None,
     )
     # Keras multiplies in single precision, whatever the weights are
     kinds = {str(layer.compute_dtype) for layer in getattr(model, "layers", [])} & {"float16", "bfloat16"}
     precision = max((Precision.of(kind) for kind in kinds), default=SINGLE)
-    compare(some_rows(surrogate, data), surrogate.predict, f"{type(model).__name__} `{model.name}`", lambda rows: _predicted(model, shapes, rows), precision)
+    predict = lambda rows: _predicted(model, shapes, rows, list(made) if isinstance(made, dict) else None)
+    compare(some_rows(surrogate, graph.rows), surrogate.predict, f"{type(model).__name__} `{model.name}`", predict, precision)
     return surrogate
 
 
-def _predicted(model, shapes, rows):
-    """What the model predicts of rows."""
+def _input_names(model, sizes):
+    """Names of the columns, of the keys that the model takes, or of `keras.Input`; None if Keras made them up."""
+    names = [tensor.name for tensor in model.inputs]
+    keys = _packed(model, list(range(len(sizes))))
+    if isinstance(keys, dict) and all(isinstance(place, int) for place in keys.values()):
+        names = [str(key) for key in sorted(keys, key=keys.get)]
+    elif any(re.fullmatch(r"(keras_tensor|input_layer|input)(_\d+)?", name) for name in names):
+        return None
+    return known_names(names, sizes)
+
+
+def _predicted(model, shapes, rows, keys=None):
+    """What the model predicts of rows; ``keys``: of a dict that it gives, in their order."""
     sizes = [int(np.prod(shape)) for shape in shapes]
     parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(np.split(rows, np.cumsum(sizes[:-1]), axis=1), shapes)]
     given = _packed(model, [part.astype(np.float32) for part in parts])
     made = model.predict(given, verbose=0, batch_size=len(rows))
-    made = list(made.values()) if isinstance(made, dict) else made if isinstance(made, (list, tuple)) else [made]
+    made = [made[key] for key in keys] if isinstance(made, dict) else made if isinstance(made, (list, tuple)) else [made]
     return np.concatenate([np.asarray(part).reshape(len(rows), -1) for part in made], axis=1)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from . import _metafmu
-from ._interface import interface_of_columns
+from ._interface import as_bytes, interface_of_columns
 from ._surrogate import Names, Surrogate
 
 def from_onnx(
@@ -61,5 +61,5 @@ def from_onnx(
         columns, results, inputs=inputs, outputs=outputs, data=data, states=states, sample=sample, step=step, name=name or title, description=description,
         stop=stop, domain=domain, solver_step=solver_step,
     )
-    return Surrogate(_metafmu.from_onnx(content, folder, text, rows))
+    return Surrogate(_metafmu.from_onnx(content, folder, text, as_bytes(rows)))
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import _metafmu
-from ._interface import interface, number
+from ._interface import as_bytes, interface, number
 from ._surrogate import Names, Surrogate, numbers_of
 
 try:
@@ -132,7 +132,7 @@ class Regressor(RegressorMixin, BaseEstimator):
             },
             "seed": self._seed(),
         }
-        core, fit = _metafmu.fit(rows, np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
+        core, fit = _metafmu.fit(as_bytes(rows), np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
         fit = json.loads(fit)
         return Surrogate(core, fit.pop("accuracy")), fit
 

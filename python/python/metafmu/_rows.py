@@ -180,7 +180,7 @@ def concatenate(parts, axis, stack=False):
 
 
 def outputs_of(result):
-    """The value of a model's result: a row, or several of them."""
+    """The value of a model's result: a row, or several of them, also by name."""
     if is_row(result):
         return result.graph, result.value
     if isinstance(result, dict):
@@ -197,7 +197,12 @@ def names_of(results):
         results = {"output": results}
     elif not isinstance(results, dict):
         results = {f"output{place}": part for place, part in enumerate(results)} if len(results) > 1 else {"output": results[0]}
-    return [column for name, part in results.items() for column in columns_of(name, part.size)]
+    return [column for name, part in results.items() for column in columns_of(str(name), part.size)]
+
+
+def known_names(arguments, sizes):
+    """Names of the columns of arguments; None of a single one with several columns, whose name says nothing of them."""
+    return None if len(sizes) == 1 and sizes[0] > 1 else [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
 
 
 def columns_of(name, count):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from typing import Any
 
@@ -9,8 +10,9 @@ import numpy as np
 
 from . import _boosting, _metafmu
 from ._graph import Graph
+from ._interface import names_in
 from ._comparison import DOUBLE, SINGLE, Precision, compare, some_rows
-from ._surrogate import Names, Surrogate
+from ._surrogate import Names, Surrogate, is_frame
 
 Error = _metafmu.Error
 
@@ -58,29 +60,32 @@ def from_sklearn(
     does, which a version that is not known may cause.
     """
     _check(estimator)
-    count = _columns_of(estimator)
+    count = _known(estimator, "n_features_in_")
     if count is None:
         raise Error(f"{type(estimator).__name__} is not fitted: expected one after `fit`")
     graph = Graph(count)
     value = _read(graph, estimator, 0)
-    names = getattr(estimator, "feature_names_in_", None)
+    names = _names(estimator, count)
     surrogate = graph.finish(
         value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
-        producer="scikit-learn", input_names=None if names is None else [str(name) for name in names],
+        producer="scikit-learn", input_names=_as_given(names, inputs, data),
     )
     # of ill-conditioned kernels more than rounding is left
     precision = Precision((SINGLE if graph.is_single else DOUBLE).epsilon, 1e-3)
-    compare(some_rows(surrogate, data), surrogate.predict, type(estimator).__name__, _predict(estimator, names, data), precision)
+    compare(some_rows(surrogate, graph.rows), surrogate.predict, type(estimator).__name__, _predict(estimator, names, data), precision)
     return surrogate
 
 
 def _predict(estimator, names, data):
-    """What the estimator predicts of rows."""
+    """What the estimator predicts of rows, which have its names if it knows some."""
+    frame = type(data) if is_frame(data) else None
+    if names is not None and frame is None:
+        # who chooses columns by name needs them
+        with contextlib.suppress(ImportError):
+            from pandas import DataFrame as frame
 
     def predict(rows):
-        columns = rows
-        if names is not None and hasattr(data, "columns"):
-            columns = type(data)({str(name): rows[:, place] for place, name in enumerate(names)})
+        columns = rows if names is None or frame is None else frame({name: rows[:, place] for place, name in enumerate(names)})
         with warnings.catch_warnings():
             # rows without names, for an estimator that was fitted to names
             warnings.simplefilter("ignore")
@@ -89,14 +94,35 @@ def _predict(estimator, names, data):
     return predict
 
 
-def _columns_of(estimator):
-    """The number of columns that an estimator was fitted to; None if it is not fitted."""
-    try:
-        return estimator.n_features_in_
-    except AttributeError:
-        # a pipeline asks its first step, which may be none
-        steps = [step for _, step in getattr(estimator, "steps", []) if not isinstance(step, (str, type(None)))]
-        return _columns_of(steps[0]) if steps else None
+def _known(estimator, *attributes):
+    """The first of these attributes that the estimator has, or what gets the same columns: what it wraps, or begins with; None if none has one."""
+    found = next((found for attribute in attributes if (found := getattr(estimator, attribute, None)) is not None), None)
+    steps = [step for _, step in getattr(estimator, "steps", []) if not _does_nothing(step)]
+    wrapped = [getattr(estimator, name, None) for name in ("best_estimator_", "regressor_", "estimator_")]
+    for part in (*steps[:1], *wrapped, *getattr(estimator, "estimators_", [])[:1]):
+        found = _known(part, *attributes) if found is None and part is not None else found
+    return found
+
+
+def _does_nothing(step):
+    """Whether a step of a pipeline is none, or a pipeline of such steps."""
+    return step is None or isinstance(step, str) or hasattr(step, "steps") and all(_does_nothing(part) for _, part in step.steps)
+
+
+def _names(estimator, count):
+    """Names of the columns that the estimator was fitted to; None if they had none."""
+    # those of CatBoost and LightGBM
+    names = _known(estimator, "feature_names_in_", "feature_names_", "feature_name_")
+    names = None if names is None else [str(name) for name in names]
+    made_up = lambda place: (str(place), f"Column_{place}")
+    return names if names and len(names) == count and any(name not in made_up(place) for place, name in enumerate(names)) else None
+
+
+def _as_given(names, inputs, data):
+    """The names as they are given: LightGBM has `_` for spaces."""
+    given = [*names_in(inputs, "input"), *([str(name) for name in data.columns] if is_frame(data) else [])]
+    written = {name.replace(" ", "_"): name for name in given}
+    return None if names is None else [name if name in given else written.get(name, name) for name in names]
 
 
 def _check(estimator):
@@ -227,23 +253,12 @@ def _union(graph, estimator, value):
 
 @_reads("ColumnTransformer")
 def _columns(graph, estimator, value):
-    names = [str(name) for name in getattr(estimator, "feature_names_in_", [])]
-    places = np.arange(graph.width(value))
     weights = estimator.transformer_weights or {}
     parts = []
-    for name, step, columns in estimator.transformers_:
-        if isinstance(step, str) and step == "drop":
-            continue
-        if isinstance(columns, str):
-            columns = [columns]
-        columns = np.atleast_1d(places[columns] if isinstance(columns, slice) and not names else np.asarray(columns))
-        if columns.dtype.kind == "i":
-            columns = places[columns]
-        if columns.dtype.kind in "OU":
-            columns = [names.index(str(column)) for column in columns]
-        elif columns.dtype.kind == "b":
-            columns = np.flatnonzero(columns)
-        if not len(columns):
+    for name, step, _ in estimator.transformers_:
+        # names, slices, masks and functions became places
+        columns = estimator._transformer_to_input_indices[name]
+        if isinstance(step, str) and step == "drop" or not len(columns):
             continue
         part = graph.select(value, columns)
         if not isinstance(step, str):

@@ -77,20 +77,23 @@ def numbers_of(x, what):
         raise _metafmu.Error(f"{what}: {error}, expected real numbers") from error
 
 
-def data_rows(data, names, known):
-    """The rows of training data, for variables of these names. The columns of a DataFrame are found by the names that the model knows, ``known``, or
-    by their order, if there are as many of them and none is somewhere else."""
-    if not hasattr(data, "columns") or not hasattr(data, "__getitem__"):
+def data_rows(data, names, columns):
+    """The rows of training data, for variables of these names. Those of a DataFrame are found by the names that the model has for its columns, or by
+    those of the variables, or by their order, if there are as many of them and their names are others."""
+    if not is_frame(data):
         if isinstance(data, Mapping):
             raise _metafmu.Error("data is a dict, expected an array or a DataFrame")
         return rows_of(data, names, "data")
     there = [str(column) for column in data.columns]
-    for wanted in (known, names):
-        if set(wanted) <= set(there):
-            return rows_of(data, wanted, "data")
-    if len(there) == len(names) and all(name not in there or there[place] == name for place, name in enumerate(known)):
+    found = [wanted for wanted in (columns, names) if set(wanted) <= set(there)]
+    if len(found) == 2 and columns != names:
+        raise _metafmu.Error(f"data has the columns {', '.join(columns[:20])} and {', '.join(names[:20])}, expected those of the model or those of `inputs`")
+    if found:
+        return rows_of(data, found[0], "data")
+    if len(there) == len(names) and set(there).isdisjoint([*columns, *names]):
         return rows_of(data, there, "data")
-    return rows_of(data, names, "data")
+    expected = " or ".join(dict.fromkeys(", ".join(wanted[:20]) for wanted in (columns, names)))
+    raise _metafmu.Error(f"data has the columns {', '.join(there[:20])}, expected all of {expected}, or other names for all columns in their order")
 
 
 class Surrogate:

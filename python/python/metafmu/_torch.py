@@ -12,9 +12,10 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
+from ._interface import names_in
 from ._comparison import Precision, finished
-from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, names_of, outputs_of
-from ._surrogate import Names, Surrogate
+from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, known_names, names_of, outputs_of
+from ._surrogate import Names, Surrogate, is_frame, numbers_of
 
 Error = _metafmu.Error
 
@@ -105,14 +106,20 @@ def _read(module, example, about):
         size = int(np.prod(shape))
         given[node] = Row(graph, 0, (graph.width(0),)).take(np.arange(begin, begin + size).reshape(shape))
         begin += size
-    made = _follow(traced, given)
-    _, value = outputs_of(made)
     device = tensors[0].device if tensors else None
     predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
-    names = [name for node, shape in zip(holders, shapes) for name in columns_of(node.target, int(np.prod(shape)))]
+    # hooks compute weights as they are from now on; what else goes wrong is told afterwards
+    with contextlib.suppress(Exception):
+        predict(np.zeros((1, graph.width(0))))
+    made = _follow(traced, given)
+    _, value = outputs_of(made)
+    arguments, sizes = [node.target for node in holders], [int(np.prod(shape)) for shape in shapes]
+    names = [name for argument, size in zip(arguments, sizes) for name in columns_of(argument, size)]
+    # the argument of Sequential has no name
+    known = None if arguments == ["input"] else known_names(arguments, sizes), names_of(made) if isinstance(made, dict) else None
     of_model = {"producer": "PyTorch", "single": bool(tensors) and kind != torch.float64}
     precision = max((Precision.of(tensor.dtype) for tensor in tensors), default=Precision.of(kind))
-    return finished(graph, value, type(module).__name__, predict, max(precision, Precision.of(kind)), (names, names_of(made)), {**about, **of_model})
+    return finished(graph, value, type(module).__name__, predict, max(precision, Precision.of(kind)), (names, names_of(made)), known, {**about, **of_model})
 
 
 def _kind(tensors, example):
@@ -160,19 +167,16 @@ def _shapes(traced, holders, example, about):
         return [(1, *np.shape(tensor)[1:]) for tensor in examples]
     if len(holders) != 1:
         raise Error(f"the module has {len(holders)} inputs ({', '.join(map(str, holders))}): expected example=(...), a tensor for each")
-    count = None
     if "states" in about:
         raise Error("the number of columns is not known: expected example=x, a tensor like the input")
-    if data is not None:
-        count = np.shape(data)[1] if len(np.shape(data)) > 1 else None
-    if inputs is not None and not (hasattr(data, "columns") and isinstance(inputs, dict)):
-        count = 1 if isinstance(inputs, str) else len(inputs)
-    if count is None:
-        first = [module for module in traced.modules() if isinstance(module, torch.nn.Linear)]
-        if not first:
-            raise Error("the number of columns is not known: expected inputs=[...], data=X or example=x")
-        count = first[0].in_features
-    return [(1, count)]
+    # a DataFrame may have further columns, and inputs that are not all of them
+    counts = [len(names_in(inputs, "input"))] if inputs is not None else []
+    shape = () if data is None else data.shape if is_frame(data) else numbers_of(data, "data").shape
+    counts += [shape[1]] if len(shape) > 1 else []
+    first = [part.in_features for part in traced.modules() if isinstance(part, torch.nn.Linear)][:1]
+    if not counts and not first:
+        raise Error("the number of columns is not known: expected inputs=[...], data=X or example=x")
+    return [(1, first[0] if first and (not counts or first[0] in counts) else counts[0])]
 
 
 def _numbers(x):
