@@ -18,7 +18,6 @@ use std::{
     path::{Path, PathBuf},
     sync::LazyLock,
 };
-use toml::de::DeTable;
 
 /// An interface file: names, units and ranges of what a model of another tool takes and gives.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -214,9 +213,6 @@ pub struct InterfaceOutput {
     pub description: String,
 }
 
-/// Characters of an interface's `name` at most.
-pub const LONGEST_NAME: usize = MAX_NAME;
-
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Interface>);
 
 /// The JSON schema of an interface file.
@@ -329,25 +325,7 @@ impl Interface {
     /// # Errors
     /// [`Error::Study`] if there are any.
     pub fn refuse(&self, problems: Problems) -> Result<()> {
-        if problems.is_empty() {
-            return Ok(());
-        }
-        let mut problems = self.origin.locate(problems);
-        for problem in &mut problems {
-            problem.line = self.line_of_layer(&problem.key).unwrap_or(problem.line);
-        }
-        Err(Error::Study { problems })
-    }
-
-    /// The line of a key such as `layers[1].weight`.
-    fn line_of_layer(&self, key: &str) -> Option<usize> {
-        let (number, rest) = key.strip_prefix("layers[")?.split_once(']')?;
-        let root = DeTable::parse(self.text()).ok()?;
-        let layer = root.get_ref().get("layers")?.get_ref().get(number.parse::<usize>().ok()?)?;
-        let field = rest.trim_start_matches('.');
-        let given = layer.get_ref().as_table().and_then(|table| table.get_key_value(field));
-        let offset = given.map_or(layer.span().start, |(name, _)| name.span().start);
-        Some(self.text()[..offset].matches('\n').count() + 1)
+        self.origin.refuse(problems)
     }
 
     /// How the states go on, if there are any.
@@ -499,7 +477,7 @@ impl Interface {
         let is_good = |name: &str| {
             name.starts_with(|first: char| first.is_ascii_alphabetic())
                 && name.chars().all(|other| other.is_ascii_alphanumeric() || matches!(other, '-' | '_'))
-                && name.len() <= LONGEST_NAME
+                && name.len() <= MAX_NAME
         };
         let expected = "a letter, then letters, digits, `-` and `_`, at most 100 characters";
         problems.expect(is_good(&self.name), "name", format!("`{}`", self.name), expected);

@@ -6,7 +6,8 @@ use crate::{
     diagnostics::{Problems, names::listed},
     files,
     import::{self, Imported, onnx, tensors},
-    interface::{Interface, LONGEST_NAME},
+    interface::Interface,
+    study::MAX_NAME,
     surrogate,
     table::{Column, Table},
 };
@@ -108,7 +109,7 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
 pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let (_, imported) = read(model, None)?;
     let mut stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
-    stem.truncate(LONGEST_NAME);
+    stem.truncate(MAX_NAME);
     let mut text = String::new();
     let of = |what: &str| Error::Import { path: model.to_owned(), problems: vec![what.into()] };
     let states = feedback(&imported);

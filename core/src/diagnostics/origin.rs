@@ -215,20 +215,31 @@ fn line_of(breaks: &[usize], offset: usize) -> usize {
     breaks.partition_point(|&end| end < offset) + 1
 }
 
-/// Byte offset of the longest part of a dotted key that is in the table.
+/// Byte offset of the longest part of a dotted key, such as `layers[1].weight`, that is in the table.
 fn offset_of(root: &DeTable, key: &str) -> usize {
     let (mut table, mut rest, mut offset) = (root, key, 0);
-    // variable names may contain dots, so the longest name that is there counts
-    let ends = |rest: &str| rest.match_indices('.').map(|(end, _)| end).chain([rest.len()]).rev().collect::<Vec<_>>();
-    while let Some((name, value)) = ends(rest).into_iter().find_map(|end| table.get_key_value(&rest[..end])) {
+    // variable names may contain dots and brackets, so the longest name that is there counts
+    let ends =
+        |rest: &str| rest.match_indices(['.', '[']).map(|(end, _)| end).chain([rest.len()]).rev().collect::<Vec<_>>();
+    while let Some((name, mut value)) = ends(rest).into_iter().find_map(|end| table.get_key_value(&rest[..end])) {
         offset = name.span().start;
-        rest = rest[name.get_ref().len()..].trim_start_matches('.');
+        rest = &rest[name.get_ref().len()..];
+        while let Some((element, behind)) = element(value, rest) {
+            (value, rest, offset) = (element, behind, element.span().start);
+        }
+        rest = rest.trim_start_matches('.');
         match Spanned::get_ref(value) {
             DeValue::Table(inner) if !rest.is_empty() => table = inner,
             _ => break,
         }
     }
     offset
+}
+
+/// The element of an array that the rest of a key begins with, `[1]` say, and what is behind that.
+fn element<'a, 'k>(value: &'a Spanned<DeValue<'a>>, rest: &'k str) -> Option<(&'a Spanned<DeValue<'a>>, &'k str)> {
+    let (index, behind) = rest.strip_prefix('[')?.split_once(']')?;
+    Some((value.get_ref().get(index.parse::<usize>().ok()?)?, behind))
 }
 
 /// The shortest span of a name or value in the table that `span` lies in: its length and its dotted key.

@@ -228,7 +228,7 @@ const MOTION_RUNS: usize = 8;
 const DISCRETE_RUNS: usize = 30;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
-pub(crate) const MAX_NAME: usize = 100;
+pub const MAX_NAME: usize = 100;
 
 fn default_seed() -> u64 {
     1
