@@ -71,8 +71,10 @@ pub struct OutputMetrics {
 pub enum TestRows {
     /// Rows that were given for it.
     Given,
-    /// Those that were held out of the training, where they chose the best epoch.
+    /// Those that were held out of the training and of the choice of its best epoch.
     HeldOut,
+    /// All of them, each predicted by a network that was trained without it: cross-validation.
+    CrossValidated,
 }
 
 /// Accuracy of a surrogate, and on what it was measured.
@@ -132,6 +134,16 @@ impl Accuracy {
             outputs
         };
         let predictions: Vec<Vec<f64>> = points.par_iter().map_init(|| evaluator.scratch(), predict).collect();
+        Self::of_row_predictions(surrogate, rows, &predictions, labels)
+    }
+
+    /// The same from predictions of the rows, each with a number for each output.
+    pub fn of_row_predictions(
+        surrogate: &Surrogate,
+        rows: TestRows,
+        predictions: &[Vec<f64>],
+        labels: &[Vec<f64>],
+    ) -> Self {
         let times: Arc<[f64]> = [0.0].into();
         let run = |labels: &Vec<f64>| Run {
             parameters: Vec::new(),
@@ -142,7 +154,7 @@ impl Accuracy {
         let outputs = surrogate.outputs().iter().map(|output| Variable::new(&output.name, &output.unit, "")).collect();
         let runs = labels.iter().map(run).collect();
         let test = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs, runs };
-        let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, &predictions) };
+        let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, predictions) };
         // the surrogate's ranges are those of its own predictions
         for (column, metrics) in found.outputs.values_mut().enumerate() {
             let ends = labels.iter().map(|row| row[column]);

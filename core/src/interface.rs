@@ -4,7 +4,7 @@ use crate::{
     Error, Result,
     diagnostics::{
         Problems,
-        names::expected_one_of,
+        names::{expected_one_of, out_of_order_problem},
         origin::{self, Origin, Problem},
         schema,
     },
@@ -686,6 +686,10 @@ fn columns(
             problems.add(section, count(": expected one for each"));
         } else if given.len() < known.len() {
             problems.add(section, count(": expected one for each, or `column` in each of them"));
+        }
+        let named: Vec<&str> = given.iter().map(|(name, _)| name.as_str()).collect();
+        if let Some(problem) = out_of_order_problem(("the interface", &named), ("the model", &names)) {
+            problems.add(section, format!("{problem}, by `column` in each of them"));
         }
         return (0..given.len()).collect();
     }

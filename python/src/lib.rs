@@ -11,10 +11,11 @@ mod threads;
 use interruptible::interruptible;
 use metafmu::{
     dataset::Run,
+    diagnostics::names,
     evaluation::{self, Accuracy, TestRows},
     export::validate_apart,
     fmi::{Watch, Workers},
-    import::{self, onnx},
+    import::{self, Imported, onnx},
     interface::Interface,
     pipeline::{
         self, Project,
@@ -246,6 +247,33 @@ fn onnx_columns(py: Python<'_>, model: &[u8], folder: Option<PathBuf>) -> PyResu
     Ok((imported.inputs, imported.outputs))
 }
 
+/// A message if a name is that of another column than by position, apart from its spelling; each list with what it is.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)]
+fn out_of_order(names: (String, Vec<String>), columns: (String, Vec<String>)) -> Option<String> {
+    let [listed, known] = [&names.1, &columns.1].map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
+    names::out_of_order_problem((&names.0, &listed), (&columns.0, &known))
+}
+
+/// The outputs of an ONNX model at rows of its columns, as they are read here; states that it has itself are those of the start.
+#[pyfunction]
+fn onnx_evaluate<'py>(
+    py: Python<'py>,
+    model: &[u8],
+    folder: Option<PathBuf>,
+    x: &[u8],
+) -> PyResult<Bound<'py, PyByteArray>> {
+    let evaluated = detached(py, || {
+        let Imported { inputs, outputs, builder, columns, recurrences, .. } =
+            onnx::read(model, folder.as_deref()).map_err(|problems| problems.join("\n"))?;
+        let mut points = rows(Some(x), inputs.len()).unwrap_or_default();
+        let starts: Vec<f64> = recurrences.into_iter().flat_map(|state| state.start).collect();
+        points.iter_mut().for_each(|point| point.extend(&starts));
+        Ok(builder.finish(columns)?.evaluate(&points, outputs.len()).concat())
+    });
+    evaluated.map(|values| PyByteArray::new(py, &bytes(&values))).map_err(|problem: String| refused(problem))
+}
+
 #[pyfunction]
 fn from_onnx(
     py: Python<'_>,
@@ -362,6 +390,8 @@ fn _metafmu(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Surrogate>()?;
     module.add_class::<graph::Graph>()?;
     module.add_function(wrap_pyfunction!(onnx_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(onnx_evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(out_of_order, module)?)?;
     module.add_function(wrap_pyfunction!(from_onnx, module)?)?;
     module.add_function(wrap_pyfunction!(fit, module)?)?;
     module.add_function(wrap_pyfunction!(study, module)?)?;

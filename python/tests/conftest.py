@@ -100,6 +100,17 @@ def goes_by_names():
             for wrong in ({"inputs": ["temp", "pressure"], "data": frame}, {"data": frame.rename(columns={"flow": "pressure"})}):
                 with pytest.raises(metafmu.Error, match="temp.*pressure|pressure.*temp"):
                     read(**wrong)
+        # names in another order, however they are spelled
+        others = [{"data": frame, "inputs": ["Temp", "FLOW"]}, {"data": frame, "inputs": {"temp [K]": "K", "Flow": "m3/s"}}]
+        if knows:
+            others += [{"inputs": {"Temp": (300, 400), "Flow": (0, 1)}}, {"data": frame[["temp", "flow"]].rename(columns=str.upper)}]
+        for wrong in others:
+            with pytest.raises(metafmu.Error, match="(?i)the order of .* is temp.*, flow, that of .* flow, temp: by position"):
+                read(**wrong)
+        spelled = read(inputs=["Flow", "TEMP"], data=frame)
+        assert [(item.name, item.max) for item in spelled.inputs] == [("Flow", frame.flow.max()), ("TEMP", frame.temp.max())]
+        with pytest.raises(metafmu.Error, match=r"inputs.flow: \d+ % of the rows of training data are outside of its range from 300 to 400"):
+            read(data=frame, inputs={"flow": (300, 400), "temp": (0, 1)})
         for way in ways:
             surrogate = read(**way)
             expected = np.reshape(predict(frame), (60, -1))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -82,6 +83,7 @@ def test_the_domain_is_where_the_data_are():
         make(domain="box")
 
 
+@pytest.mark.filterwarnings("error:.*onnxruntime")
 def test_an_onnx_model_of_a_step_has_states(tmp_path):
     """A cell whose state goes in and out, and a differential equation: fmpy gives what numpy computes."""
     onnx = pytest.importorskip("onnx")
@@ -187,11 +189,11 @@ def test_what_was_measured_is_in_the_model_card(surrogate, rows, tmp_path):
 def test_a_network_that_explains_nothing_is_no_surrogate():
     random = np.random.default_rng(4)
     x = random.uniform(-1, 1, (400, 2))
-    with pytest.warns(metafmu.AccuracyWarning, match="a poor surrogate: R² on the held-out rows of `noise`"):
+    with pytest.warns(metafmu.AccuracyWarning, match="a poor surrogate: R² on unseen rows of `noise`"):
         surrogate = metafmu.fit(x, np.column_stack([random.normal(size=400), x[:, 0]]), outputs=["noise", "x"], epochs=50)
     assert surrogate.accuracy["noise"]["r2"] < 0.2 and surrogate.accuracy["x"]["r2"] > 0.9
     with pytest.warns(metafmu.AccuracyWarning):
-        # a single row is held out, and the inputs say nothing
+        # the inputs say nothing
         metafmu.fit(np.ones((6, 1)), [1.0, -1.0, 1.0, -1.0, 1.0, -1.0], epochs=5)
 
 
@@ -343,6 +345,59 @@ def test_a_network_is_fitted_to_a_data_frame(agrees):
     agrees(surrogate, frame[["x", "v"]].to_numpy(), found, 1e-12)
 
 
+def test_names_of_a_fit_are_those_of_the_columns_however_they_are_spelled():
+    frame, y = flow_and_temp()
+    fit = lambda x=frame, y=y, **names: metafmu.fit(x, y, epochs=1, hidden=(4,), **names)
+    with pytest.raises(metafmu.Error, match="the order of `inputs` is Temp, FLOW, that of the model's columns flow, temp: by position `Temp` would be `flow`"):
+        fit(inputs=["Temp", "FLOW"])
+    both = y.to_frame("heat").assign(loss=-y)
+    with pytest.raises(metafmu.Error, match="the order of `outputs` is Loss, Heat, that of"):
+        fit(y=both, outputs=["Loss", "Heat"])
+    with pytest.raises(metafmu.Error, match="inputs.flow: 80 % of the rows of training data are outside of its range from 0 to 0.2, they are from 0.00"):
+        fit(inputs={"flow": (0, 0.2), "temp": (300, 400)})
+    with pytest.warns(metafmu.AccuracyWarning):
+        assert [item.name for item in fit(inputs=["FLOW", "Temp [K]"]).inputs] == ["FLOW", "Temp [K]"]
+
+
+WITHOUT_SKLEARN = """
+import sys
+sys.modules["sklearn"] = sys.modules["sklearn.base"] = None
+import numpy, pandas, metafmu
+
+x = pandas.DataFrame({"angle": [0.0, 1.0, 2.0], "speed": [1.0, 0.0, 5.0]})
+model = metafmu.Regressor(epochs=1, hidden=(2,)).fit(x, [7.0, 1.0, 2.0])
+model.predict(x), model.predict(x.to_numpy())
+for wrong in (x[["speed", "angle"]], x.rename(columns=str.title)):
+    try:
+        model.predict(wrong)
+    except metafmu.Error as error:
+        assert "expected those that it was fitted to, in their order: angle, speed" in str(error), error
+    else:
+        raise SystemExit(f"{list(wrong.columns)} were taken for angle, speed")
+"""
+
+
+def test_the_estimator_needs_its_columns_in_order_without_scikit_learn_too():
+    pytest.importorskip("pandas")
+    subprocess.run([sys.executable, "-W", "ignore", "-c", WITHOUT_SKLEARN], check=True)
+
+
+def test_the_accuracy_of_few_rows_is_that_of_unseen_rows():
+    """Of 20 noisy rows the mean squared error, over some draws, is that on thousands of others."""
+    told, true = [], []
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        x = random.uniform(-1, 1, (2020, 2))
+        y = x[:, 0] + 0.5 * random.normal(size=2020)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", metafmu.AccuracyWarning)
+            surrogate = metafmu.fit(x[:20], y[:20], hidden=(32, 32), epochs=300, random_state=seed)
+        told.append(surrogate.accuracy["y"]["rmse"] ** 2)
+        true.append(np.mean((surrogate.predict(x[20:])[:, 0] - y[20:]) ** 2))
+    assert 0.6 < np.mean(told) / np.mean(true) < 1.7, (told, true)
+    assert metafmu.Regressor(epochs=1, hidden=(2,)).fit(x, y).surrogate_.accuracy is None
+
+
 @pytest.mark.parametrize("rows", [60, 500, 5000])
 def test_defaults_are_good_enough_for_few_rows_and_many(rows):
     x = np.random.default_rng(9).uniform(-1, 1, (rows, 2))
@@ -395,7 +450,7 @@ def test_frameworks_are_imported_only_when_they_are_used():
     assert all(getattr(metafmu, name) is not None for name in metafmu.__all__)
 
 
-def test_onnx_files_are_read(rows, agrees, tmp_path):
+def test_onnx_files_are_read_and_compared_with_onnxruntime(rows, agrees, tmp_path, monkeypatch):
     onnx = pytest.importorskip("onnx")
     weight = np.random.default_rng(8).normal(size=(3, 4)).astype(np.float64)
     graph = onnx.helper.make_graph(
@@ -409,6 +464,16 @@ def test_onnx_files_are_read(rows, agrees, tmp_path):
         surrogate = metafmu.from_onnx(source, data=rows[0])
     agrees(surrogate, rows[0], np.tanh(rows[0] @ weight), 1e-12)
     assert [item.name for item in surrogate.outputs] == ["y[0]", "y[1]", "y[2]", "y[3]"]
+    runtime = pytest.importorskip("onnxruntime")
+    other = onnx.load(tmp_path / "net.onnx")
+    other.graph.node[1].op_type = "Sin"
+    session = runtime.InferenceSession
+    monkeypatch.setattr(runtime, "InferenceSession", lambda _, *options, **more: session(other.SerializeToString(), *options, **more))
+    with pytest.raises(metafmu.Error, match="the ONNX model was read wrongly: predictions differ by"):
+        metafmu.from_onnx(model, data=rows[0])
+    monkeypatch.setattr(runtime, "InferenceSession", lambda *_, **__: session(b"nothing"))
+    with pytest.warns(UserWarning, match="was not compared with onnxruntime, which does not run it"):
+        metafmu.from_onnx(model, data=rows[0])
     with pytest.raises(metafmu.Error, match="not an ONNX model"):
         metafmu.from_onnx(b"nothing", data=rows[0])
 

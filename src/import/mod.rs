@@ -239,8 +239,8 @@ fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize
     }
 }
 
-/// The inputs of the FMU; every range that is missing is a problem.
-fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
+/// The inputs of the FMU; every range that is missing is a problem, and one that most of the rows are outside of.
+pub(crate) fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
     let mut problems = Problems::default();
     let mut inputs = Vec::new();
     for (position, (name, options)) in interface.variables().enumerate() {
@@ -251,6 +251,10 @@ fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>
         let of_time = (options.causality == InterfaceCausality::Time).then_some([0.0, interface.time.stop]);
         let usual = of_time.or(found);
         let (min, max) = (options.min.or(usual.map(|[min, _]| min)), options.max.or(usual.map(|[_, max]| max)));
+        if let Some(problem) = mostly_outside([options.min, options.max], values()) {
+            problems.add(format!("inputs.{name}"), problem);
+            continue;
+        }
         let (Some(min), Some(max)) = (min, max) else {
             let message = "has no range: expected `min` and `max`, or a table of training data, by --data";
             problems.add(format!("inputs.{name}"), message);
@@ -283,6 +287,29 @@ fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>
     }
     interface.refuse(problems)?;
     Ok(inputs)
+}
+
+/// What is wrong with a stated range that most of the training data are outside of: the data of another column, or of another unit.
+fn mostly_outside([min, max]: [Option<f64>; 2], values: impl Iterator<Item = f64> + Clone) -> Option<String> {
+    let (low, high) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
+    // an end that was rounded is not outside
+    let slack = 1e-6 * if (high - low).is_finite() { high - low } else { 0.0 };
+    let count = values.clone().count();
+    let outside = values.clone().filter(|value| *value < low - slack || *value > high + slack).count();
+    let [least, most] =
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(value), max.max(value)]);
+    (2 * outside > count).then(|| {
+        let range = match (min, max) {
+            (Some(min), Some(max)) => format!("range from {min} to {max}"),
+            (Some(min), None) => format!("min of {min}"),
+            (None, max) => format!("max of {}", max.unwrap_or(high)),
+        };
+        format!(
+            "{:.0} % of the rows of training data are outside of its {range}, they are from {least:.6} to {most:.6}: expected most of them inside; is this \
+             the right column, in the right unit?",
+            100.0 * outside as f64 / count as f64
+        )
+    })
 }
 
 fn role(options: &InterfaceInput) -> Role {

@@ -11,9 +11,10 @@ use crate::{
     sampling::{self, Stream},
     scaling::{of_columns, standardise_rows},
     study::{NetworkOptions, Structure, TrainingOptions},
-    training::{self, EpochRecord, Observer, Progress, Rows, StopReason},
+    training::{self, EpochRecord, Observer, Outcome, Progress, Rows, StopReason},
 };
 use metafmu_runtime::{Map, ScaledNetwork, Scaling, Surrogate};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::{ops::ControlFlow, path::Path, sync::atomic::Ordering};
 
@@ -27,30 +28,40 @@ pub struct FitOptions {
     pub training: TrainingOptions,
     /// Decides which rows are held out, how the network begins, and the order of the rows.
     pub seed: u64,
+    /// Whether the accuracy on unseen rows is measured: on half of the rows that are held out, or, of few rows, by cross-validation.
+    pub measure: bool,
 }
+
+/// With fewer rows the accuracy is that of a cross-validation: a share of them is too few to judge by.
+const FEW_ROWS: usize = 1000;
+/// Parts of a cross-validation.
+const FOLDS: usize = 5;
+/// Fewest rows that judge.
+const JUDGES: usize = 50;
 
 /// How the training went.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fit {
     /// Rows that the network was trained on.
     pub train_rows: usize,
-    /// Rows that were held out of the training.
+    /// Rows that were held out of the training to choose the best epoch.
     pub validation_rows: usize,
     /// Epochs that were done.
     pub epochs: usize,
-    /// The epoch that is kept, the best on the held-out rows.
+    /// The epoch that is kept, the best on the rows that choose it.
     pub best_epoch: usize,
     /// Why it ended.
     pub stopped: StopReason,
     /// Loss of each epoch on the rows that it was trained on: the mean over rows and outputs, of outputs with a standard deviation of 1.
     pub train_loss: Vec<f64>,
-    /// The same on the held-out rows.
+    /// The same on the rows that choose the best epoch.
     pub validation_loss: Vec<f64>,
-    /// Accuracy on the held-out rows.
-    pub accuracy: Accuracy,
+    /// Accuracy on rows that took part neither in the training nor in the choice of its best epoch; None unless it is measured, of a single row, and if the
+    /// training was stopped.
+    pub accuracy: Option<Accuracy>,
 }
 
-/// Trains a network on rows of inputs and outputs; of a single row it is both trained and measured on it. A training that is stopped
+/// Trains a network on rows of inputs and outputs; a single row is both trained on and chooses the best epoch. A training that is stopped
 /// keeps its best epoch.
 ///
 /// # Errors
@@ -80,44 +91,133 @@ pub fn fit(
     if !problems.is_empty() {
         return Err(Error::Import { path: path.to_owned(), problems });
     }
-    let (seen, held_out) = split(inputs.len(), options);
-    let chosen = |rows: &[Vec<f64>], which: &[usize]| which.iter().map(|row| rows[*row].clone()).collect::<Vec<_>>();
-    let (x, y) = (chosen(&inputs, &seen), chosen(outputs, &seen));
-    let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(&x), of_columns(&y));
-    let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-    let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
-        let x = standardise_rows(x, &scaling.input_mean, &scaling.input_scale);
-        let y = standardise_rows(y, &scaling.output_mean, &scaling.output_scale);
-        Rows::new(columns[0], columns[1], x, y)
+    // what is wrong with ranges, before anything is trained
+    import::inputs(interface, Some(&inputs))?;
+    let training = Training { inputs: &inputs, outputs, options, control };
+    let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
+    let parts = Parts::of(&order, &options.training, options.measure);
+    let (map, outcome) = training.of(parts, None)?;
+    let map = Map::Network(map);
+    let is_measured = options.measure && !control.stop.load(Ordering::Relaxed);
+    let predictions = match is_measured && parts.judging.is_empty() && inputs.len() > 1 {
+        true => training.cross_validated(&order)?,
+        false => None,
     };
-    let training_rows = rows(&x, &y)?;
-    let (unseen_x, unseen_y) = (chosen(&inputs, &held_out), chosen(outputs, &held_out));
-    let validation_rows = rows(&unseen_x, &unseen_y)?;
-    let network = Network::new(columns[0], columns[1], &options.network, options.seed)?;
-    let mut follower = Follower { control, epochs: options.training.epochs };
-    let steps = training_rows.len().div_ceil(options.training.batch.max(1)) * options.training.epochs;
-    control.observer.event(Event::Begin { work: Work::Steps, total: steps });
-    let trained =
-        training::train(network, &training_rows, &validation_rows, &options.training, options.seed, &mut follower);
-    control.observer.event(Event::End);
-    let outcome = trained?;
-    let network = super::per_instant::without_constants(&outcome.network, &training_rows);
-    let map = Map::Network(ScaledNetwork { scaling, layers: network.to_layers() });
     let content: Vec<u8> = inputs.iter().chain(outputs).flatten().flat_map(|value| value.to_le_bytes()).collect();
     let about = About { path, content: &content, is_single: false, producer: "" };
+    let (points, labels) = (chosen(&inputs, parts.judging), chosen(outputs, parts.judging));
     let surrogate = import::of_map(map, about, interface, Some(inputs))?;
+    let accuracy = match predictions {
+        Some(found) => Some(Accuracy::of_row_predictions(&surrogate, TestRows::CrossValidated, &found, outputs)),
+        None if !is_measured || points.is_empty() => None,
+        None => Some(Accuracy::of_rows(&surrogate, TestRows::HeldOut, &points, &labels)),
+    };
     let losses = |of: fn(&EpochRecord) -> f64| outcome.history.iter().map(of).collect();
     let fit = Fit {
-        train_rows: training_rows.len(),
-        validation_rows: validation_rows.len(),
+        train_rows: parts.seen.len(),
+        validation_rows: parts.choosing.len(),
         epochs: outcome.history.len(),
         best_epoch: outcome.best_epoch,
         stopped: outcome.reason,
         train_loss: losses(|epoch| epoch.train_loss),
         validation_loss: losses(|epoch| epoch.validation_loss),
-        accuracy: Accuracy::of_rows(&surrogate, TestRows::HeldOut, &unseen_x, &unseen_y),
+        accuracy,
     };
     Ok((surrogate, fit))
+}
+
+/// Rows by what they are for.
+#[derive(Clone, Copy)]
+struct Parts<'a> {
+    /// They measure the accuracy.
+    judging: &'a [usize],
+    /// They choose the best epoch.
+    choosing: &'a [usize],
+    /// They are trained on.
+    seen: &'a [usize],
+}
+
+impl<'a> Parts<'a> {
+    /// Of rows in a random order; of a few none judges.
+    fn of(order: &'a [usize], training: &TrainingOptions, measure: bool) -> Self {
+        if order.len() < 2 {
+            return Self { judging: &[], choosing: order, seen: order };
+        }
+        let held_out = training.held_out(order.len());
+        let (judges, choosers) = match measure && order.len() >= FEW_ROWS {
+            true => ((held_out / 2).max(JUDGES), held_out.div_ceil(2)),
+            false => (0, held_out),
+        };
+        let (judging, rest) = order.split_at(judges);
+        let (choosing, seen) = rest.split_at(choosers);
+        Self { judging, choosing, seen }
+    }
+}
+
+fn chosen(rows: &[Vec<f64>], which: &[usize]) -> Vec<Vec<f64>> {
+    which.iter().map(|row| rows[*row].clone()).collect()
+}
+
+/// What networks are trained on, and how.
+struct Training<'a> {
+    inputs: &'a [Vec<f64>],
+    outputs: &'a [Vec<f64>],
+    options: &'a FitOptions,
+    control: Control<'a>,
+}
+
+impl Training<'_> {
+    /// The network of some of the rows; `fold`: its number in a cross-validation.
+    fn of(&self, Parts { seen, choosing, .. }: Parts, fold: Option<usize>) -> Result<(ScaledNetwork, Outcome)> {
+        let Self { inputs, outputs, options, control } = self;
+        let columns = [inputs, outputs].map(|rows| rows.first().map_or(0, Vec::len));
+        let (x, y) = (chosen(inputs, seen), chosen(outputs, seen));
+        let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(&x), of_columns(&y));
+        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
+            let x = standardise_rows(x, &scaling.input_mean, &scaling.input_scale);
+            let y = standardise_rows(y, &scaling.output_mean, &scaling.output_scale);
+            Rows::new(columns[0], columns[1], x, y)
+        };
+        let training_rows = rows(&x, &y)?;
+        let validation_rows = rows(&chosen(inputs, choosing), &chosen(outputs, choosing))?;
+        let network = Network::new(columns[0], columns[1], &options.network, options.seed)?;
+        let epochs = options.training.epochs;
+        let mut follower = Follower { control: *control, epochs, is_shown: fold.is_none() };
+        let steps = training_rows.len().div_ceil(options.training.batch.max(1)) * epochs;
+        follower.show(Event::Begin { work: Work::Steps, total: steps });
+        let trained =
+            training::train(network, &training_rows, &validation_rows, &options.training, options.seed, &mut follower);
+        follower.show(Event::End);
+        let outcome = trained?;
+        let network = super::per_instant::without_constants(&outcome.network, &training_rows);
+        Ok((ScaledNetwork { scaling, layers: network.to_layers() }, outcome))
+    }
+
+    /// Predictions of all rows, each by a network that neither learned it nor was chosen by it; None if the training was stopped. The folds are
+    /// trained side by side, each by one thread.
+    fn cross_validated(&self, order: &[usize]) -> Result<Option<Vec<Vec<f64>>>> {
+        let folds = FOLDS.min(order.len());
+        self.control
+            .observer
+            .event(Event::Note(format_args!("accuracy: {folds} networks, each without a part of the rows")));
+        let of_fold = |fold: usize| {
+            let (judging, rest): (Vec<_>, Vec<_>) =
+                order.iter().enumerate().partition(|(place, _)| place % folds == fold);
+            let [judging, rest] = [judging, rest].map(|rows| rows.into_iter().map(|(_, row)| *row).collect::<Vec<_>>());
+            let (network, _) = self.of(Parts::of(&rest, &self.options.training, false), Some(fold))?;
+            Ok(judging.iter().copied().zip(network.evaluate(&chosen(self.inputs, &judging))).collect())
+        };
+        // of few rows a step is too short for several threads
+        let alone = |fold| match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+            Ok(pool) => pool.install(|| of_fold(fold)),
+            Err(_) => of_fold(fold),
+        };
+        let found: Vec<Vec<(usize, Vec<f64>)>> = (0..folds).into_par_iter().map(alone).collect::<Result<_>>()?;
+        let mut predictions = vec![Vec::new(); order.len()];
+        found.into_iter().flatten().for_each(|(row, values)| predictions[row] = values);
+        Ok((!self.control.stop.load(Ordering::Relaxed)).then_some(predictions))
+    }
 }
 
 /// What a study would say of its `[network]` and `[training]`, of networks between so many columns.
@@ -136,27 +236,26 @@ fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 
     problems.into_iter().map(|problem| format!("{}: {}", problem.key, problem.message)).collect()
 }
 
-/// The rows that are trained on, and those that are held out.
-fn split(rows: usize, options: &FitOptions) -> (Vec<usize>, Vec<usize>) {
-    if rows < 2 {
-        return ((0..rows).collect(), (0..rows).collect());
-    }
-    let order = sampling::permutation(rows, sampling::random(options.seed, Stream::Validation));
-    let (held_out, seen) = order.split_at(options.training.held_out(rows));
-    (seen.to_vec(), held_out.to_vec())
-}
-
 /// Reports the progress, and ends the training if it must stop.
 struct Follower<'a> {
     control: Control<'a>,
     epochs: usize,
+    is_shown: bool,
+}
+
+impl Follower<'_> {
+    fn show(&self, event: Event<'_>) {
+        if self.is_shown {
+            self.control.observer.event(event);
+        }
+    }
 }
 
 impl Observer for Follower<'_> {
     fn step(&mut self, progress: &Progress) -> ControlFlow<()> {
         let Progress { epoch, epochs, step, steps, loss } = *progress;
         let about = format_args!("epoch {epoch}/{epochs}, loss {loss:.2e}");
-        self.control.observer.event(Event::Progress { done: (epoch - 1) * steps + step, about });
+        self.show(Event::Progress { done: (epoch - 1) * steps + step, about });
         match self.control.stop.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
@@ -169,7 +268,7 @@ impl Observer for Follower<'_> {
             let epochs = self.epochs;
             let line =
                 format_args!("epoch {epoch}/{epochs}: loss {train_loss:.2e}, on held-out rows {validation_loss:.2e}");
-            self.control.observer.event(Event::Note(line));
+            self.show(Event::Note(line));
         }
     }
 }
@@ -177,6 +276,24 @@ impl Observer for Follower<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_row_both_learns_chooses_and_judges() {
+        for (rows, measure, judges, choosers) in [
+            (1, true, 0, 1),
+            (30, true, 0, 3),
+            (30, false, 0, 3),
+            (1000, true, 50, 50),
+            (5000, true, 250, 250),
+            (5000, false, 0, 500),
+        ] {
+            let order: Vec<usize> = (0..rows).collect();
+            let Parts { judging, choosing, seen } = Parts::of(&order, &TrainingOptions::default(), measure);
+            assert_eq!((judging.len(), choosing.len()), (judges, choosers), "{rows}");
+            let all: Vec<usize> = [judging, choosing, seen].concat();
+            assert!(rows == 1 || all == order, "{rows}");
+        }
+    }
 
     #[test]
     fn options_beyond_their_limits_are_refused_by_name_before_anything_is_allocated() {

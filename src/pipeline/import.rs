@@ -3,7 +3,10 @@
 use super::predict::roll_outs;
 use crate::{
     Error, Result,
-    diagnostics::{Problems, names::listed},
+    diagnostics::{
+        Problems,
+        names::{listed, out_of_order_problem},
+    },
     files,
     import::{self, Imported, onnx, tensors},
     interface::Interface,
@@ -262,6 +265,11 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: b
         _ => Vec::new(),
     };
     if meant.len() == rest.len() {
+        let ports: Vec<&str> = meant.iter().map(|port| port.column).collect();
+        let headers: Vec<&str> = rest.iter().map(|place| columns[*place].name.as_str()).collect();
+        if let Some(problem) = out_of_order_problem(("its columns", &headers), ("the model", &ports)) {
+            return Err(Error::Import { path: path.to_owned(), problems: vec![problem] });
+        }
         meant.into_iter().zip(rest).for_each(|(port, place)| port.found = Some(columns[place].clone()));
     }
     Ok(())

@@ -529,6 +529,7 @@ INTERFACES = {
     ),
     "missing": ('inputs = { a = { column = "x[0]" }, b = { column = "x[1]" } }', "no input for the columns x[2]"),
     "count": ("inputs = { a = {}, b = {} }", "2 inputs, but the model has 3 columns of inputs"),
+    "order": ("inputs = { X_1 = {}, X_0 = {}, X_2 = {} }", "inputs: the order of the interface is X_1, X_0, X_2, that of the model x[0], x[1], x[2]: by position `X_1` would be `x[0]`"),
     "some": ('inputs = { a = { column = "x[0]" }, b = {}, c = {} }', "inputs.b: no `column`, which others have"),
     "no-range": ("inputs = { a = {}, b = { min = 0.0, max = 1.0 }, c = {} }", "inputs.a: has no range"),
     "empty-range": ("inputs = { a = { min = 1.0, max = 0.0 }, b = {}, c = {} }", "inputs.a.max: 0, expected at least min, which is 1"),
@@ -560,6 +561,21 @@ def test_mistakes_of_an_interface(tmp_path, name):
     run = metafmu("import", "model.onnx", "--interface", "interface.toml", cwd=tmp_path, check=False)
     assert run.returncode == 2 and message in run.stderr, run.stderr
     assert "interface.toml:" in run.stderr
+
+
+def test_a_table_of_another_order_or_outside_of_the_ranges_is_refused(tmp_path):
+    (tmp_path / "model.onnx").write_bytes(dict(fitting(np.float32))["perceptron"].SerializeToString())
+    pd.DataFrame(ROWS, columns=["X [2]", "X (1)", "X 0"]).to_csv(tmp_path / "rows.csv", index=False)
+    pd.DataFrame(ROWS, columns=["a", "b", "c"]).to_csv(tmp_path / "abc.csv", index=False)
+    (tmp_path / "interface.toml").write_text('name = "x"\ninputs = { a = { min = 0.9, max = 5.0 }, b = { max = 2.0 }, c = {} }\noutputs = { u = {}, v = {} }\n')
+    outside = f"{np.mean(ROWS[:, 0] < 0.9):.0%}".replace("%", " %")
+    for arguments, message in [
+        (("--new", "i.toml", "--data", "rows.csv"), "rows.csv: the order of its columns is"),
+        (("--interface", "interface.toml", "--data", "abc.csv"), f"inputs.a: {outside} of the rows of training data are outside of its range from 0.9 to 5"),
+    ]:
+        run = metafmu("import", "model.onnx", *arguments, cwd=tmp_path, check=False)
+        assert run.returncode == 2 and message in run.stderr, run.stderr
+        assert not list(tmp_path.glob("*.safetensors")) and not (tmp_path / "i.toml").exists()
 
 
 def test_an_imported_model_is_exported_to_onnx_again(tmp_path):

@@ -1,5 +1,7 @@
 //! Names for people: lists of those there are, and the one that was probably meant.
 
+use std::collections::HashMap;
+
 /// What to say behind a name that is not known: those that are, and the one that was probably meant.
 pub fn expected_one_of(found: &str, known: &[&str]) -> String {
     if known.is_empty() {
@@ -28,6 +30,55 @@ pub(crate) fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>)
     let found = folded(found);
     let ranked = known.into_iter().filter_map(|name| Some((difference(&found, &folded(name))?, name)));
     ranked.min_by_key(|(difference, _)| *difference).map(|(_, name)| name)
+}
+
+/// The first of `names`, and its place, that belongs to a column by position and is the name of another one apart from its spelling: case, punctuation
+/// and a unit in brackets do not count. Returns that name's place and that of the column whose name it is.
+pub fn out_of_order(columns: &[&str], names: &[&str]) -> Option<[usize; 2]> {
+    let spellings: Vec<[String; 2]> = columns.iter().map(|column| spellings(column)).collect();
+    let mut places = HashMap::new();
+    for (place, of) in spellings.iter().enumerate() {
+        for spelling in of {
+            places.entry(spelling.as_str()).or_insert(place);
+        }
+    }
+    names.iter().take(columns.len()).enumerate().find_map(|(place, name)| {
+        let found = self::spellings(name);
+        if found.iter().any(|spelling| spellings[place].contains(spelling)) {
+            return None;
+        }
+        found
+            .iter()
+            .filter(|spelling| !spelling.is_empty())
+            .find_map(|spelling| Some([place, *places.get(spelling.as_str())?]))
+    })
+}
+
+/// A message for [`out_of_order`] names, with both orders; `what` and `of` say whose names and columns they are.
+pub fn out_of_order_problem((what, names): (&str, &[&str]), (of, columns): (&str, &[&str])) -> Option<String> {
+    let [place, column] = out_of_order(columns, names)?;
+    Some(format!(
+        "the order of {what} is {}, that of {of} {}: by position `{}` would be `{}`, but its name is that of `{}`; expected the same order, or \
+         the names as they are spelled there",
+        listed(names),
+        listed(columns),
+        names[place],
+        columns[place],
+        columns[column]
+    ))
+}
+
+/// A name without case and punctuation, with and without the unit in brackets behind it.
+fn spellings(name: &str) -> [String; 2] {
+    let letters =
+        |text: &str| -> String { text.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect() };
+    let trimmed = name.trim_end();
+    let is_unit = |inside: &str| inside.contains(|c: char| !c.is_ascii_digit());
+    let without = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
+        let (before, inside) = trimmed.strip_suffix(close)?.rsplit_once(open)?;
+        is_unit(inside).then_some(before)
+    });
+    [letters(name), letters(without.unwrap_or(name))]
 }
 
 fn folded(name: &str) -> Vec<char> {
@@ -73,6 +124,25 @@ fn edits(one: &[char], other: &[char]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_that_is_that_of_another_column_but_for_its_spelling_is_out_of_order() {
+        let columns = ["angle", "speed", "x[0]", "x[1]"];
+        for (names, expected) in [
+            (["angle", "speed", "x[0]", "x[1]"], None),
+            (["Angle", "SPEED [rad/s]", "x_0", "X1"], None),
+            (["a", "b", "c", "d"], None),
+            (["Speed", "Angle", "x_0", "x_1"], Some([0, 1])),
+            (["a", "b", "x_1", "x_0"], Some([2, 3])),
+            (["a", "angle (rad)", "c", "d"], Some([1, 0])),
+            // nothing is left of them
+            (["[0]", "-", "+", "*"], None),
+        ] {
+            assert_eq!(out_of_order(&columns, &names), expected, "{names:?}");
+        }
+        // what is spelled as its own column is in its place, whatever else is spelled so
+        assert_eq!(out_of_order(&["x1", "x_1"], &["X1", "x 1"]), None);
+    }
 
     #[test]
     fn what_is_close_is_found_and_nothing_else() {

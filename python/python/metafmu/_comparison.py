@@ -28,17 +28,22 @@ class Precision(NamedTuple):
 
 SINGLE = Precision(1.2e-7, 1e-4)
 DOUBLE = Precision.of("float64")
+#: Points that are drawn for a comparison.
+DRAWN = _ROWS + _MORE
 
 
 def some_rows(surrogate, rows):
     """Some of the rows that it was made with, unless they are None, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
     low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
-    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(low)))
+    drawn = np.random.default_rng(0).uniform(low, high, (DRAWN, len(low)))
     rows = np.empty((0, len(low))) if rows is None else rows
     return rows[:: max(1, -(-len(rows) // _ROWS))], drawn
 
 
-def compare(rows, found, what, predict, precision):
+_ONNX_MAY_HELP = "; an export to ONNX and from_onnx may help"
+
+
+def compare(rows, found, what, predict, precision, advice=_ONNX_MAY_HELP):
     """Raises :class:`metafmu.Error` if what ``found`` gives for rows of the inputs, of shape (rows, outputs), is something else than the model,
     ``what``, predicts: a part of it was read wrongly, or its rows depend on each other, or on chance.
 
@@ -55,7 +60,7 @@ def compare(rows, found, what, predict, precision):
     if count or wrong.mean() > 0.05:
         raise _metafmu.Error(
             f"{what} was read wrongly: predictions differ by {difference:.1e} of their spread; a part of it does something else in this version, or with these "
-            "options, or its rows depend on each other, or on chance; an export to ONNX and from_onnx may help"
+            f"options, or its rows depend on each other, or on chance{advice}"
         )
 
 
@@ -93,7 +98,7 @@ def finished(graph, value, what, predict, precision, named, known, about):
         return surrogate
     columns, results = named
     low, high = graph.ranges_with_states(columns, results, **about)
-    drawn = np.random.default_rng(0).uniform(low, high, (_ROWS + _MORE, len(columns)))
+    drawn = np.random.default_rng(0).uniform(low, high, (DRAWN, len(columns)))
     compare((drawn[:0], drawn), lambda rows: graph.evaluate(value, rows), what, predict, precision)
     _refuse_frozen_time(graph, value, columns, about["inputs"], drawn[:_ROWS])
     return graph.finish_with_states(value, columns, results, **about)

@@ -126,6 +126,16 @@ def _quoted(names):
     return ", ".join(f"`{name}`" for name in names[:20]) + (" is" if len(names) == 1 else " are")
 
 
+def _refuse_other_orders(*lists):
+    """Raises :class:`metafmu.Error` if a name of one of these lists, pairs of what they are and names in the order of the same columns, is that of another
+    column apart from case, punctuation and a unit in brackets."""
+    lists = [(what, list(names)) for what, names in lists if names]
+    for place, of in enumerate(lists):
+        for names in lists[place + 1 :]:
+            if len(of[1]) == len(names[1]) and (problem := _metafmu.out_of_order(names, of)):
+                raise _metafmu.Error(problem)
+
+
 def _names_of_columns(known, count, given, there):
     """The names of a model's columns: those that it knows, ``known``, unless it knows none, or none of those that are given. Then they have the order of a
     DataFrame, whose columns are ``there`` and of which there may be more, or none is known."""
@@ -147,12 +157,18 @@ def interface(
     """
     if domain not in ("data", "ranges"):
         raise _metafmu.Error(f"domain: {domain!r}, expected \"data\" or \"ranges\"")
-    input_names = _names_of_columns(input_names, count_inputs, names_in(inputs, "input"), [str(name) for name in data.columns] if is_frame(data) else [])
+    there = [str(name) for name in data.columns] if is_frame(data) else []
+    of_model = {"inputs": input_names, "outputs": output_names}
+    input_names = _names_of_columns(input_names, count_inputs, names_in(inputs, "input"), there)
     output_names = _names_of_columns(output_names, count_outputs, names_in(outputs, "output"), [])
     column = ("column",) if named else ()
     of_inputs = of_section(inputs, count_inputs, "x", "input", (*column, *(("value",) if named else ()), *_INPUT_KEYS), input_names)
     variables = {name: about for name, about in of_inputs.items() if "value" not in about}
     of_outputs = of_section(outputs, count_outputs, "y", "output", (*column, *_OUTPUT_KEYS), output_names)
+    for what, of, section in (("inputs", input_names, of_inputs), ("outputs", output_names, of_outputs)):
+        # entries that say which column they are have no order
+        if not any("column" in about for about in section.values()):
+            _refuse_other_orders(("the model's columns", of_model[what]), ("`data`" if what == "inputs" else "`y`", of), (f"`{what}`", section))
     rows = None
     if data is not None:
         # entries that say which column they are may be more or less than the columns

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from . import _metafmu
+from ._comparison import DRAWN, SINGLE, Precision, compare, ranges_of, some_rows
 from ._interface import as_bytes, interface_of_columns
 from ._surrogate import Names, Surrogate
+
+
+# attributes of operators are in single precision only: here they are the decimal that was meant, in onnxruntime what it was rounded to
+_DOUBLE = Precision(2.2e-16, 1e-5)
+
 
 def from_onnx(
     model: Any,
@@ -43,6 +53,8 @@ def from_onnx(
 
     >>> metafmu.from_onnx("ode.onnx", inputs={"u": (-2, 2)}, states={"x": {"derivative": "dx", "start": 0.5}}).export("ode.fmu")
 
+    Where onnxruntime is installed, it evaluates the model at some rows of ``data`` and points in the ranges, and other predictions are an error.
+
     Raises :class:`metafmu.Error` with the nodes that do not fit.
     """
     folder, title = None, "model"
@@ -61,5 +73,52 @@ def from_onnx(
         columns, results, inputs=inputs, outputs=outputs, data=data, states=states, sample=sample, step=step, name=name or title, description=description,
         stop=stop, domain=domain, solver_step=solver_step,
     )
-    return Surrogate(_metafmu.from_onnx(content, folder, text, as_bytes(rows)))
+    surrogate = Surrogate(_metafmu.from_onnx(content, folder, text, as_bytes(rows)))
+    _compare(surrogate, model if folder is not None else content, (content, folder), (columns, results), text, rows)
+    return surrogate
 
+
+def _compare(surrogate, source, model, names, text, rows):
+    """Raises :class:`metafmu.Error` if onnxruntime, unless it is not installed, finds other outputs; ``source``: the model's path or bytes, ``names``: of
+    the columns that it takes and gives."""
+    try:
+        import onnxruntime
+    except ImportError:
+        return
+    columns, results = names
+    about = json.loads(text)
+    entries = [*about["inputs"].values(), *about["outputs"].values()]
+    in_order = not about["states"] and not any("column" in entry or "value" in entry for entry in entries)
+    if in_order and (len(surrogate.inputs), len(surrogate.outputs)) == (len(columns), len(results)):
+        points, found = some_rows(surrogate, rows), surrogate.predict
+    else:
+        drawn = np.random.default_rng(0).uniform(*ranges_of(columns, text, rows), (DRAWN, len(columns)))
+        points, found = (drawn[:0], drawn), lambda x: np.frombuffer(_metafmu.onnx_evaluate(*model, x.tobytes())).reshape(len(x), -1)
+    try:
+        predict, precision = _by_onnxruntime(onnxruntime, source, len(columns))
+        predict(points[1][:1])
+    except Exception as error:  # those of onnxruntime have no class of their own
+        warnings.warn(f"the model was not compared with onnxruntime, which does not run it: {error}", stacklevel=3)
+        return
+    compare(points, found, "the ONNX model", predict, precision, "")
+
+
+def _by_onnxruntime(onnxruntime, source, count):
+    """What onnxruntime makes of rows of ``count`` columns, and the precision of the model."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.log_severity_level = 1, 4
+    session = onnxruntime.InferenceSession(os.fspath(source) if not isinstance(source, bytes) else source, options, providers=["CPUExecutionProvider"])
+    kinds = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+    # of one row: what is free has the length 1
+    shapes = [[length if isinstance(length, int) and length > 0 else 1 for length in given.shape] for given in session.get_inputs()]
+    ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
+    if ends[-1] != count:
+        raise ValueError(f"it has {ends[-1]} columns of inputs, expected {count}")
+
+    def of_row(row):
+        parts = np.split(row, ends[:-1])
+        given = {given.name: part.reshape(shape).astype(kinds[given.type]) for given, part, shape in zip(session.get_inputs(), parts, shapes)}
+        return np.concatenate([np.ravel(output).astype(np.float64) for output in session.run(None, given)])
+
+    is_double = all(port.type == "tensor(double)" for port in (*session.get_inputs(), *session.get_outputs()))
+    return lambda rows: np.stack([of_row(row) for row in rows]), _DOUBLE if is_double else SINGLE

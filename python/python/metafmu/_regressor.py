@@ -52,10 +52,15 @@ except ImportError:  # scikit-learn is optional
             raise _metafmu.Error(f"X has the shape {x.shape}, expected finite numbers of shape (rows, columns)")
         if reset:
             estimator.n_features_in_ = x.shape[1]
+            vars(estimator).pop("feature_names_in_", None)
             if names is not None:
                 estimator.feature_names_in_ = np.array(names, dtype=object)
-        elif x.shape[1] != estimator.n_features_in_:
-            raise _metafmu.Error(f"X has {x.shape[1]} columns, expected {estimator.n_features_in_}")
+        else:
+            if x.shape[1] != estimator.n_features_in_:
+                raise _metafmu.Error(f"X has {x.shape[1]} columns, expected {estimator.n_features_in_}")
+            known = getattr(estimator, "feature_names_in_", None)
+            if names is not None and known is not None and names != list(known):
+                raise _metafmu.Error(f"X has the columns {', '.join(names[:20])}, expected those that it was fitted to, in their order: {', '.join(known[:20])}")
         if y is None:
             return x
         y = np.asarray(y, dtype=np.float64)
@@ -116,7 +121,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         self.surrogate_, self.history_ = self._trained(x, columns)
         return self
 
-    def _trained(self, x, y, **about):
+    def _trained(self, x, y, measure=False, **about):
         about = {"inputs": None, "outputs": None, "name": "surrogate", "description": "", "step": 0.01, "stop": 1.0, **about}
         if not isinstance(self.training or {}, Mapping):
             raise _metafmu.Error(f"training: {self.training!r}, expected a dict with keys of [training]")
@@ -131,6 +136,7 @@ class Regressor(RegressorMixin, BaseEstimator):
                 "schedule": "cosine", **(self.training or {}),
             },
             "seed": self._seed(),
+            "measure": measure,
         }
         core, fit = _metafmu.fit(as_bytes(rows), np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
         fit = json.loads(fit)
@@ -201,9 +207,9 @@ def fit(
     ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
     given; ``options``: those of :class:`Regressor`.
 
-    A share of the rows is held out, to choose the best epoch; `Surrogate.accuracy` tells how far predictions are off there. An
-    :class:`AccuracyWarning` names outputs of which less than half of the variance is explained. `Surrogate.evaluate` measures on rows that took
-    no part in any choice.
+    A share of the rows is held out: half of them choose the best epoch, the other half measure `Surrogate.accuracy`. Of fewer than 1000 rows the accuracy is
+    that of a five-fold cross-validation: each row is predicted by one of five further networks, which neither learned it nor was chosen by it. An
+    :class:`AccuracyWarning` names outputs of which less than half of the variance is explained.
 
     >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"}, hidden=(32, 32))
     >>> surrogate.accuracy["force"]["r2"]
@@ -220,12 +226,13 @@ def fit(
     if not np.isfinite(columns).all():
         raise _metafmu.Error("y has numbers that are not finite")
     model._names = [str(column) for column in X.columns] if hasattr(X, "columns") else None, names
-    surrogate, _ = model._trained(x, columns, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop, domain=domain)
-    spread = dict(zip(surrogate.accuracy, columns.std(axis=0)))
-    # of a single row, or of equal ones, there is no R²
-    r2 = {name: of["r2"] if of["r2"] is not None else 1.0 - (of["rmse"] / max(spread[name], 1e-300)) ** 2 for name, of in surrogate.accuracy.items()}
+    surrogate, _ = model._trained(x, columns, measure=True, inputs=inputs, outputs=outputs, name=name, description=description, step=step, stop=stop, domain=domain)
+    measured = surrogate.accuracy or {}
+    spread = dict(zip(measured, columns.std(axis=0)))
+    # of equal rows there is no R²
+    r2 = {name: of["r2"] if of["r2"] is not None else 1.0 - (of["rmse"] / max(spread[name], 1e-300)) ** 2 for name, of in measured.items()}
     poor = [f"`{name}` {value:.3g}" for name, value in r2.items() if value < 0.5 and spread[name] > 0.0]
     if poor:
-        message = f"a poor surrogate: R² on the held-out rows of {', '.join(poor)}, where the mean would have 0; more rows, or other inputs, may be needed"
+        message = f"a poor surrogate: R² on unseen rows of {', '.join(poor)}, where the mean would have 0; more rows, or other inputs, may be needed"
         warnings.warn(message, AccuracyWarning, stacklevel=2)
     return surrogate

@@ -91,6 +91,9 @@ def data_rows(data, names, columns):
     if found:
         return rows_of(data, found[0], "data")
     if len(there) == len(names) and set(there).isdisjoint([*columns, *names]):
+        for what, wanted in (("the model's columns", columns), ("`inputs`", names)):
+            if problem := _metafmu.out_of_order(("`data`", there), (what, wanted)):
+                raise _metafmu.Error(problem)
         return rows_of(data, there, "data")
     expected = " or ".join(dict.fromkeys(", ".join(wanted[:20]) for wanted in (columns, names)))
     raise _metafmu.Error(f"data has the columns {', '.join(there[:20])}, expected all of {expected}, or other names for all columns in their order")
@@ -200,8 +203,8 @@ class Surrogate:
 
     @property
     def accuracy(self) -> dict[str, dict[str, float | None]] | None:
-        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` that of the rows that were held out of the training, which chose its best epoch.
-        None if nothing was measured."""
+        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` the accuracy on rows that took part neither in the training nor in the choice of its best
+        epoch, of few rows by cross-validation. None if nothing was measured."""
         if self._accuracy is None:
             return None
         figures = {}
