@@ -173,24 +173,18 @@ pub(crate) unsafe fn call<C: Call>(
 unsafe fn tell<C: Call>(component: *mut Component, call: C, answer: Result<Option<Refusal>, String>) -> Status {
     // SAFETY: the caller's promise
     let instance = unsafe { &mut (*component).instance };
-    let mut messages: Vec<String> = instance.take_warnings().iter().map(ToString::to_string).collect();
-    let mut status = Status::Warning;
-    match answer {
-        Ok(None) => {}
-        Ok(Some(refusal)) => {
-            status = refusal.status();
-            messages.push(refusal.to_string());
-        }
-        Err(panic) => {
-            status = Status::Fatal;
-            messages.push(panicked(&panic));
-        }
-    }
+    let warnings = instance.take_warnings();
+    let (status, reason) = match answer {
+        Ok(None) => (Status::Ok, None),
+        Ok(Some(refusal)) => (refusal.status(), Some(refusal.to_string())),
+        Err(panic) => (Status::Fatal, Some(panicked(&panic))),
+    };
     instance.fail(status);
     // SAFETY: the caller's promise; the instance is not borrowed any more, should the host call back from its logger
     let logger = unsafe { &(*component).logger };
-    for message in messages {
-        logger.log(status, &format!("{}{call:?}: {message}", C::PREFIX));
+    let warnings = warnings.iter().map(|warning| (Status::Warning, warning.to_string()));
+    for (severity, message) in warnings.chain(reason.map(|reason| (status, reason))) {
+        logger.log(severity, &format!("{}{call:?}: {message}", C::PREFIX));
     }
     status
 }
@@ -220,7 +214,7 @@ pub(crate) unsafe fn switch_logging(
         not_null(category.cast_mut(), "categories")?;
         // SAFETY: not null and the caller's promise
         let category = unsafe { CStr::from_ptr(category) }.to_string_lossy();
-        // a warning, not an error: an unknown category is no reason to end a simulation
+        // not an error: an unknown category is no reason to end a simulation
         if !logger.switch(&category, on) {
             instance.warn(Warning::UnknownCategory { found: category.into_owned(), expected: Logger::categories() });
         }

@@ -30,9 +30,8 @@ pub(crate) struct Logger {
 const CATEGORIES: [&CStr; 3] = [c"logStatusError", c"logStatusWarning", c"logAll"];
 
 impl Logger {
-    /// `loggingOn` of FMI 2.0 governs debug messages only. Warnings, too, are on from the start, whatever it says: the
-    /// standard defines fmi2Warning by "function logger was called", and unlike fmi2Discard without the condition of
-    /// debug mode. `fmi2SetDebugLogging` can turn them off.
+    /// `loggingOn` of FMI 2.0 governs debug messages only. Warnings, too, are on from the start, whatever it says: no
+    /// status reports them. `fmi2SetDebugLogging` can turn them off.
     pub(crate) fn fmi2(callback: Callback2, environment: *mut c_void, instance_name: &CStr, debug: bool) -> Self {
         let sink = Sink::Fmi2 { callback, instance_name: instance_name.to_owned() };
         Self { sink, environment, warnings: true, debug }

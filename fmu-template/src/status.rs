@@ -3,7 +3,9 @@
 
 use crate::state::State;
 
-/// Status of a call; the numbers of `fmi2Status` and `fmi3Status`.
+/// Status of a call and severity of a message; the numbers of `fmi2Status` and `fmi3Status`. No call returns `Warning`:
+/// many hosts end a simulation on every status but OK. FMI 3.0 advises them to: "For production environments warnings
+/// should be treated like errors unless they can be safely ignored."
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) enum Status {

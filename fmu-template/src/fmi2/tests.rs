@@ -159,6 +159,13 @@ impl Host {
         message.text.clone()
     }
 
+    /// Whether there were warnings since the last time, which the log has and no status.
+    fn warned(&self) -> bool {
+        let messages = self.messages();
+        assert!(messages.iter().all(|message| message.status == Status::Warning as c_int), "{messages:?}");
+        !messages.is_empty()
+    }
+
     fn state(&self) -> State {
         unsafe { (*self.c.cast::<Component>()).instance.snapshot().state }
     }

@@ -28,8 +28,7 @@ pub(super) unsafe fn step_with_updates(
             Ok(())
         })
     };
-    let mut worst = begun;
-    if is_refused(begun) {
+    if begun != Status::Ok {
         return (begun, false);
     }
     let whole = from + size;
@@ -46,10 +45,9 @@ pub(super) unsafe fn step_with_updates(
             // SAFETY: as above
             unsafe { (*component).instance.undo_updates() };
         }
-        if is_refused(status) {
+        if status != Status::Ok {
             return (status, false);
         }
-        worst = if status == Status::Ok { worst } else { status };
         time = next;
         let can_return = updates.early_return && time < whole;
         let (mut requested, mut return_time) = (0, time);
@@ -80,9 +78,5 @@ pub(super) unsafe fn step_with_updates(
     // tells the host if a call from its callback has ended the simulation
     // SAFETY: the caller's promise
     let ended = unsafe { call(instance, Function::DoStep, |_| Ok(())) };
-    (if is_refused(ended) { ended } else { worst }, time < whole)
-}
-
-fn is_refused(status: Status) -> bool {
-    !matches!(status, Status::Ok | Status::Warning)
+    (ended, time < whole)
 }

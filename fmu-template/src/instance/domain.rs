@@ -58,8 +58,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The first call that leaves the domain answers with a warning, for the computation can continue; those after it
-    /// do not, as a warning without a message would be against the standard and a message a step a flood.
+    /// The first call that leaves the domain logs a warning; those after it do not, as a message a step would be a flood.
     #[inline]
     pub(super) fn note_value(&mut self, column: usize) {
         let value = self.now.values[column];

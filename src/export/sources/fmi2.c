@@ -80,10 +80,7 @@ void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID
     instance->interface = fmuType == KIND_MODEL_EXCHANGE ? MODEL_EXCHANGE : CO_SIMULATION;
     instance->event_mode = false;
     instance->send = send_message;
-    /*
-     * loggingOn governs debug messages only: the standard defines fmi2Error and fmi2Warning by "function logger was
-     * called". fmi2SetDebugLogging can turn warnings off.
-     */
+    /* loggingOn governs debug messages only: no status reports a warning. fmi2SetDebugLogging can turn warnings off. */
     instance->log_warnings = true;
     instance->log_everything = loggingOn != 0;
     bool good = instance_initialize(instance, "fmi2Instantiate", instanceName, fmuGUID);

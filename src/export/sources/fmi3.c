@@ -620,9 +620,9 @@ static Status step_with_updates(Component *component, double from, double size, 
     double end = whole;
     double time = from;
     double step = 0.0;
-    Status worst = instance_check_step(instance, from, size);
-    if (worst != STATUS_OK) {
-        return worst;
+    const Status checked = instance_check_step(instance, from, size);
+    if (checked != STATUS_OK) {
+        return checked;
     }
     component->before = instance->now;
     do {
@@ -639,15 +639,14 @@ static Status step_with_updates(Component *component, double from, double size, 
         if (status == STATUS_DISCARD) {
             instance_restore(instance, &component->before);
         }
-        if (status > STATUS_WARNING) {
+        if (status != STATUS_OK) {
             return status;
         }
-        worst = status == STATUS_OK ? worst : status;
         time = next;
         end = update(component, time, end, component->early_return && time < whole);
     } while (time < end);
     *early = time < whole;
-    return instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ? worst : STATUS_ERROR;
+    return instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ? STATUS_OK : STATUS_ERROR;
 }
 
 Status fmi3DoStep(void *instance, double currentCommunicationPoint, double communicationStepSize,

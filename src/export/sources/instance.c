@@ -191,7 +191,6 @@ static void switch_all(Instance *instance, bool on)
 
 Status instance_switch_logging(Instance *instance, bool on, size_t count, const char *const categories[])
 {
-    Status status = STATUS_OK;
     if (count == 0) {
         switch_all(instance, on);
     }
@@ -207,13 +206,13 @@ Status instance_switch_logging(Instance *instance, bool on, size_t count, const 
         } else if (strcmp(categories[i], CATEGORY_ALL) == 0) {
             switch_all(instance, on);
         } else if (strcmp(categories[i], CATEGORY_ERROR) != 0) {
-            /* a warning, not an error: an unknown category is no reason to end a simulation */
-            status = instance_tell(instance, STATUS_WARNING,
-                                   "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],
-                                   CATEGORY_ERROR, CATEGORY_WARNING, CATEGORY_ALL);
+            /* not an error: an unknown category is no reason to end a simulation */
+            instance_tell(instance, STATUS_WARNING,
+                          "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],
+                          CATEGORY_ERROR, CATEGORY_WARNING, CATEGORY_ALL);
         }
     }
-    return status;
+    return STATUS_OK;
 }
 
 bool instance_lacks(Instance *instance, const void *pointer, size_t count, const char *argument)
@@ -457,47 +456,37 @@ static bool forbids_point(Instance *instance, Policy policy)
     return false;
 }
 
-static Status worse(Status a, Status b)
-{
-    return a > b ? a : b;
-}
-
 /* Nothing can be clamped here, so this is said whatever the policy. */
-static Status note_change(Instance *instance, size_t index)
+static void note_change(Instance *instance, size_t index)
 {
     instance->now.changed = true;
     if (instance->warned_of_change) {
-        return STATUS_OK;
+        return;
     }
     instance->warned_of_change = true;
-    return instance_tell(instance, STATUS_WARNING,
-                         "variable `%.100s`: changed from %.10g to %.10g during the run; outputs are those of a run "
-                         "that has had %.10g since its start (said once a run)",
-                         model_columns[index].name, instance->now.at_start[index], instance->now.columns[index],
-                         instance->now.columns[index]);
+    instance_tell(instance, STATUS_WARNING,
+                  "variable `%.100s`: changed from %.10g to %.10g during the run; outputs are those of a run "
+                  "that has had %.10g since its start (said once a run)",
+                  model_columns[index].name, instance->now.at_start[index], instance->now.columns[index],
+                  instance->now.columns[index]);
 }
 
-/*
- * The first call that leaves the domain answers with a warning, for the computation can continue; those after it do
- * not, as a warning without a message would be against the standard and a message a step a flood.
- */
-static Status note_value(Instance *instance, size_t index)
+/* The first call that leaves the domain logs a warning; those after it do not, as a message a step would be a flood. */
+static void note_value(Instance *instance, size_t index)
 {
     const Column *column = &model_columns[index];
     const double value = instance->now.columns[index];
-    Status status = STATUS_OK;
     if (is_changed(instance, index, value, instance->now.time)) {
-        status = note_change(instance, index);
+        note_change(instance, index);
     }
     if (instance->now.policy != POLICY_WARN || instance->warned[index] || contains(column, value)) {
-        return status;
+        return;
     }
     instance->warned[index] = true;
     char valid[VALID_SIZE];
     describe_valid(column, valid);
-    return instance_tell(instance, STATUS_WARNING,
-                         "variable `%.100s`: %.10g is outside %s; outputs are %s (said once a run)", column->name,
-                         value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
+    instance_tell(instance, STATUS_WARNING, "variable `%.100s`: %.10g is outside %s; outputs are %s (said once a run)",
+                  column->name, value, valid, column->value_count > 0 ? "those of the nearest" : "extrapolated");
 }
 
 /*
@@ -518,10 +507,11 @@ static Status note_data(Instance *instance, Status refused)
                              distance);
     }
     instance->warned_of_data = true;
-    return instance_tell(instance, STATUS_WARNING,
-                         "the inputs are in their ranges, but %.3f of the ranges away from where training data are near; "
-                         "outputs are extrapolated (said once a run)",
-                         distance);
+    instance_tell(instance, STATUS_WARNING,
+                  "the inputs are in their ranges, but %.3f of the ranges away from where training data are near; "
+                  "outputs are extrapolated (said once a run)",
+                  distance);
+    return STATUS_OK;
 }
 
 /* States and what is remembered are what they are: they cannot be clamped. */
@@ -621,7 +611,6 @@ static Status advance_states(Instance *instance, double time, double size, Statu
     Snapshot *now = &instance->now;
     const Step step = {size, now->tolerance, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
     double after = 0.0;
-    Status status = STATUS_OK;
     update_point(instance);
     /* whatever comes of it, the point is not that of the results any more */
     instance->stale = true;
@@ -656,9 +645,9 @@ static Status advance_states(Instance *instance, double time, double size, Statu
         now->columns[i] = instance->point[i];
     }
     for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
-        status = worse(status, note_value(instance, i));
+        note_value(instance, i);
     }
-    return status;
+    return STATUS_OK;
 }
 #endif
 
@@ -666,7 +655,6 @@ static Status advance_states(Instance *instance, double time, double size, Statu
 
 static Status set_time(Instance *instance, double time, Status refused)
 {
-    Status status = STATUS_OK;
     for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role != ROLE_TIME) {
             continue;
@@ -677,11 +665,11 @@ static Status set_time(Instance *instance, double time, Status refused)
         instance->now.columns[i] = time;
         instance->stale = true;
         if (!is_trial(instance)) {
-            status = note_value(instance, i);
+            note_value(instance, i);
         }
     }
     instance->now.time = time;
-    return status;
+    return STATUS_OK;
 }
 
 /* An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are. */
@@ -705,18 +693,16 @@ static bool forbids_inputs(Instance *instance, double size, Status status)
     return false;
 }
 
-static Status advance_inputs(Instance *instance, double size)
+static void advance_inputs(Instance *instance, double size)
 {
-    Status status = STATUS_OK;
     for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT) {
             instance->now.columns[i] = extrapolated(instance, i, size);
             instance->now.rates[0][i] += size * instance->now.rates[1][i];
             instance->stale = true;
-            status = worse(status, note_value(instance, i));
+            note_value(instance, i);
         }
     }
-    return status;
 }
 
 /* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again. */
@@ -764,17 +750,20 @@ Status instance_do_step(Instance *instance, double from, double size)
         return status;
     }
     status = note_data(instance, refused);
-    if (status > STATUS_WARNING) {
+    if (status != STATUS_OK) {
         return status;
     }
 #if MODEL_GOES_ON
-    status = worse(status, advance_states(instance, time, size, refused));
-    if (status > STATUS_WARNING) {
+    status = advance_states(instance, time, size, refused);
+    if (status != STATUS_OK) {
         return status;
     }
 #endif
-    status = worse(status, set_time(instance, time, refused));
-    return status > STATUS_WARNING ? status : worse(status, advance_inputs(instance, size));
+    status = set_time(instance, time, refused);
+    if (status == STATUS_OK) {
+        advance_inputs(instance, size);
+    }
+    return status;
 }
 
 double instance_updates(double size)
@@ -805,16 +794,15 @@ Status instance_set_solver_time(Instance *instance, double time)
 
 Status instance_accept_point(Instance *instance)
 {
-    Status status = STATUS_OK;
     if (instance->now.time <= instance->now.start_time) {
         memcpy(instance->now.at_start, instance->now.columns, sizeof instance->now.at_start);
     }
     if (forbids_point(instance, instance->now.policy)) {
         return STATUS_ERROR;
     }
-    status = note_data(instance, STATUS_ERROR);
-    for (size_t i = 0; i < NAMED_COUNT && status != STATUS_ERROR; i++) {
-        status = worse(status, note_value(instance, i));
+    const Status status = note_data(instance, STATUS_ERROR);
+    for (size_t i = 0; i < NAMED_COUNT && status == STATUS_OK; i++) {
+        note_value(instance, i);
     }
     return status;
 }
@@ -1131,10 +1119,16 @@ static Status check_settable(Instance *instance, uint32_t reference)
     }
 }
 
+/* The column of a variable that may be set: of an input, a parameter or a state. */
+static size_t settable_column(const Instance *instance, uint32_t reference)
+{
+    const size_t index = model_variables[reference].index;
+    return is(instance, reference, VARIABLE_STATE) ? INPUT_COUNT + index : index;
+}
+
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
 {
     Snapshot *now = &instance->now;
-    Status status = STATUS_OK;
     for (size_t i = 0; i < count; i++) {
         if (check_settable(instance, references[i]) != STATUS_OK) {
             return STATUS_ERROR;
@@ -1143,23 +1137,24 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
             return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
-        if (!is_trial(instance) &&
-            forbids(instance, references[i], values[i], now->time, now->policy, STATUS_ERROR)) {
+        if (!is_trial(instance) && forbids(instance, settable_column(instance, references[i]), values[i], now->time,
+                                           now->policy, STATUS_ERROR)) {
             return STATUS_ERROR;
         }
     }
     for (size_t i = 0; i < count; i++) {
-        now->columns[references[i]] = values[i];
+        const size_t column = settable_column(instance, references[i]);
+        now->columns[column] = values[i];
         if (now->time <= now->start_time) {
-            now->at_start[references[i]] = values[i];
+            now->at_start[column] = values[i];
         }
         instance->stale = true;
         if (!is_trial(instance)) {
-            status = worse(status, note_value(instance, references[i]));
+            note_value(instance, column);
         }
     }
     initialize_states(instance);
-    return status;
+    return STATUS_OK;
 }
 
 /* Sets domain_policy, unless a value is outside already that it would forbid. */

@@ -11,7 +11,10 @@
 #include "evaluator.h"
 #include <stdbool.h>
 
-/* Status of a call; the numbers of fmi2Status and fmi3Status. */
+/*
+ * Status of a call and severity of a message; the numbers of fmi2Status and fmi3Status. No call returns a warning: many
+ * hosts end a simulation on every status but OK.
+ */
 typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
 
 /* The modes of the standard's state machines. A set of states, with the interfaces, says where a call is allowed. */

@@ -9,28 +9,28 @@ fn distance(host: &Host) -> f64 {
 fn the_outputs_of_the_domain_follow_inputs_and_time() {
     let host = Host::driven();
     assert_eq!((host.in_domain(), distance(&host)), (true, 0.0));
-    assert_eq!(host.set(&[SPEED], &[7.5]), Status::Warning);
+    assert_eq!((host.set(&[SPEED], &[7.5]), host.warned()), (Status::Ok, true));
     assert_eq!((host.in_domain(), distance(&host)), (false, 0.5), "at once");
     assert_eq!(host.set(&[SPEED], &[2.5]), Status::Ok);
     assert_eq!((host.in_domain(), distance(&host)), (true, 0.0));
     assert_eq!(host.step(0.0, 2.0 + 1e-10), Status::Ok);
     assert!(host.in_domain() && distance(&host) > 0.0, "rounding");
-    assert_eq!(host.step(2.0, 1.0), Status::Warning);
+    assert_eq!((host.step(2.0, 1.0), host.warned()), (Status::Ok, true));
     assert_eq!((host.in_domain(), distance(&host)), (false, 0.5));
 }
 
 #[test]
-fn each_variable_is_warned_of_once_a_run() {
+fn leaving_the_domain_is_logged_once_a_run_for_each_variable_and_returns_ok() {
     let host = Host::driven();
     let statuses = [7.0, 8.0, 2.0, 9.0].map(|value| host.set(&[SPEED], &[value]));
-    assert_eq!(statuses, [Status::Warning, Status::Ok, Status::Ok, Status::Ok]);
+    assert_eq!(statuses, [Status::Ok; 4]);
     assert!(
         host.message().contains("variable `speed`: 7 is outside the training range from 0 to 5; outputs are extra")
     );
-    assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Warning);
+    assert_eq!((host.set(&[LENGTH], &[9.0]), host.warned()), (Status::Ok, true));
     assert_eq!(host.reset(), Status::Ok);
     host.initialize(0.0);
-    assert_eq!(host.set(&[SPEED], &[7.0]), Status::Warning);
+    assert_eq!((host.set(&[SPEED], &[7.0]), host.warned()), (Status::Ok, true));
 }
 
 #[test]
@@ -86,12 +86,13 @@ fn that_no_data_are_near_is_said_where_the_inputs_are_used() {
     host.initialize(0.0);
     // from where both are low to where both are high, by a point that is neither
     assert_eq!([host.set(&[LENGTH], &[0.12]), host.step(0.0, 0.1)], [Status::Ok; 2]);
-    assert_eq!(host.set(&[LENGTH], &[0.19]), Status::Warning, "that it changes is another matter");
+    assert_eq!(host.set(&[LENGTH], &[0.19]), Status::Ok);
+    assert!(host.warned(), "that it changes is another matter");
     let host = Host::of(&surrogate);
     host.set_up(0.0);
     assert_eq!([host.set(&[LENGTH], &[0.12]), host.set(&[SPEED], &[4.5]), host.enter()], [Status::Ok; 3]);
     assert_eq!((host.in_domain(), (100.0 * distance(&host)).round()), (false, 30.0));
-    assert_eq!(host.exit(), Status::Warning);
+    assert_eq!(host.exit(), Status::Ok);
     assert!(host.message().contains("the inputs are in their ranges, but 0.300 of the ranges away"), "once a run");
     assert_eq!(host.step(0.0, 0.1), Status::Ok);
     // policy 2 refuses to use them, and not to set one after the other
@@ -127,7 +128,7 @@ fn leaving_the_domain_is_said_where_a_solver_accepts_a_step_or_an_event_begins()
     for accept in accept {
         let host = Host::solving();
         assert_eq!(host.set_time(2.5), Status::Ok);
-        assert_eq!(accept(&host), Status::Warning);
+        assert_eq!(accept(&host), Status::Ok);
         assert!(host.message().contains("variable `time`: 2.5 is outside the training range from 0 to 2; outputs are"));
         assert_eq!(host.outputs(), expected(starts()[0], 2.5, 2.5));
     }
@@ -154,7 +155,7 @@ fn a_parameter_or_an_input_that_changes_during_a_run_is_warned_of_once_and_leave
         assert_eq!(host.set(&[reference], &[values[0]]), Status::Ok);
         assert_eq!(host.step(0.0, 0.5), Status::Ok);
         assert_eq!((host.set(&[reference], &[values[0]]), host.in_domain()), (Status::Ok, true), "no change");
-        assert_eq!((host.set(&[reference], &[values[1]]), host.in_domain()), (Status::Warning, false));
+        assert_eq!((host.set(&[reference], &[values[1]]), host.in_domain()), (Status::Ok, false));
         let says = format!(
             "variable `{name}`: changed from {} to {} during the run; outputs are those of a run that has had {} since its \
              start (said once a run)",
@@ -188,7 +189,7 @@ fn a_parameter_or_an_input_that_changes_during_a_run_is_warned_of_once_and_leave
 fn an_input_that_follows_a_derivative_changes_during_the_run() {
     let host = Host::driven();
     assert_eq!(unsafe { fmi2SetRealInputDerivatives(host.c, &SPEED, 1, &1, &1.0) }, Status::Ok);
-    assert_eq!((host.step(0.0, 0.5), host.in_domain()), (Status::Warning, false));
+    assert_eq!((host.step(0.0, 0.5), host.in_domain()), (Status::Ok, false));
     assert!(host.message().contains("variable `speed`: changed from 2.5 to 3 during the run"));
 }
 
@@ -199,7 +200,7 @@ fn an_input_that_changes_in_model_exchange_is_warned_of_where_a_step_is_accepted
     assert_eq!((host.complete(), host.in_domain()), (Status::Ok, true));
     assert_eq!((host.set(&[SPEED], &[2.0]), host.in_domain()), (Status::Ok, false));
     assert_eq!((host.set(&[SPEED], &[1.0]), host.in_domain()), (Status::Ok, true), "it was a trial");
-    assert_eq!((host.set(&[SPEED], &[3.0]), host.complete()), (Status::Ok, Status::Warning));
+    assert_eq!((host.set(&[SPEED], &[3.0]), host.complete()), (Status::Ok, Status::Ok));
     assert!(host.message().contains("variable `speed`: changed from 1 to 3 during the run"));
     assert_eq!((host.set(&[SPEED], &[1.0]), host.complete(), host.in_domain()), (Status::Ok, Status::Ok, false));
 }
@@ -216,7 +217,7 @@ fn the_policy_to_refuse_lets_nothing_change_during_a_run() {
         host.message().contains("`length`: 0.13 instead of 0.12 as at the start of the run, and domain_policy is 2")
     );
     let host = Host::driven();
-    assert_eq!((host.step(0.0, 0.5), host.set(&[LENGTH], &[0.12])), (Status::Ok, Status::Warning));
+    assert_eq!((host.step(0.0, 0.5), host.set(&[LENGTH], &[0.12]), host.warned()), (Status::Ok, Status::Ok, true));
     assert_eq!(host.set(&[LENGTH], &[starts()[0]]), Status::Ok);
     host.messages();
     assert_eq!(host.set_policy(2), Status::Error);

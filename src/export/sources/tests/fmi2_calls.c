@@ -12,6 +12,7 @@
 enum { LENGTH, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN, DISTANCE, UNKNOWN };
 
 static int messages = 0;
+static int last_severity = STATUS_OK;
 static char last_message[MESSAGE_SIZE];
 
 static void logger(void *environment, const char *name, int status, const char *category, const char *format, ...)
@@ -19,8 +20,8 @@ static void logger(void *environment, const char *name, int status, const char *
     va_list arguments;
     (void)environment;
     (void)name;
-    (void)status;
     (void)category;
+    last_severity = status;
     va_start(arguments, format);
     vsnprintf(last_message, sizeof last_message, format, arguments);
     va_end(arguments);
@@ -188,7 +189,7 @@ static void domain(void)
     initialize(c);
     const double inside = real(c, ANGLE);
     messages = 0;
-    check(set_real(c, SPEED, 10.0) == STATUS_WARNING && messages == 1, __LINE__);
+    check(set_real(c, SPEED, 10.0) == STATUS_OK && messages == 1 && last_severity == STATUS_WARNING, __LINE__);
     check(set_real(c, SPEED, 10.0) == STATUS_OK && messages == 1, __LINE__);
     check(!in_domain(c) && real(c, DISTANCE) == 1.0 && real(c, ANGLE) != inside, __LINE__);
     const double outside = real(c, ANGLE);
@@ -200,7 +201,7 @@ static void domain(void)
     refused(set_real(c, SPEED, 6.0), __LINE__);
     check(strstr(last_message, "`speed`: 6 is outside the training range from 0 to 5") != NULL, __LINE__);
     fmi2Reset(c);
-    check(set_real(c, SPEED, 10.0) == STATUS_WARNING, __LINE__);
+    check(set_real(c, SPEED, 10.0) == STATUS_OK, __LINE__);
     refused(set_policy(c, 2), __LINE__);
     fmi2FreeInstance(c);
 }
@@ -269,7 +270,8 @@ static void derivatives(void)
     fmi2Reset(c);
     initialize(c);
     check(fmi2SetRealInputDerivatives(c, &speed, 1, orders, (const double[]){2.0}) == STATUS_OK, __LINE__);
-    check(fmi2DoStep(c, 0.0, 0.5 - step, 1) == STATUS_WARNING, __LINE__); /* it is not constant during the run */
+    messages = 0;
+    check(fmi2DoStep(c, 0.0, 0.5 - step, 1) == STATUS_OK && messages == 1, __LINE__); /* it changes */
     const double before = real(c, ANGLE);
     check(fmi2DoStep(c, 0.5 - step, step, 1) == STATUS_OK && fabs(real(c, SPEED) - 3.5) < 1e-12, __LINE__);
     const double now = real(c, ANGLE);
@@ -314,7 +316,7 @@ static void model_exchange(void)
     fmi2FreeInstance(c);
 }
 
-/* A solver tries what it likes; what it accepts outside the domain is warned of, or refused if that is the policy. */
+/* A solver tries what it likes; what it accepts outside the domain is logged, or refused if that is the policy. */
 static void trials(void)
 {
     for (int32_t policy = 0; policy < 3; policy++) {
@@ -330,13 +332,13 @@ static void trials(void)
         check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK && messages == 0, __LINE__);
         check(fmi2SetTime(c, 2.5) == STATUS_OK, __LINE__);
         const Status status = fmi2CompletedIntegratorStep(c, 1, &enter, &terminate);
-        check(status == (const Status[]){STATUS_WARNING, STATUS_OK, STATUS_ERROR}[policy], __LINE__);
+        check(status == (policy == 2 ? STATUS_ERROR : STATUS_OK), __LINE__);
         check(messages == (policy == 1 ? 0 : 1), __LINE__);
         fmi2Reset(c);
         initialize(c);
         messages = 0;
         check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && fmi2SetTime(c, 2.5) == STATUS_OK, __LINE__);
-        check(fmi2EnterEventMode(c) == STATUS_WARNING && messages == 1, __LINE__);
+        check(fmi2EnterEventMode(c) == STATUS_OK && messages == 1, __LINE__);
         fmi2FreeInstance(c);
     }
 }
@@ -357,7 +359,7 @@ static void changes(void)
         check(set_real(c, references[i], 0.19) == STATUS_OK && fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK, __LINE__);
         messages = 0;
         check(set_real(c, references[i], 0.19) == STATUS_OK && in_domain(c) && messages == 0, __LINE__);
-        check(set_real(c, references[i], 0.12) == STATUS_WARNING && !in_domain(c) && messages == 1, __LINE__);
+        check(set_real(c, references[i], 0.12) == STATUS_OK && !in_domain(c) && messages == 1, __LINE__);
         check(strstr(last_message, "changed from 0.19 to 0.12 during the run") != NULL, __LINE__);
         check(set_real(c, references[i], 0.19) == STATUS_OK && !in_domain(c) && messages == 1, __LINE__);
         check(fmi2GetFMUstate(c, &state) == STATUS_OK && fmi2Reset(c) == STATUS_OK, __LINE__);
@@ -371,7 +373,7 @@ static void changes(void)
         fmi2Reset(c);
         initialize(c);
         check(fmi2SetRealInputDerivatives(c, &speed, 1, &order, &rate) == STATUS_OK, __LINE__);
-        check(fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_WARNING && !in_domain(c), __LINE__);
+        check(fmi2DoStep(c, 0.0, 0.5, 1) == STATUS_OK && !in_domain(c), __LINE__);
         check(fmi2FreeFMUstate(c, &state) == STATUS_OK, __LINE__);
         fmi2FreeInstance(c);
     }
@@ -383,7 +385,8 @@ static void changes(void)
     check(set_real(c, SPEED, 1.0) == STATUS_OK && in_domain(c), __LINE__);
     check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK, __LINE__);
     check(set_real(c, SPEED, 2.0) == STATUS_OK, __LINE__);
-    check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_WARNING, __LINE__);
+    messages = 0;
+    check(fmi2CompletedIntegratorStep(c, 1, &enter, &terminate) == STATUS_OK && messages == 1, __LINE__);
     fmi2FreeInstance(c);
 }
 
@@ -443,7 +446,7 @@ static void status_and_logging(void)
     check(fmi2GetRealStatus(c, 2, &time) == STATUS_OK && time == 0.5, __LINE__);
     check(fmi2GetBooleanStatus(c, 3, &terminated) == STATUS_OK && terminated == 0, __LINE__);
     check(fmi2GetRealStatus(c, 1, &time) == STATUS_DISCARD && fmi2DoStep(c, 0.5, 0.1, 1) == STATUS_OK, __LINE__);
-    check(fmi2SetDebugLogging(c, 1, 1, unknown) == STATUS_WARNING, __LINE__);
+    check(fmi2SetDebugLogging(c, 1, 1, unknown) == STATUS_OK, __LINE__);
     check(strstr(last_message, "`log ##1` is unknown") != NULL, __LINE__);
     check(fmi2SetDebugLogging(c, 0, 1, known) == STATUS_OK, __LINE__);
     messages = 0;

@@ -293,15 +293,14 @@ static void domain(void)
     double states[4];
     double last[4];
     double time = 0.0;
-    int warnings = 0;
     /* a trolley beyond its rail */
     void *c = stepping(0.0);
     check(set(c, FORCE, 10.0) == STATUS_OK, __LINE__);
     messages = 0;
     for (int i = 0; i < 80; i++) {
-        warnings += fmi2DoStep(c, 0.1 * i, 0.1, 1) == STATUS_WARNING ? 1 : 0;
+        check(fmi2DoStep(c, 0.1 * i, 0.1, 1) == STATUS_OK, __LINE__);
     }
-    check(warnings == 1 && messages == 1, __LINE__); /* said once */
+    check(messages == 1, __LINE__); /* said once */
     said("fmi2DoStep: variable `trolley.position`: 5", __LINE__);
     check(strstr(last_message, "outside the training range from -5 to 5; outputs are extrapolated") != NULL, __LINE__);
     fmi2FreeInstance(c);
@@ -347,11 +346,7 @@ static void what_cannot_be_computed(void)
 {
     void *c = swinging(1, 0.0);
     double rates[4];
-    check(set(c, ROPE, 0.0) == STATUS_WARNING && fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
-    messages = 0;
-    check(get_four(c, RATES, rates) == STATUS_DISCARD, __LINE__);
-    said("fmi2GetReal: the equations have no finite solution in this state: a mass matrix is not positive "
-         "definite, or a value too large", __LINE__);
+    check(set(c, ROPE, 0.0) == STATUS_OK && fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
     check(fmi2DoStep(c, 0.0, 0.1, 1) == STATUS_ERROR, __LINE__);
     said("the states are not finite 0.005 s after the beginning of the step: the motion diverges, or reaches a "
          "state in which the equations have no finite solution", __LINE__);

@@ -145,9 +145,9 @@ static void no_allocation(void)
 
 static void domain(void)
 {
-    /* a warning, once */
+    /* said, once */
     void *c = stepping(0);
-    check(set(c, FORCE, 9.0) == STATUS_WARNING && set(c, FORCE, 8.0) == STATUS_OK && messages == 1, __LINE__);
+    check(set(c, FORCE, 9.0) == STATUS_OK && set(c, FORCE, 8.0) == STATUS_OK && messages == 1, __LINE__);
     said("variable `force`: 9 is outside the training range from -3 to 3; outputs are extrapolated", __LINE__);
     fmi2FreeInstance(c);
     /* clamped at the samples */

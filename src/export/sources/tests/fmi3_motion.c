@@ -83,8 +83,7 @@ static void failures(void)
                                                  logger, NULL);
     double value;
     const uint32_t rate = RATES + 2;
-    check(set(instance, ROPE, 0.0) == STATUS_WARNING, __LINE__);
-    check(fmi3GetFloat64(instance, &rate, 1, &value, 1) == STATUS_DISCARD, __LINE__);
+    check(set(instance, ROPE, 0.0) == STATUS_OK, __LINE__);
     check(fmi3EnterInitializationMode(instance, false, 0.0, 0.0, false, 0.0) == STATUS_OK, __LINE__);
     check(fmi3ExitInitializationMode(instance) == STATUS_OK && step(instance, 0.0, 0.1) == STATUS_DISCARD, __LINE__);
     check(strstr(last_message, "the states are not finite") != NULL && get(instance, STATES + 1) == 0.3, __LINE__);
@@ -117,7 +116,7 @@ static void on_update(void *environment, double time, bool set_requested, bool g
     watcher->x[i] = get(watcher->instance, STATES);
     watcher->may_return[i] = can_return;
     if (i == 0 && watcher->force == watcher->force) {
-        check(set(watcher->instance, FORCE, watcher->force) <= STATUS_WARNING, __LINE__);
+        check(set(watcher->instance, FORCE, watcher->force) == STATUS_OK, __LINE__);
     }
     if (i == 0 && watcher->return_at == watcher->return_at) {
         *requested = true;
