@@ -472,7 +472,8 @@ pub struct SimulateArgs {
     /// Start value of a parameter or input; may be given several times
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub start: Vec<(String, f64)>,
-    /// CSV file with inputs over time: a header `time,NAME,...`; continuous inputs are interpolated between its rows
+    /// CSV file with inputs over time: a header `time,NAME,...`; continuous inputs are interpolated between its rows. In
+    /// co-simulation they are set at the beginning of a step, and the outputs at its end belong to them
     #[arg(long, value_name = "FILE.csv")]
     pub input: Option<PathBuf>,
     /// Interface to run it by [default: cs if the FMU offers it]

@@ -25,6 +25,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
         states: None,
         start_values: args.start.clone(),
         inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
+        inputs_first: false,
         record: Vec::new(),
         record_only: false,
     };

@@ -626,3 +626,21 @@ def test_what_has_states_is_not_exported_to_onnx(tmp_path):
     study = ROOT / "examples/dynamics/crane-study.toml"
     run = metafmu("export", study, "--onnx", tmp_path / "crane.onnx", check=False)
     assert run.returncode == 2
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_outputs_that_follow_inputs_at_once_are_those_of_fmpy_in_a_simulation(tmp_path, version):
+    """The outputs at the end of a step belong to the inputs at its beginning. A tree shows any other reading."""
+    rows = ROWS.astype(np.float32)
+    graph = to_onnx(DecisionTreeRegressor().fit(rows, np.sin(3.0 * rows[:, 0])), rows[:1])
+    path = imported(tmp_path, graph, rows, of_runtime(graph, rows))
+    metafmu("export", path, "--fmi", str(version), "--out", tmp_path, cwd=tmp_path)
+    times = np.linspace(0.0, 2.0, 41)
+    signal = np.array([*zip(times, 0.9 * np.sin(5.0 * times))], dtype=[("time", float), ("a", float)])
+    pd.DataFrame(signal).to_csv(tmp_path / "inputs.csv", index=False, float_format="%.17g")
+    fmu = fmu_of(tmp_path, "model", version)
+    expected = simulate_fmu(str(fmu), input=signal, stop_time=2.0, output_interval=0.1)
+    metafmu("simulate", fmu, "--input", "inputs.csv", "--interface", "cs", "--stop-time", 2, "--step-size", 0.1, "--output", "out.csv", cwd=tmp_path)
+    found = pd.read_csv(tmp_path / "out.csv")
+    assert np.ptp(expected["y0"]) > 1.0 and len(found) == 21
+    np.testing.assert_allclose(found.y0, expected["y0"], rtol=0, atol=1e-12)

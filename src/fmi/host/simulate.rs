@@ -25,6 +25,9 @@ pub struct SimulationOptions {
     pub start_values: Vec<(String, f64)>,
     /// Inputs that change over time.
     pub inputs: Inputs,
+    /// Co-simulation: whether the inputs of a communication point are set before its outputs are read, so that the inputs and outputs
+    /// of a row have one time. Else the outputs at the end of a step belong to the inputs at its beginning, as in other hosts.
+    pub inputs_first: bool,
     /// Names of further variables to record.
     pub record: Vec<String>,
     /// Whether they are all that is recorded, without the outputs.
@@ -86,7 +89,7 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
 /// the FMU ended the simulation before its stop time.
 ///
 /// Step `i` begins at `start + i * step`, with no accumulation of rounding; a last partial step reaches `stop`. Inputs
-/// are set at every communication point before the outputs are read there, so that outputs follow inputs without delay.
+/// are set at the beginning of every step; [`SimulationOptions::inputs_first`] says when outputs are read.
 ///
 /// In model exchange the communication points are where the outputs are evaluated. In between, the continuous states are
 /// integrated, and events are handled where they happen: time events, state events, step events, jumps of inputs. The row
@@ -137,11 +140,16 @@ pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mu
         let time = grid.time(step + 1);
         let reached = match &mut integration {
             Some(run) => run.advance(time)?,
-            None => instance.do_step(grid.time(step), grid.size(step))?,
+            None => {
+                if step > 0 && !options.inputs_first {
+                    set_inputs(grid.time(step))?;
+                }
+                instance.do_step(grid.time(step), grid.size(step))?
+            }
         };
         let reached_time = match reached {
             Step::Done => {
-                if !exchange {
+                if !exchange && options.inputs_first {
                     set_inputs(time)?;
                 }
                 time

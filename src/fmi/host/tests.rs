@@ -140,7 +140,13 @@ fn derivatives_are_those_of_the_surrogate() {
 fn inputs_drive_outputs_without_delay_by_every_version_and_interface() {
     let folder = tempfile::tempdir().unwrap();
     let inputs = Inputs { names: vec!["speed".into()], times: vec![0.0, 2.0], rows: vec![vec![1.0], vec![3.0]] };
-    let options = SimulationOptions { stop: Some(1.95), step: Some(0.1), inputs, ..SimulationOptions::default() };
+    let options = SimulationOptions {
+        stop: Some(1.95),
+        step: Some(0.1),
+        inputs,
+        inputs_first: true,
+        ..SimulationOptions::default()
+    };
     let mut tables = Vec::new();
     for version in VERSIONS {
         for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {

@@ -106,6 +106,7 @@ fn run(fmu: &Fmu, task: &Task, values: Vec<f64>) -> std::result::Result<Vec<f64>
         states,
         start_values,
         inputs,
+        inputs_first: true,
         record: task.recorded.clone(),
         record_only: true,
     };
