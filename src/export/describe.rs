@@ -23,9 +23,6 @@ const LOG_CATEGORIES: [(&str, &str); 3] = [
     ("logAll", "everything"),
 ];
 
-/// Share of its width by which the range of an output seen in training is widened.
-const MARGIN: f64 = 0.1;
-
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
@@ -264,20 +261,10 @@ pub(super) fn known(surrogate: &Surrogate) -> Known {
     Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some() }
 }
 
-/// The bounds are those seen in training, widened: a prediction at the edge of the trained domain may pass the extremes
-/// of the samples a little, and some hosts warn when a variable leaves its bounds. Past the margin such a warning is
-/// right, for then the surrogate is far from anything it was trained on.
+/// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the
+/// predictions. The model card has them.
 fn output(output: &Output) -> Described {
-    let nominal = nominal(output.min, output.max);
-    let width = output.max - output.min;
-    let margin = MARGIN * if width > 0.0 { width } else { nominal };
-    let real = Real {
-        unit: text(&output.unit),
-        min: Some((output.min - margin).max(f64::MIN)),
-        max: Some((output.max + margin).min(f64::MAX)),
-        nominal: Some(nominal),
-        ..Real::default()
-    };
+    let real = Real { unit: text(&output.unit), nominal: Some(nominal(output.min, output.max)), ..Real::default() };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
     Described::scalar(&output.description, what, VariableType::Real(real))
 }
@@ -467,7 +454,9 @@ mod tests {
         let references: Vec<_> = description.variables.iter().map(|v| v.value_reference).collect();
         assert_eq!(references, [0, 1, 2, 3, 4, 5, 6, 7]);
         let angle = description.variables[3].kind.as_real().unwrap();
-        assert_eq!((angle.min, angle.max, angle.start), (Some(-2.4), Some(2.4), None));
+        assert_eq!((angle.min, angle.max, angle.start), (None, None, None), "those of training are no limits");
+        let length = description.variables[0].kind.as_real().unwrap();
+        assert_eq!((length.min, length.max), (Some(0.1), Some(0.2)));
     }
 
     #[test]
