@@ -6,10 +6,7 @@ use crate::{
     state::{Interface, Row, State, Version},
     status::{Refusal, Status, Warning},
 };
-use metafmu_runtime::{
-    BuiltIn, Domain, DomainPolicy, Evaluator, FormatError, Metadata, Model, Quantity, Role, Scratch, Surrogate,
-    Variability,
-};
+use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Metadata, Model, Role, Scratch, Surrogate};
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::Variables;
 
@@ -17,6 +14,7 @@ mod derivatives;
 mod domain;
 mod states;
 mod updates;
+mod values;
 mod variables;
 
 /// What an instance is made for.
@@ -66,6 +64,8 @@ pub(crate) struct Instance {
     solver_step: Option<f64>,
     /// How much of the communication step was made before the present one of the solver, in seconds.
     since: f64,
+    /// Whether outputs have derivatives with respect to time: those of samples do not.
+    is_smooth: bool,
     /// Where the model is evaluated: the inputs, clamped if that is the policy, and the states.
     point: Vec<f64>,
     /// Outputs and, after them, derivatives of the states. Valid unless `stale`.
@@ -119,6 +119,7 @@ impl Instance {
         if let (Model::Discrete(_), Interface::ModelExchange) = (surrogate.model(), kind.interface) {
             return Err(LoadError::OnlyCoSimulation);
         }
+        let is_smooth = !matches!(surrogate.model(), Model::Discrete(_));
         let evaluator = Evaluator::new(&surrogate);
         let metadata = surrogate.metadata().clone();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
@@ -156,6 +157,7 @@ impl Instance {
             now,
             solver_step,
             since: 0.0,
+            is_smooth,
             warned: vec![false; values.len()],
             warned_of_change: false,
             warned_of_data: false,
@@ -231,7 +233,8 @@ impl Instance {
         }
         if let Some(stop) = stop {
             finite("stopTime", stop)?;
-            if stop <= start {
+            // a run of no length is an initialization
+            if stop < start {
                 return Err(Refusal::StopTime { start, stop });
             }
         }
@@ -315,219 +318,6 @@ impl Instance {
         self.warned.fill(false);
         self.warned_of_change = false;
         self.warned_of_data = false;
-    }
-
-    // ---- Values --------------------------------------------------------------------------------------------------
-
-    /// How many values these variables have: one each, but for the arrays of FMI 3.0.
-    #[inline]
-    pub(crate) fn size(&self, references: &[u32]) -> Result<usize, Refusal> {
-        self.variables.size(references)
-    }
-
-    /// Values of real variables, element by element: all of them or, if one is refused, none. There are as many values
-    /// as [`Instance::size`] says.
-    #[inline]
-    pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
-        let mut results = false;
-        for &reference in references {
-            match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => {
-                    return Err(self.wrong_type(reference, "real"));
-                }
-                quantity => {
-                    results |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_));
-                }
-            }
-        }
-        if results {
-            self.update_results()?;
-        }
-        let mut values = values.iter_mut();
-        for &reference in references {
-            // not by way of `reals`: this is on the path of every step
-            let value = match self.quantity(reference)? {
-                Quantity::Input(column) => self.now.values[column],
-                Quantity::Output(output) => self.results[output],
-                Quantity::State(state) => self.states()[state],
-                Quantity::Derivative(state) => self.results[self.metadata.outputs.len() + state],
-                Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values, self.near),
-                Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
-                Quantity::Bound(output) => self.variables.bound(output, self.elapsed()),
-                Quantity::Array(array) => {
-                    let outputs = self.variables.outputs_of(array);
-                    // in this order: zip takes from its first iterator even when the second has ended
-                    outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.results[output]);
-                    continue;
-                }
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => continue,
-            };
-            if let Some(to) = values.next() {
-                *to = value;
-            }
-        }
-        Ok(())
-    }
-
-    /// Time since the start of the run.
-    fn elapsed(&self) -> f64 {
-        self.now.time - self.now.start_time
-    }
-
-    /// Values of 32-bit integer variables.
-    pub(crate) fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Refusal> {
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy) => self.now.policy as i32,
-                _ => return Err(self.wrong_type(reference, "integer")),
-            };
-        }
-        Ok(())
-    }
-
-    /// Values of Boolean variables, in the type that the FMI version has for them.
-    pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::InDomain) => self.is_in_domain().into(),
-                _ => return Err(self.wrong_type(reference, "Boolean")),
-            };
-        }
-        Ok(())
-    }
-
-    /// Sets inputs and parameters: all of them or, if one is refused, none.
-    pub(crate) fn set_real(&mut self, references: &[u32], values: &[f64]) -> Result<(), Refusal> {
-        for (&reference, &value) in references.iter().zip(values) {
-            let column = self.settable(reference)?;
-            if !value.is_finite() {
-                return Err(Refusal::ValueNotFinite { name: self.column_name(column), reference, value });
-            }
-            if !self.is_trial() {
-                self.check_value(column, value, self.now.time, self.now.policy, Status::Error)?;
-            }
-        }
-        for (&reference, &value) in references.iter().zip(values) {
-            let column = reference as usize;
-            self.now.values[column] = value;
-            if self.now.time <= self.now.start_time {
-                self.now.at_start[column] = value;
-            }
-            if !self.is_trial() {
-                self.note_value(column);
-            }
-        }
-        self.initialize_states();
-        self.stale |= !references.is_empty();
-        Ok(())
-    }
-
-    /// Sets the domain policy, the only integer.
-    pub(crate) fn set_integer(&mut self, references: &[u32], values: &[i32]) -> Result<(), Refusal> {
-        let mut new = self.now.policy;
-        for (&reference, &found) in references.iter().zip(values) {
-            match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy) => {
-                    new = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?;
-                }
-                _ => return Err(self.wrong_type(reference, "integer")),
-            }
-            self.parameter_settable(Variability::Tunable, reference)?;
-        }
-        // a value that is outside already is not left standing
-        self.check_point(new)?;
-        self.stale |= new != self.now.policy;
-        self.now.policy = new;
-        Ok(())
-    }
-
-    /// Booleans are outputs.
-    pub(crate) fn set_boolean(&self, references: &[u32]) -> Result<(), Refusal> {
-        let Some(&reference) = references.first() else { return Ok(()) };
-        match self.quantity(reference)? {
-            Quantity::BuiltIn(BuiltIn::InDomain) => Err(Refusal::SetOutput { name: self.name(reference), reference }),
-            _ => Err(self.wrong_type(reference, "Boolean")),
-        }
-    }
-
-    /// The column a host may set now.
-    fn settable(&self, reference: u32) -> Result<usize, Refusal> {
-        let name = || self.name(reference);
-        match self.quantity(reference)? {
-            Quantity::Input(column) => match self.metadata.inputs[column].role {
-                Role::Time => Err(Refusal::SetTime { name: name(), reference }),
-                Role::Parameter(variability) => self.parameter_settable(variability, reference).map(|()| column),
-                Role::Start => self.parameter_settable(Variability::Fixed, reference).map(|()| column),
-                Role::Input => Ok(column),
-            },
-            Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
-            Quantity::Output(_)
-            | Quantity::Derivative(_)
-            | Quantity::Array(_)
-            | Quantity::Bound(_)
-            | Quantity::BuiltIn(BuiltIn::DomainDistance) => Err(Refusal::SetOutput { name: name(), reference }),
-            Quantity::BuiltIn(BuiltIn::Time) => Err(Refusal::SetTime { name: name(), reference }),
-            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => Err(self.wrong_type(reference, "real")),
-        }
-    }
-
-    fn parameter_settable(&self, variability: Variability, reference: u32) -> Result<(), Refusal> {
-        let state = self.now.state;
-        let variability = match (variability, state) {
-            (_, State::Instantiated | State::Initialization) => return Ok(()),
-            (Variability::Tunable, State::Event | State::Step) => return Ok(()),
-            (Variability::Fixed, _) => "fixed",
-            (Variability::Tunable, _) => "tunable",
-        };
-        Err(Refusal::SetParameter { name: self.name(reference), reference, variability, state })
-    }
-
-    #[inline]
-    fn quantity(&self, reference: u32) -> Result<Quantity, Refusal> {
-        self.variables.find(reference).map(|variable| variable.quantity)
-    }
-
-    /// Name of a variable that there is.
-    fn name(&self, reference: u32) -> String {
-        self.variables.find(reference).map_or(String::new(), |variable| variable.name.clone())
-    }
-
-    fn column_name(&self, column: usize) -> String {
-        let Metadata { inputs, states, .. } = &self.metadata;
-        inputs.get(column).map_or_else(|| states[column - inputs.len()].name.clone(), |input| input.name.clone())
-    }
-
-    fn wrong_type(&self, reference: u32, asked: &'static str) -> Refusal {
-        let found = match self.quantity(reference) {
-            Ok(Quantity::BuiltIn(BuiltIn::DomainPolicy)) => "integer",
-            Ok(Quantity::BuiltIn(BuiltIn::InDomain)) => "Boolean",
-            Ok(_) => "real",
-            Err(refusal) => return refusal,
-        };
-        Refusal::WrongType { name: self.name(reference), reference, found, asked }
-    }
-
-    /// What a variable depends on: pairs of an element, counted from one, and the value reference of what it depends on.
-    /// The element of a scalar is zero, which stands for all there are.
-    pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
-        let quantity = self.quantity(reference)?;
-        let Metadata { inputs, outputs, states, .. } = &self.metadata;
-        let first_state = (inputs.len() + outputs.len()) as u32;
-        let all = (inputs.len() as u32, first_state..first_state + states.len() as u32);
-        let ((inputs, states), policy) = match quantity {
-            Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_) => {
-                (all, self.variables.reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)))
-            }
-            Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance) => (all, None),
-            Quantity::Input(_)
-            | Quantity::State(_)
-            | Quantity::Bound(_)
-            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time) => ((0, 0..0), None),
-        };
-        let elements = self.variables.elements(quantity).map_or(0..=0, |elements| 1..=elements);
-        Ok(elements.flat_map(move |element| {
-            (0..inputs).chain(states.clone()).chain(policy).map(move |known| (element, known))
-        }))
     }
 
     // ---- Time ----------------------------------------------------------------------------------------------------
@@ -665,11 +455,29 @@ impl Instance {
             self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
             // a map is finite at every finite point
             if self.goes_on() && self.results.iter().any(|value| !value.is_finite()) {
-                return Err(Refusal::NotComputable);
+                return Err(self.not_computable());
             }
             self.stale = false;
         }
         Ok(())
+    }
+
+    /// FMI 2.0 has Discard for reading variables in model exchange only.
+    fn not_computable(&self) -> Refusal {
+        let status = match (self.kind.version, self.kind.interface) {
+            (Version::Fmi2, Interface::CoSimulation) => Status::Error,
+            _ => Status::Discard,
+        };
+        Refusal::NotComputable { status }
+    }
+
+    /// The same of derivatives, which FMI 2.0 has no Discard for.
+    fn check_derivatives(&self, found: &[f64]) -> Result<(), Refusal> {
+        if !self.goes_on() || found.iter().all(|value| value.is_finite()) {
+            return Ok(());
+        }
+        let status = if self.kind.version == Version::Fmi2 { Status::Error } else { Status::Discard };
+        Err(Refusal::NotComputable { status })
     }
 
     /// States are what they are: they cannot be clamped.

@@ -16,7 +16,7 @@ pub(crate) enum Status {
     Fatal,
 }
 
-/// The call was carried out, but the user should know.
+/// The call was carried out and returns OK, but the user should know: the message is logged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Warning {
     #[error("variable `{name}`: {value} is outside {valid}; outputs are {instead} (said once a run)")]
@@ -52,26 +52,25 @@ pub(crate) enum Refusal {
     UnusedReference { reference: u32 },
     #[error("{count} variables of type {kind} asked for, but there are none of this type")]
     NoVariableOfType { kind: &'static str, count: usize },
+    #[error(
+        "variable `{name}` (value reference {reference}) has no start value: it can be read from Initialization Mode on"
+    )]
+    NoStartValue { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}) is of type {found}, not {asked}")]
     WrongType { name: String, reference: u32, found: &'static str, asked: &'static str },
     #[error("variable `{name}` (value reference {reference}) is an output and cannot be set")]
     SetOutput { name: String, reference: u32 },
     #[error(
         "variable `{name}` (value reference {reference}) is a state and cannot be set: set parameter `{name}_start` before the \
-         simulation runs, or the continuous states in model exchange"
+         simulation runs, or the state in Continuous-Time Mode"
     )]
     SetState { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}) is the independent variable and cannot be set")]
     SetTime { name: String, reference: u32 },
     #[error("parameter `{name}` (value reference {reference}) is {variability} and cannot be set in state `{state}`")]
     SetParameter { name: String, reference: u32, variability: &'static str, state: State },
-    #[error(
-        "variable `{name}` (value reference {reference}) is not one of intermediate updates, expected an input, an output, a \
-         state or a derivative of one"
-    )]
-    NotIntermediate { name: String, reference: u32 },
     #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
-    ValueNotFinite { name: String, reference: u32, value: f64 },
+    ValueNotFinite { name: String, reference: u32, value: f64, status: Status },
     #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
     Policy { found: i32 },
     #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2")]
@@ -88,9 +87,15 @@ pub(crate) enum Refusal {
     NotDifferentiable { name: String, reference: u32, expected: &'static str },
     #[error("derivatives of order {found} are not available, expected 1 to {max}")]
     Order { found: i32, max: u32 },
+    #[error(
+        "there are no derivatives of outputs with respect to time: they are linear between samples, and bend there"
+    )]
+    NoOutputDerivatives,
     #[error("argument `{argument}`: {value} is not finite")]
     NotFinite { argument: &'static str, value: f64 },
-    #[error("stop time {stop} is not after start time {start}")]
+    #[error("argument `{argument}`: {value} is not finite; the states stay what they were")]
+    StateNotFinite { argument: &'static str, value: f64 },
+    #[error("stop time {stop} is before start time {start}")]
     StopTime { start: f64, stop: f64 },
     #[error("the experiment must be set up first: the start time is not known")]
     NoStartTime,
@@ -109,7 +114,7 @@ pub(crate) enum Refusal {
     #[error(
         "the equations have no finite solution in this state: a mass matrix is not positive definite, or a value too large"
     )]
-    NotComputable,
+    NotComputable { status: Status },
     #[error(
         "the states are not finite {after} s after the beginning of the step: the motion diverges, or reaches a state \
          in which the equations have no finite solution"
@@ -136,7 +141,8 @@ impl Refusal {
             // "if a status is required which cannot be retrieved by the slave it returns fmi2Discard"
             Self::NoStatus { .. } => Status::Discard,
             // a solver tries again with a smaller step
-            Self::NotComputable => Status::Discard,
+            Self::StateNotFinite { .. } => Status::Discard,
+            Self::NotComputable { status } | Self::ValueNotFinite { status, .. } => *status,
             Self::Diverged { status, .. } | Self::OutputsDiverged { status, .. } => *status,
             Self::OutsideDomain { status, .. } | Self::FarFromData { status, .. } | Self::Changed { status, .. } => {
                 *status

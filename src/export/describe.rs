@@ -112,11 +112,8 @@ fn variable(
         Quantity::Array(index) => array(surrogate, index),
         Quantity::Bound(index) => bound(surrogate, index),
     };
-    let is_updated = match variable.quantity {
-        Quantity::Input(index) => surrogate.inputs()[index].role == Role::Input,
-        Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => true,
-        Quantity::Bound(_) | Quantity::BuiltIn(_) => false,
-    };
+    // "only continuous-time variables can have intermediateUpdate = true"
+    let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
     ScalarVariable {
         name: variable.name.clone(),
         value_reference,

@@ -84,7 +84,7 @@ impl Call for Function {
             Self::SerializeFMUstate             => b"x x m m c x x",
             Self::DeSerializeFMUstate           => b"x x m m c x x",
             Self::GetDirectionalDerivative      => b"- x m m c x x",
-            Self::EnterEventMode                => b"- - m m - - -",
+            Self::EnterEventMode                => b"- - m m - - -", // the table has both, the figure the latter
             Self::NewDiscreteStates             => b"- - m - - - -",
             Self::EnterContinuousTimeMode       => b"- - m - - - -",
             Self::CompletedIntegratorStep       => b"- - - m - - -",

@@ -43,7 +43,7 @@ impl Instance {
                 Unknown::Bound(output) => of_time * self.variables.bound_rate(output, self.elapsed()),
             };
         }
-        Ok(())
+        self.check_derivatives(sensitivity)
     }
 
     /// `sensitivity = J^T seed`, `J` as above.
@@ -86,7 +86,7 @@ impl Instance {
         for (result, &known) in sensitivity.iter_mut().zip(knowns) {
             *result = self.known(known)?.map_or(of_time, |column| self.columns[0][column]);
         }
-        Ok(())
+        self.check_derivatives(sensitivity)
     }
 
     /// Derivatives of outputs with respect to time at the present communication point, inputs following the derivatives
@@ -97,6 +97,9 @@ impl Instance {
         orders: &[i32],
         values: &mut [f64],
     ) -> Result<(), Refusal> {
+        if !self.is_smooth {
+            return Err(Refusal::NoOutputDerivatives);
+        }
         self.check_unknowns(references)?;
         orders.iter().try_for_each(|&order| index_of_order(order).map(drop))?;
         for order in [0, 1] {
@@ -116,10 +119,10 @@ impl Instance {
         let [first, second] = &self.columns;
         let [once, twice] = &mut self.sensitivities;
         self.evaluator.along_curve(&self.point, [first, second], [once, twice], &mut self.scratch);
-        let mut values = values.iter_mut();
+        let mut places = values.iter_mut();
         for (reference, &order) in references.iter().zip(orders) {
             let order = index_of_order(order)?;
-            for (unknown, value) in self.variables.unknowns(slice::from_ref(reference)).zip(&mut values) {
+            for (unknown, value) in self.variables.unknowns(slice::from_ref(reference)).zip(&mut places) {
                 *value = match unknown {
                     Unknown::Result(index) => self.sensitivities[order][index],
                     Unknown::State(state) => self.columns[order][self.metadata.inputs.len() + state],
@@ -129,7 +132,7 @@ impl Instance {
                 };
             }
         }
-        Ok(())
+        self.check_derivatives(values)
     }
 
     /// Puts the derivatives of the states into the columns' work space, beside those of the inputs.

@@ -1,6 +1,6 @@
 //! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it; and the memory of a discrete model.
 
-use super::{Instance, finite};
+use super::Instance;
 use crate::{
     state::State,
     status::{Refusal, Status},
@@ -30,9 +30,12 @@ impl Instance {
         Ok(&self.results[self.metadata.outputs.len()..])
     }
 
-    /// States that a solver tries.
+    /// States that a solver tries. Those that are not finite are discarded, as both standards provide: a solver whose step diverged tries
+    /// again with a smaller one.
     pub(crate) fn set_states(&mut self, states: &[f64]) -> Result<(), Refusal> {
-        states.iter().try_for_each(|&state| finite("continuousStates", state))?;
+        if let Some(&value) = states.iter().find(|state| !state.is_finite()) {
+            return Err(Refusal::StateNotFinite { argument: "continuousStates", value });
+        }
         let first = self.metadata.inputs.len();
         self.now.values[first..].copy_from_slice(states);
         self.stale = true;

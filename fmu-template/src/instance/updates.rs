@@ -5,7 +5,7 @@ use crate::{
     state::{Interface, State, Version},
     status::Refusal,
 };
-use metafmu_runtime::{MAX_SOLVER_STEPS, Quantity, Role};
+use metafmu_runtime::MAX_SOLVER_STEPS;
 
 impl Instance {
     /// Whether a host can be called back in the middle of a step: between steps of the solver.
@@ -19,15 +19,10 @@ impl Instance {
         !self.input_columns.is_empty()
     }
 
-    /// Makes sure that a variable is one of those of intermediate updates.
+    /// Makes sure that a variable exists. All can be read in intermediate updates, also those that the standard does not let a
+    /// description mark, such as `in_domain`, which is not continuous: hosts name all outputs.
     pub(crate) fn check_intermediate(&self, reference: u32) -> Result<(), Refusal> {
-        match self.quantity(reference)? {
-            Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input => Ok(()),
-            Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => Ok(()),
-            Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_) => {
-                Err(Refusal::NotIntermediate { name: self.name(reference), reference })
-            }
-        }
+        self.quantity(reference).map(drop)
     }
 
     /// Begins a communication step with updates: how many steps of the solver, all of the same size, it is divided into.

@@ -524,6 +524,32 @@ static void update_point(Instance *instance)
     }
 }
 
+/* A solver tries again with a smaller step. FMI 2.0 has Discard for reading variables in model exchange only. */
+static Status not_computable(const Instance *instance)
+{
+    const bool discards = instance->fmi_version == 3 || instance->interface == MODEL_EXCHANGE;
+    return discards ? STATUS_DISCARD : STATUS_ERROR;
+}
+
+/* Whether all values are finite, as those of a network are at every finite point; the host is told, with the status. */
+static Status check_computed(Instance *instance, const double values[], size_t count, Status refused)
+{
+    for (size_t i = 0; MODEL_GOES_ON && i < count; i++) {
+        if (!is_finite(values[i])) {
+            return instance_tell(instance, refused,
+                                 "the equations have no finite solution in this state: a mass matrix is not positive "
+                                 "definite, or a value too large");
+        }
+    }
+    return STATUS_OK;
+}
+
+/* The same of derivatives, which FMI 2.0 has no Discard for. */
+static Status check_derivatives(Instance *instance, const double values[], size_t count)
+{
+    return check_computed(instance, values, count, instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD);
+}
+
 static Status update_results(Instance *instance)
 {
     if (!instance->stale) {
@@ -531,17 +557,9 @@ static Status update_results(Instance *instance)
     }
     update_point(instance);
     model_evaluate(&instance->scratch, instance->point, instance->results);
-    /* a network is finite at every finite point */
-    for (size_t i = 0; MODEL_GOES_ON && i < RESULT_COUNT; i++) {
-        if (!is_finite(instance->results[i])) {
-            /* not an error: a solver tries again with a smaller step */
-            return instance_tell(instance, STATUS_DISCARD,
-                                 "the equations have no finite solution in this state: a mass matrix is not positive "
-                                 "definite, or a value too large");
-        }
-    }
-    instance->stale = false;
-    return STATUS_OK;
+    const Status status = check_computed(instance, instance->results, RESULT_COUNT, not_computable(instance));
+    instance->stale = status != STATUS_OK;
+    return status;
 }
 
 /* ---- Continuous states ---- */
@@ -591,7 +609,9 @@ Status instance_set_states(Instance *instance, const double states[])
 {
     for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
         if (!is_finite(states[i - INPUT_COUNT])) {
-            return not_finite(instance, "continuousStates", states[i - INPUT_COUNT]);
+            return instance_tell(instance, STATUS_DISCARD,
+                                 "argument `continuousStates`: %g is not finite; the states stay what they were",
+                                 states[i - INPUT_COUNT]);
         }
     }
     for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
@@ -828,8 +848,8 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
     if (stop_defined && !is_finite(stop)) {
         return not_finite(instance, "stopTime", stop);
     }
-    if (stop_defined && stop <= start) {
-        return instance_tell(instance, STATUS_ERROR, "stop time %.17g is not after start time %.17g", stop, start);
+    if (stop_defined && stop < start) { /* a run of no length is an initialization */
+        return instance_tell(instance, STATUS_ERROR, "stop time %.17g is before start time %.17g", stop, start);
     }
     forget_warnings(instance);
     const Status status = set_time(instance, start, STATUS_ERROR);
@@ -1006,6 +1026,22 @@ static Bound bound(const Instance *instance, size_t output)
     return growing;
 }
 
+/* Before the initialization FMI 3.0 lets start values be read, and FMI 2.0 nothing. The host is told if there is none. */
+static Status check_readable(Instance *instance, uint32_t reference)
+{
+    const Variable *variable = &model_variables[reference];
+    const bool has_start =
+        (variable->quantity == VARIABLE_COLUMN && model_columns[variable->index].role != ROLE_TIME) ||
+        (variable->quantity == VARIABLE_BOUND && BOUND_TIME_COUNT <= 1) || variable->quantity == VARIABLE_DOMAIN_POLICY;
+    if (instance->now.state != STATE_INSTANTIATED || has_start) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "variable `%.100s` (value reference %lu) has no start value: it can be read from "
+                         "Initialization Mode on",
+                         variable_name(reference), (unsigned long)reference);
+}
+
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
 {
     for (size_t i = 0; i < count; i++) {
@@ -1013,6 +1049,9 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
         size_t result = 0;
         if (!exists(instance, reference)) {
             return wrong_reference(instance, reference, "real");
+        }
+        if (check_readable(instance, reference) != STATUS_OK) {
+            return STATUS_ERROR;
         }
         const Variable *variable = &model_variables[reference];
         if (is_result(instance, reference, &result)) {
@@ -1063,6 +1102,9 @@ Status instance_get_boolean(Instance *instance, const uint32_t references[], siz
         if (!is(instance, references[i], VARIABLE_IN_DOMAIN)) {
             return wrong_reference(instance, references[i], "Boolean");
         }
+        if (check_readable(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
     }
     const Snapshot *now = &instance->now;
     size_t centre = instance->centre;
@@ -1097,10 +1139,13 @@ static Status check_settable(Instance *instance, uint32_t reference)
         is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND)) {
         return cannot_set(instance, reference, "an output");
     }
+    if (is(instance, reference, VARIABLE_STATE) && is_trial(instance)) {
+        return STATUS_OK; /* in both standards, beside fmi3SetContinuousStates */
+    }
     if (is(instance, reference, VARIABLE_STATE)) {
         return instance_tell(instance, STATUS_ERROR,
                              "variable `%.100s` (value reference %lu) is a state and cannot be set: set parameter "
-                             "`%.100s_start` before the simulation runs, or the continuous states in model exchange",
+                             "`%.100s_start` before the simulation runs, or the state in Continuous-Time Mode",
                              variable_name(reference), (unsigned long)reference, variable_name(reference));
     }
     if (is(instance, reference, VARIABLE_TIME)) {
@@ -1134,7 +1179,8 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
             return STATUS_ERROR;
         }
         if (!is_finite(values[i])) {
-            return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu): %g is not finite",
+            return instance_tell(instance, is_trial(instance) ? STATUS_DISCARD : STATUS_ERROR,
+                                 "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
         if (!is_trial(instance) && forbids(instance, settable_column(instance, references[i]), values[i], now->time,
@@ -1354,7 +1400,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     for (size_t i = 0; i < unknown_count; i++) {
         sensitivity[i] = change_of(instance, unknowns[i], derivative, direction, of_distance, of_time);
     }
-    return STATUS_OK;
+    return check_derivatives(instance, sensitivity, unknown_count);
 }
 
 Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
@@ -1394,7 +1440,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
         const size_t column = column_of(instance, knowns[i]);
         sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_time;
     }
-    return STATUS_OK;
+    return check_derivatives(instance, sensitivity, known_count);
 }
 
 static Status check_order(Instance *instance, int32_t order)
@@ -1412,6 +1458,12 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT];
     double derivatives[DERIVATIVE_ORDERS][RESULT_COUNT];
     double of_distance[DERIVATIVE_ORDERS];
+    const bool is_of_samples = MODEL_GOES_ON && !MODEL_HAS_STATES;
+    if (is_of_samples) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "there are no derivatives of outputs with respect to time: they are linear between samples, "
+                             "and bend there");
+    }
     const Outside farthest = outside(instance, 0);
     for (size_t i = 0; i < count; i++) {
         if (check_unknown(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
@@ -1444,23 +1496,12 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
         const double of_time = order == 0 ? 1.0 : 0.0;
         values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order], of_time);
     }
-    return STATUS_OK;
+    return check_derivatives(instance, values, count);
 }
 
 Status instance_check_intermediate(Instance *instance, uint32_t reference)
 {
-    size_t result = 0;
-    if (is_result(instance, reference, &result) || is(instance, reference, VARIABLE_STATE) ||
-        (is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT)) {
-        return STATUS_OK;
-    }
-    if (!exists(instance, reference)) {
-        return wrong_reference(instance, reference, "");
-    }
-    return instance_tell(instance, STATUS_ERROR,
-                         "variable `%.100s` (value reference %lu) is not one of intermediate updates, expected an input, "
-                         "an output, a state or a derivative of one",
-                         variable_name(reference), (unsigned long)reference);
+    return exists(instance, reference) ? STATUS_OK : wrong_reference(instance, reference, "");
 }
 
 static Status check_input(Instance *instance, uint32_t reference)

@@ -161,7 +161,7 @@ Status instance_check_step(Instance *instance, double from, double size);
 /* Steps of the solver, of equal size, after which a host is called back in a communication step; one without states. */
 double instance_updates(double size);
 
-/* Whether a variable is one of those of intermediate updates; the host is told if not. */
+/* Whether a variable exists: all can be read in intermediate updates. The host is told if not. */
 Status instance_check_intermediate(Instance *instance, uint32_t reference);
 
 /* Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event. */

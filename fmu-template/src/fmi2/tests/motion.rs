@@ -115,9 +115,38 @@ fn a_solver_sets_states_and_reads_their_derivatives() {
         assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.0; 5].as_ptr(), count) }, Status::Error);
         assert!(host.message().contains(why));
     }
+}
+
+#[test]
+fn what_a_solver_tries_that_is_not_finite_is_discarded_and_it_goes_on() {
     let host = solving();
-    assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.0, f64::NAN, 0.0, 0.0].as_ptr(), 4) }, Status::Error);
-    assert!(host.message().contains("`continuousStates`: NaN is not finite"));
+    let (before, rates) = (continuous_states(&host), derivatives(&host));
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let tried = [0.0, value, 0.0, 0.0];
+        assert_eq!(unsafe { fmi2SetContinuousStates(host.c, tried.as_ptr(), 4) }, Status::Discard);
+        assert!(host.message().contains("is not finite; the states stay what they were"));
+        assert_eq!(host.set(&[FORCE], &[value]), Status::Discard);
+        assert!(host.message().contains("`force` (value reference 5): "));
+        assert_eq!((continuous_states(&host), derivatives(&host)), (before, rates));
+    }
+    assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.4, 0.9, -1.2, 2.0].as_ptr(), 4) }, Status::Ok);
+    assert_eq!((host.complete(), host.set_time(0.1)), (Status::Ok, Status::Ok));
+    // a time that is no number, no solver tries
+    assert_eq!(host.set_time(f64::NAN), Status::Error);
+}
+
+#[test]
+fn a_solver_may_set_a_state_as_a_variable() {
+    let host = solving();
+    assert_eq!(host.set(&[STATES[2], FORCE, STATES[1]], &[-1.2, 3.0, 0.9]), Status::Ok);
+    assert_eq!(continuous_states(&host), [0.1, 0.9, -1.2, 0.3]);
+    let expected = derivatives(&host);
+    let host = solving();
+    assert_eq!(host.set(&[FORCE], &[3.0]), Status::Ok);
+    assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.1, 0.9, -1.2, 0.3].as_ptr(), 4) }, Status::Ok);
+    assert_eq!(derivatives(&host), expected);
+    // neither at an event nor in co-simulation
+    assert_eq!((host.event(), host.set(&STATES[..1], &[1.0])), (Status::Ok, Status::Error));
 }
 
 #[test]
@@ -239,10 +268,21 @@ fn what_leaves_the_domain_or_cannot_be_computed_is_said() {
     assert_eq!(host.set(&[ROPE], &[0.0]), Status::Ok);
     host.initialize(0.0);
     host.messages();
-    assert_eq!(host.try_get(RATES), Err(Status::Discard));
-    assert!(host.message().contains("a mass matrix is not positive definite"));
     assert_eq!(host.step(0.0, 0.1), Status::Error);
     assert!(host.message().contains("the states are not finite"));
+    // FMI 2.0 lets a solver discard what it reads, and co-simulation not
+    for (kind, refused) in [(CO_SIMULATION, Status::Error), (MODEL_EXCHANGE, Status::Discard)] {
+        let host = Host::of_kind(&example::crane(), kind);
+        assert_eq!(host.set(&[ROPE], &[0.0]), Status::Ok);
+        host.initialize(0.0);
+        host.messages();
+        assert_eq!(host.try_get(RATES), Err(refused));
+        assert!(host.message().contains("a mass matrix is not positive definite"));
+        let mut slope = 0.0;
+        let status = unsafe { fmi2GetDirectionalDerivative(host.c, &RATES[2], 1, &FORCE, 1, &1.0, &mut slope) };
+        assert_eq!(status, Status::Error);
+        assert!(host.message().contains("a mass matrix is not positive definite"));
+    }
     // a step that would take hours
     let host = stepping();
     assert_eq!(host.step(0.0, 1e9), Status::Error);

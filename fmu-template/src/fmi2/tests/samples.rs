@@ -42,6 +42,14 @@ fn a_step_over_samples_does_not_allocate() {
 }
 
 #[test]
+fn there_are_no_derivatives_of_outputs_as_the_description_says() {
+    let host = stepping();
+    let mut slope = f64::NAN;
+    assert_eq!(unsafe { fmi2GetRealOutputDerivatives(host.c, &POSITION[0], 1, &1, &mut slope) }, Status::Error);
+    assert!(host.message().contains("they are linear between samples") && slope.is_nan());
+}
+
+#[test]
 fn model_exchange_is_refused_with_a_sentence() {
     let folder = Folder::with(&example::recorded());
     let host = Host::instantiate(c"samples", MODEL_EXCHANGE, TOKEN, &folder.uri(), false);

@@ -61,7 +61,6 @@ fn an_array_has_the_values_of_its_outputs_in_order() {
             assert_eq!(host.read(&[POSITION], 2), (Status::Ok, vec![x, y]));
             assert_eq!(host.read(&[SWAPPED], 2), (Status::Ok, vec![y, x]));
         };
-        check(length, speed, 0.0);
         assert_eq!(host.enter(0.25), Status::Ok);
         check(length, speed, 0.25);
         assert_eq!(host.set(&[LENGTH, SPEED], &[0.12, 1.0]), Status::Ok);
@@ -154,8 +153,9 @@ fn null_is_fine_for_nothing_and_refused_for_an_array() {
 fn an_array_is_an_output_and_a_real_one() {
     let refused = |state: State, call: &dyn Fn(*mut c_void) -> Status, expected: &str| {
         let host = Host::of(&example::with_arrays(), Use::Steps);
+        assert_eq!(host.enter(0.0), Status::Ok);
         if state == State::Step {
-            assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
+            assert_eq!(host.exit(), Status::Ok);
         }
         let before = host.read(&[LENGTH, POSITION], 3).1;
         assert_eq!(call(host.instance), Status::Error);
@@ -164,7 +164,7 @@ fn an_array_is_an_output_and_a_real_one() {
         assert_eq!(host.read(&[LENGTH, POSITION], 3).1, before);
     };
     let output = "variable `position` (value reference 8) is an output and cannot be set";
-    for state in [State::Instantiated, State::Step] {
+    for state in [State::Initialization, State::Step] {
         unsafe {
             refused(state, &|c| fmi3SetFloat64(c, &POSITION, 1, [0.1; 2].as_ptr(), 2), output);
             refused(state, &|c| fmi3SetFloat64(c, [LENGTH, POSITION].as_ptr(), 2, [0.19; 3].as_ptr(), 3), output);

@@ -129,7 +129,7 @@ static void starts(void)
     check(fmi2EnterInitializationMode(c) == STATUS_OK && get(c, STATES + 1) == 0.3, __LINE__);
     check(set(c, STATES, 1.0) == STATUS_ERROR, __LINE__);
     said("fmi2SetReal: variable `trolley.position` (value reference 13) is a state and cannot be set: set parameter "
-         "`trolley.position_start` before the simulation runs, or the continuous states in model exchange", __LINE__);
+         "`trolley.position_start` before the simulation runs, or the state in Continuous-Time Mode", __LINE__);
     fmi2Reset(c);
     check(set(c, RATES, 1.0) == STATUS_ERROR, __LINE__);
     said("is an output and cannot be set", __LINE__);
@@ -202,8 +202,14 @@ static void solver(void)
     said("argument `x`: 3 elements, expected 4", __LINE__);
     fmi2FreeInstance(c);
     c = solving();
-    check(fmi2SetContinuousStates(c, (const double[]){0.0, NAN, 0.0, 0.0}, 4) == STATUS_ERROR, __LINE__);
-    said("argument `continuousStates`: ", __LINE__);
+    /* what a solver tries that is not finite is discarded, and it goes on */
+    check(fmi2SetContinuousStates(c, (const double[]){0.0, NAN, 0.0, 0.0}, 4) == STATUS_DISCARD, __LINE__);
+    said("is not finite; the states stay what they were", __LINE__);
+    check(set(c, FORCE, INFINITY) == STATUS_DISCARD && fmi2GetContinuousStates(c, found, 4) == STATUS_OK, __LINE__);
+    check(same(found, (const double[]){0.1, 0.5, -0.2, 0.3}), __LINE__);
+    /* it may set a state as a variable */
+    check(set(c, STATES + 2, 0.75) == STATUS_OK && fmi2GetContinuousStates(c, found, 4) == STATUS_OK, __LINE__);
+    check(same(found, (const double[]){0.1, 0.5, 0.75, 0.3}), __LINE__);
     fmi2FreeInstance(c);
     c = solving();
     check(fmi2GetDerivatives(c, NULL, 4) == STATUS_ERROR, __LINE__);
@@ -351,6 +357,15 @@ static void what_cannot_be_computed(void)
     said("the states are not finite 0.005 s after the beginning of the step: the motion diverges, or reaches a "
          "state in which the equations have no finite solution", __LINE__);
     fmi2FreeInstance(c);
+    /* a solver may discard what it reads, and co-simulation not */
+    for (int kind = 0; kind < 2; kind++) {
+        c = swinging(kind, 0.0);
+        check(set(c, ROPE, 0.0) == STATUS_OK && fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
+        check(get_four(c, RATES, rates) == (kind == 0 ? STATUS_DISCARD : STATUS_ERROR), __LINE__);
+        said("fmi2GetReal: the equations have no finite solution in this state: a mass matrix is not positive "
+             "definite, or a value too large", __LINE__);
+        fmi2FreeInstance(c);
+    }
     c = stepping(0.0);
     check(fmi2DoStep(c, 0.0, 1e9, 1) == STATUS_ERROR, __LINE__);
     said("communication step size 1000000000 takes more than ten million steps of the solver, expected a smaller one",

@@ -143,6 +143,17 @@ static void no_allocation(void)
     fmi2FreeInstance(c);
 }
 
+static void no_output_derivatives(void)
+{
+    const uint32_t position = POSITION;
+    const int32_t order = 1;
+    double slope;
+    void *c = stepping(0);
+    check(fmi2GetRealOutputDerivatives(c, &position, 1, &order, &slope) == STATUS_ERROR, __LINE__);
+    said("they are linear between samples", __LINE__);
+    fmi2FreeInstance(c);
+}
+
 static void domain(void)
 {
     /* said, once */
@@ -178,6 +189,7 @@ int main(void)
     starts_belong_to_the_start();
     saved_states();
     no_allocation();
+    no_output_derivatives();
     domain();
     return 0;
 }

@@ -105,6 +105,11 @@ static void co_simulation_run(void)
     void *instance = co_simulation(false);
     const uint32_t references[] = {LENGTH, ANGLE};
     double read[2];
+    const uint32_t calculated[] = {ANGLE, TIME, DISTANCE};
+    for (size_t i = 0; i < 3; i++) {
+        refused(fmi3GetFloat64(instance, &calculated[i], 1, read, 1), __LINE__);
+        check(strstr(last_message, "has no start value") != NULL && fmi3Reset(instance) == STATUS_OK, __LINE__);
+    }
     check(real(instance, LENGTH) == 0.5 * (0.1 + 0.2), __LINE__); /* FMI 3.0 lets start values be read */
     check(set_real(instance, LENGTH, 0.12) == STATUS_OK, __LINE__);
     initialize(instance);
