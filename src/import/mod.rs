@@ -188,9 +188,11 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
     let made =
         |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
     let surrogate = made(metadata, map)?;
-    let points = rows.unwrap_or_else(|| points(surrogate.inputs()));
-    let ranges = output_ranges(&surrogate, &points)
-        .map_err(|problem| Error::Import { path: about.path.to_owned(), problems: vec![problem] })?;
+    let ranges = match rows {
+        Some(rows) => output_ranges(&surrogate, rows.into_iter()),
+        None => output_ranges(&surrogate, points(surrogate.inputs())),
+    };
+    let ranges = ranges.map_err(|problem| Error::Import { path: about.path.to_owned(), problems: vec![problem] })?;
     let Model::Response(map) = surrogate.model().clone() else { unreachable!("it was made so") };
     surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges), map)?)
 }
@@ -372,26 +374,28 @@ pub fn rows(path: &Path, interface: &Interface) -> Result<Vec<Vec<f64>>> {
     Ok(rows)
 }
 
-/// Random points in the ranges, and the one before a host sets anything.
-fn points(inputs: &[Input]) -> Vec<Vec<f64>> {
+/// Random points in the ranges, and the one before a host sets anything; one at a time, since there may be many inputs.
+fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let mut point =
-        || inputs.iter().map(|input| input.min + random.random::<f64>() * (input.max - input.min)).collect();
-    let mut points: Vec<Vec<f64>> = (0..POINTS).map(|_| point()).collect();
-    points.push(inputs.iter().map(|input| input.start).collect());
-    points
+    let point = move |_| {
+        inputs.iter().map(|input| input.min + random.random::<f64>() * (input.max - input.min)).collect::<Vec<f64>>()
+    };
+    (0..POINTS).map(point).chain(std::iter::once(inputs.iter().map(|input| input.start).collect()))
 }
 
-fn output_ranges(surrogate: &Surrogate, points: &[Vec<f64>]) -> std::result::Result<Vec<[f64; 2]>, String> {
+fn output_ranges(
+    surrogate: &Surrogate,
+    points: impl Iterator<Item = Vec<f64>>,
+) -> std::result::Result<Vec<[f64; 2]>, String> {
     let evaluator = Evaluator::new(surrogate);
     let mut scratch = evaluator.scratch();
     let mut values = vec![0.0; evaluator.results()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; values.len()];
     for point in points {
-        evaluator.evaluate(point, &mut values, &mut scratch);
+        evaluator.evaluate(&point, &mut values, &mut scratch);
         for ((range, value), output) in ranges.iter_mut().zip(&values).zip(surrogate.outputs()) {
             if !value.is_finite() {
-                let inputs = surrogate.inputs().iter().zip(point).take(8);
+                let inputs = surrogate.inputs().iter().zip(&point).take(8);
                 let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
                 return Err(format!(
                     "output `{}` is {value} at {}: the ranges lead where the model is not defined",

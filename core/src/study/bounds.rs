@@ -28,7 +28,9 @@ impl Default for BoundsOptions {
 impl BoundsOptions {
     /// Fewest runs that bounds of this coverage can be measured on.
     pub fn least_runs(coverage: f64) -> usize {
-        (coverage / (1.0 - coverage)).ceil() as usize
+        let least = coverage / (1.0 - coverage);
+        // 0.9 / (1 - 0.9) is 9 and its rounding, which is no tenth run
+        (least * (1.0 - 1e-12)).ceil() as usize
     }
 
     /// Every mistake, by key within the section.
@@ -44,5 +46,19 @@ impl BoundsOptions {
             problems.add("runs", format!("{runs} runs, expected at least {least} for a coverage of {coverage}"));
         }
         problems
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coverages_need_as_many_runs_as_the_quotient_says_without_its_rounding() {
+        for (coverage, least) in [(0.9, 9), (0.95, 19), (0.8, 4), (0.5, 1), (0.99, 99), (0.999, 999), (0.91, 11)] {
+            assert_eq!(BoundsOptions::least_runs(coverage), least, "{coverage}");
+            assert!(BoundsOptions { coverage, runs: least }.problems().is_empty(), "{coverage}");
+            assert!(!BoundsOptions { coverage, runs: least - 1 }.problems().is_empty(), "{coverage}");
+        }
     }
 }
