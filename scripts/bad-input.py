@@ -233,7 +233,7 @@ SECTIONS = {
         "a network larger than any": {"study.toml": STUDY + "[network]\nhidden = [16384, 16384]\n"},
         "a name of 300 characters": study('"s"', f'"{"s" * 300}"'),
         "an output with the name of a variable that every FMU has": study("theta = {", "in_domain = {"),
-        "a limit that no surrogate reaches": {"study.toml": STUDY + "[accept]\nr2 = 1.0\n"},
+        "limits that no surrogate reaches": {"study.toml": STUDY + "[accept]\nr2 = 1.0\ngood = 1.0\n"},
         "a target judged by one run": {"study.toml": STUDY + "[target]\nr2 = 0.99\nruns = 8\nmax_runs = 100\n"},
     },
     "Several mistakes at once": {

@@ -2,9 +2,10 @@
 
 use crate::{
     dataset::{Dataset, Run},
-    evaluation::predict,
+    evaluation::{KindCoverage, SignalKind, predict},
+    study::BoundsOptions,
 };
-use metafmu_runtime::{Bounds, Evaluator, Surrogate};
+use metafmu_runtime::{Bounds, Evaluator, Output, Surrogate};
 use rayon::prelude::*;
 
 /// Split-conformal error bounds from `n` calibration runs: for each output the smallest `q` with
@@ -22,17 +23,24 @@ use rayon::prelude::*;
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free
 /// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each.
 ///
+/// With `by_kind`, runs driven by different [kinds of signals](SignalKind) each have a `q`, and the bound is the largest of them. Kinds other
+/// than the study's signals may drive a motion out of the ranges in which it was learned: their rows count up to there. If few of them are
+/// left, the largest error takes the place of the quantile.
+///
 /// # Errors
 /// A sentence, if there are fewer than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs), or if too many
 /// predictions are not finite.
-pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64) -> Result<Bounds, String> {
+pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_kind: bool) -> Result<Bounds, String> {
     let ends = if surrogate.goes_on() { ends(calibration) } else { vec![f64::INFINITY] };
-    let errors = errors(surrogate, calibration, &ends);
     let width = surrogate.outputs().len();
-    let half_widths: Vec<f64> = (0..ends.len() * width)
-        .into_par_iter()
-        .map(|index| half_width(&errors[index / width], index % width, width, coverage))
-        .collect();
+    let mut half_widths = vec![0.0f64; ends.len() * width];
+    for (kind, errors) in errors(surrogate, calibration, &ends, by_kind) {
+        let of_kind: Vec<f64> = (0..half_widths.len())
+            .into_par_iter()
+            .map(|index| half_width(&errors[index / width], index % width, width, (coverage, kind)))
+            .collect();
+        half_widths.iter_mut().zip(of_kind).for_each(|(largest, of_kind)| *largest = largest.max(of_kind));
+    }
     if half_widths.iter().any(|half_width| !half_width.is_finite()) {
         let runs = calibration.runs.len();
         return Err(format!(
@@ -45,6 +53,35 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64) -> Re
         false => (Vec::new(), half_widths),
     };
     Ok(Bounds { coverage, runs, times, half_widths })
+}
+
+/// Share of the rows of each kind of signal that are within a surrogate's bounds; empty if there is one kind only.
+pub fn coverage(surrogate: &Surrogate, calibration: &Dataset) -> Vec<KindCoverage> {
+    let Some(bounds) = surrogate.bounds() else { return Vec::new() };
+    let evaluator = Evaluator::new(surrogate);
+    let width = surrogate.outputs().len();
+    let of_run = |run: &Run| {
+        let kind = SignalKind::of(surrogate, run);
+        let mut within = vec![0.0; width];
+        let errors = run_errors(surrogate, &evaluator, run, kind);
+        for (time, errors) in &errors {
+            for (output, error) in errors.iter().enumerate() {
+                within[output] += f64::from(u8::from(*error <= bounds.at(output, *time)));
+            }
+        }
+        (kind, errors.len() as f64, within)
+    };
+    let runs: Vec<(SignalKind, f64, Vec<f64>)> = calibration.runs.par_iter().map(of_run).collect();
+    let of_kind = |kind: SignalKind| {
+        let runs: Vec<_> = runs.iter().filter(|(found, ..)| *found == kind).collect();
+        let rows: f64 = runs.iter().map(|(_, rows, _)| rows).sum();
+        let share = |output: usize| runs.iter().map(|(.., within)| within[output]).sum::<f64>() / rows;
+        let names = surrogate.outputs().iter().map(|output| output.name.clone());
+        let within = names.enumerate().map(|(output, name)| (name, share(output))).collect();
+        (rows > 0.0).then_some(KindCoverage { kind, runs: runs.len(), within })
+    };
+    let found: Vec<KindCoverage> = SignalKind::ALL.into_iter().filter_map(of_kind).collect();
+    if found.len() > 1 { found } else { Vec::new() }
 }
 
 /// Intervals of the time since the start.
@@ -60,32 +97,59 @@ fn ends(calibration: &Dataset) -> Vec<f64> {
     (1..=count).map(|interval| times[interval * times.len() / count - 1]).collect()
 }
 
-/// The errors of each run's rows in each interval: shape `[intervals][runs][rows, outputs]`. Rows before the start are left out.
-fn errors(surrogate: &Surrogate, calibration: &Dataset, ends: &[f64]) -> Vec<Vec<Vec<f64>>> {
+/// Errors of the rows of each run, in each interval: shape `[intervals][runs][rows, outputs]`.
+type Errors = Vec<Vec<Vec<f64>>>;
+
+/// The errors of the runs of each kind of signal; without `by_kind` all are of one.
+fn errors(surrogate: &Surrogate, calibration: &Dataset, ends: &[f64], by_kind: bool) -> Vec<(SignalKind, Errors)> {
     let evaluator = Evaluator::new(surrogate);
-    let width = surrogate.outputs().len();
     let of_run = |run: &Run| {
+        let kind = if by_kind { SignalKind::of(surrogate, run) } else { SignalKind::Signals };
         let mut errors = vec![Vec::new(); ends.len()];
-        let predictions = predict(surrogate, &evaluator, run);
-        let rows = run.outputs.chunks(width).zip(predictions.chunks(width));
-        for (&time, (labels, predictions)) in run.times.iter().zip(rows).filter(|(time, _)| **time >= 0.0) {
+        for (time, row) in run_errors(surrogate, &evaluator, run, kind) {
             // times are those of the rows, so that the last one is an end
             let interval = ends.partition_point(|end| *end < time).min(ends.len() - 1);
-            errors[interval]
-                .extend(labels.iter().zip(predictions).map(|(label, prediction)| (label - prediction).abs()));
+            errors[interval].extend(row);
         }
-        errors
+        (kind, errors)
     };
-    let by_run: Vec<Vec<Vec<f64>>> = calibration.runs.par_iter().map(of_run).collect();
-    let mut by_interval = vec![Vec::new(); ends.len()];
-    for run in by_run {
-        by_interval.iter_mut().zip(run).for_each(|(runs, errors)| runs.push(errors));
-    }
-    by_interval
+    let by_run: Vec<(SignalKind, Vec<Vec<f64>>)> = calibration.runs.par_iter().map(of_run).collect();
+    let of_kind = |kind: SignalKind| {
+        let mut by_interval = vec![Vec::new(); ends.len()];
+        for (_, run) in by_run.iter().filter(|(found, _)| *found == kind) {
+            by_interval.iter_mut().zip(run).for_each(|(runs, errors)| runs.push(errors.clone()));
+        }
+        (kind, by_interval)
+    };
+    let kinds = SignalKind::ALL.into_iter();
+    kinds
+        .filter(|kind| *kind == SignalKind::Signals || by_run.iter().any(|(found, _)| found == kind))
+        .map(of_kind)
+        .collect()
 }
 
-/// The bound of an output, from the errors of each run; infinite if there is none.
-fn half_width(runs: &[Vec<f64>], column: usize, width: usize, coverage: f64) -> f64 {
+/// Times and errors of the rows of a run that count: none before the start, and those of other signals than the study's up to where an output
+/// leaves its range in training.
+fn run_errors(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, kind: SignalKind) -> Vec<(f64, Vec<f64>)> {
+    let width = surrogate.outputs().len();
+    let predictions = predict(surrogate, evaluator, run);
+    let is_inside = |(value, output): (&f64, &Output)| {
+        let margin = 0.01 * (output.max - output.min) + 1e-9 * output.min.abs().max(output.max.abs());
+        (output.min - margin..=output.max + margin).contains(value)
+    };
+    let rows = run.outputs.chunks(width).zip(predictions.chunks(width));
+    let rows = run.times.iter().zip(rows).filter(|(time, _)| **time >= 0.0);
+    rows.take_while(|(_, (labels, _))| {
+        kind == SignalKind::Signals || labels.iter().zip(surrogate.outputs()).all(is_inside)
+    })
+    .map(|(time, (labels, found))| {
+        (*time, labels.iter().zip(found).map(|(label, found)| (label - found).abs()).collect())
+    })
+    .collect()
+}
+
+/// The bound of an output, from the errors of each run of a kind; infinite if there is none, zero of a further kind without rows.
+fn half_width(runs: &[Vec<f64>], column: usize, width: usize, (coverage, kind): (f64, SignalKind)) -> f64 {
     let runs = || runs.iter().filter(|errors| !errors.is_empty());
     let rows = runs().flat_map(|errors| {
         let weight = width as f64 / errors.len() as f64;
@@ -93,7 +157,13 @@ fn half_width(runs: &[Vec<f64>], column: usize, width: usize, coverage: f64) -> 
         let finite = |error: f64| if error.is_nan() { f64::INFINITY } else { error };
         errors.iter().skip(column).step_by(width).map(move |&error| (finite(error), weight))
     });
-    quantile(rows.collect(), coverage * (runs().count() + 1) as f64).unwrap_or(f64::INFINITY)
+    let (rows, count) = (rows.collect::<Vec<(f64, f64)>>(), runs().count());
+    let largest = || rows.iter().map(|(error, _)| *error).fold(0.0, f64::max);
+    match kind {
+        SignalKind::Signals => quantile(rows, coverage * (count + 1) as f64).unwrap_or(f64::INFINITY),
+        _ if count < BoundsOptions::least_runs(coverage) => largest(),
+        _ => quantile(rows, coverage * (count + 1) as f64).unwrap_or(f64::INFINITY),
+    }
 }
 
 /// Times and bounds, from the bound of each interval.
@@ -164,7 +234,7 @@ mod tests {
             // the mean over many calibrations: a single one is off by the luck of its runs
             let shares: Vec<f64> = (0..40)
                 .map(|repeat| {
-                    let bounds = bounds(&surrogate, &runs(60, seed + 100 * repeat), coverage).unwrap();
+                    let bounds = bounds(&surrogate, &runs(60, seed + 100 * repeat), coverage, false).unwrap();
                     let within = fresh.runs.iter().map(|run| {
                         let predictions = predict(&surrogate, &evaluator, run);
                         let errors = run.outputs.iter().zip(predictions).step_by(2).map(|(y, p)| (y - p).abs());
@@ -212,7 +282,7 @@ mod tests {
             outputs: surrogate.outputs().iter().map(|output| variable(&output.name)).collect(),
             runs: runs(100),
         };
-        let bounds = bounds(&surrogate, &calibration, 0.9).unwrap();
+        let bounds = bounds(&surrogate, &calibration, 0.9, false).unwrap();
         assert_eq!((bounds.times.len(), bounds.times[0], bounds.times[20]), (21, 0.0, 2.0));
         // 90 % of the sizes are below 0.9: at the end of an interval of five rows it is that of its last row
         assert!((bounds.at(0, 2.0) - 0.09).abs() < 0.012, "{bounds:?}");
@@ -236,24 +306,69 @@ mod tests {
     }
 
     #[test]
+    fn the_bound_is_the_largest_that_any_kind_of_signal_needs_inside_the_ranges() {
+        let surrogate = example::crane();
+        let evaluator = Evaluator::new(&surrogate);
+        let input = surrogate.inputs().last().unwrap();
+        let (low, high) = (input.min, input.max);
+        let times: std::sync::Arc<[f64]> = (0..=20).map(|row| 0.1 * f64::from(row)).collect();
+        let width = surrogate.outputs().len();
+        let run = |signal: &dyn Fn(usize) -> f64, start: f64, error: f64| {
+            let mut run = Run {
+                inputs: (0..times.len()).map(signal).collect(),
+                parameters: vec![1.5, 0.0, start, 0.0, 0.0],
+                times: times.clone(),
+                outputs: Vec::new(),
+            };
+            run.outputs = predict(&surrogate, &evaluator, &run);
+            run.outputs.iter_mut().step_by(width).for_each(|output| *output += error);
+            run
+        };
+        let starts = || (0..30).map(|index| 0.01 * f64::from(index + 1));
+        let steps = |row: usize| if row < 10 { 0.5 * low } else { 0.5 * high };
+        let signals: Vec<Run> = starts().map(|start| run(&steps, start, 1e-4)).collect();
+        let decay: Vec<Run> = starts().map(|start| run(&|_| 0.0, start, 3e-3)).collect();
+        // so far out of the ranges that nothing is promised there
+        let mut pushed: Vec<Run> = starts().map(|start| run(&|_| high, start, 1e-4)).collect();
+        for run in &mut pushed {
+            run.outputs.iter_mut().skip(10 * width).step_by(width).for_each(|output| *output += 1e6);
+        }
+        let runs = [signals.clone(), decay, pushed].concat();
+        let kinds: Vec<SignalKind> = [0, 30, 60].map(|index| SignalKind::of(&surrogate, &runs[index])).into();
+        assert_eq!(kinds, [SignalKind::Signals, SignalKind::Decay, SignalKind::Maximum]);
+        let dataset = |runs| Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs: Vec::new(), runs };
+        let largest = |runs, by_kind| bounds(&surrogate, &dataset(runs), 0.9, by_kind).unwrap().largest(0);
+        assert!((largest(signals, true) - 1e-4).abs() < 1e-9);
+        assert!((largest(runs.clone(), true) - 3e-3).abs() < 1e-9);
+        let bounded = bounds(&surrogate, &dataset(runs.clone()), 0.9, true).unwrap();
+        let found = coverage(&surrogate.with_bounds(bounded).unwrap(), &dataset(runs));
+        let found: Vec<(SignalKind, usize, f64)> =
+            found.iter().map(|KindCoverage { kind, runs, within }| (*kind, *runs, within[0])).collect();
+        let expected = [(SignalKind::Signals, 30, 1.0), (SignalKind::Decay, 30, 1.0), (SignalKind::Maximum, 30, 1.0)];
+        assert_eq!(found, expected);
+    }
+
+    #[test]
     fn roll_outs_that_cannot_be_computed_give_no_bounds() {
         let surrogate = example::crane();
         let times: std::sync::Arc<[f64]> = [0.0, 0.1].into();
         let outputs = vec![f64::NAN; 2 * surrogate.outputs().len()];
         let run = Run { inputs: vec![0.0; 2], parameters: vec![1.5, 0.0, 0.0, 0.0, 0.0], times, outputs };
         let dataset = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs: Vec::new(), runs: vec![run; 40] };
-        let message = bounds(&surrogate, &dataset, 0.5).unwrap_err();
+        let message = bounds(&surrogate, &dataset, 0.5, false).unwrap_err();
         assert!(message.ends_with("too few of their predictions can be computed"), "{message}");
     }
 
     #[test]
     fn too_few_runs_give_no_bounds() {
         let surrogate = example::surrogate();
-        assert_eq!(crate::study::BoundsOptions::least_runs(0.95), 19);
+        assert_eq!(BoundsOptions::least_runs(0.95), 19);
         assert!(
-            bounds(&surrogate, &runs(18, 1), 0.95).unwrap_err().starts_with("18 runs do not bound 0.95 of the rows")
+            bounds(&surrogate, &runs(18, 1), 0.95, false)
+                .unwrap_err()
+                .starts_with("18 runs do not bound 0.95 of the rows")
         );
-        let largest = bounds(&surrogate, &runs(19, 1), 0.95).unwrap();
+        let largest = bounds(&surrogate, &runs(19, 1), 0.95, false).unwrap();
         assert!(largest.half_widths.iter().all(|&width| width > 1.0), "{largest:?}");
     }
 

@@ -61,10 +61,10 @@ Of a table, columns with one value in each run become parameters, the others out
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
 Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
-Exit code 1 if the surrogate is rejected: the training diverged, an output is worse than its mean or than simpler models. `[accept]` \
-in the study has the limits.
+Exit code 1 if the surrogate is rejected: the training diverged, the R² of an output is below 0.9, or a simpler model is better. From 0.9 to 0.99 \
+it is usable, and the verdict has advice. `[accept]` in the study has the limits.
 Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the \
-training. Pressed again, it ends the program.")]
+training. Before the first epoch is complete nothing is written. Pressed again, Ctrl-C ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write train.csv and test.csv
     #[command(after_help = "Examples:

@@ -39,13 +39,20 @@ pub fn activation(activation: Activation) -> &'static str {
     }
 }
 
-/// The first lines of a page about a surrogate that is rejected; empty of another one.
-pub fn rejection(verdict: &Verdict) -> String {
-    if verdict.accepted {
-        return String::new();
-    }
-    let problems: String = verdict.problems.iter().map(|problem| format!("<li>{}</li>\n", escape(problem))).collect();
-    format!("<p><strong>Rejected: this surrogate is not good enough to be used.</strong></p>\n<ul>\n{problems}</ul>\n")
+/// R² as people read it: nine decimals, or a power of ten where it is as bad as can be.
+pub fn r2(value: f64) -> String {
+    if value.abs() < 1e4 { format!("{value:.9}") } else { format!("{value:.2e}") }
+}
+
+/// First lines of a page about a surrogate: the verdict, its reasons, and what may help.
+pub fn verdict(verdict: &Verdict) -> String {
+    let title = verdict.title();
+    let title = format!("{}{}", title[..1].to_uppercase(), &title[1..]);
+    let reasons = verdict.reasons().iter().map(|reason| escape(reason));
+    let advice = verdict.advice.iter().map(|advice| format!("Try: {}", escape(advice)));
+    let lines: String = reasons.chain(advice).map(|line| format!("<li>{line}</li>\n")).collect();
+    let list = if lines.is_empty() { String::new() } else { format!("<ul>\n{lines}</ul>\n") };
+    format!("<p><strong>{}.</strong></p>\n{list}", escape(&title))
 }
 
 #[cfg(test)]

@@ -3,7 +3,10 @@
 //! The table is CSV, one row per time of a run: `run,time,<parameters>,<inputs>,<outputs>`. Numbers are the shortest decimals that
 //! read back as the same doubles.
 
+mod constants;
+
 use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::Variable};
+pub use constants::{Rounding, settle};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{

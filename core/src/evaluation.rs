@@ -1,12 +1,15 @@
 //! How good a surrogate is on runs it has not seen.
 
+mod coverage;
 mod roll_outs;
+mod verdict;
 
 use crate::{
     dataset::{Dataset, Run},
     layout::Point,
     variable::Variable,
 };
+pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Scratch, Surrogate};
 use rayon::prelude::*;
@@ -14,31 +17,7 @@ pub use roll_outs::RollOut;
 pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual, predict_off};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-/// What is to be thought of a surrogate.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Verdict {
-    /// Whether it may be used.
-    pub accepted: bool,
-    /// Why not, one sentence each.
-    pub problems: Vec<String>,
-}
-
-impl Verdict {
-    /// It is accepted if there are no problems.
-    pub fn of(problems: Vec<String>) -> Self {
-        Self { accepted: problems.is_empty(), problems }
-    }
-
-    /// The last lines of a command; empty if the surrogate is accepted.
-    pub fn text(&self) -> String {
-        if self.accepted {
-            return String::new();
-        }
-        let problems: String = self.problems.iter().map(|problem| format!("  {problem}\n")).collect();
-        format!("\nrejected: this surrogate is not good enough to be used\n{problems}")
-    }
-}
+pub use verdict::{Grade, Verdict};
 
 /// Accuracy of one output over all rows of all test runs, in the output's unit. What is too large for a number, or an error of no
 /// number, counts as the largest one.
@@ -97,6 +76,9 @@ pub struct Accuracy {
     /// End of the rows of the test runs that were learned from, in seconds, if runs were divided in time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_until: Option<f64>,
+    /// Share of the calibration runs' rows within the error bounds, by kind of signal, if bounds were measured on several kinds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration: Vec<KindCoverage>,
     /// What is thought of it, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
@@ -120,6 +102,7 @@ impl Accuracy {
             roll_outs: surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions)),
             rows: None,
             seen_until: None,
+            calibration: Vec::new(),
             verdict: None,
         }
     }

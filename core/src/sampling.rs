@@ -69,6 +69,11 @@ pub fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
 impl Plan {
     /// The plan of a study whose runs are simulated; the same study always has the same one.
     pub fn new(study: &Study) -> Self {
+        Self::with_calibration(study, study.calibration_runs())
+    }
+
+    /// The same with as many calibration runs as these; more begin with the same ones.
+    pub fn with_calibration(study: &Study, calibration_runs: usize) -> Self {
         let parameters: Vec<&ParameterOptions> = study.planned().map(|(_, options)| options).collect();
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
         let (generator, faces) = (random(study.seed, Stream::Train), study.faces());
@@ -95,7 +100,7 @@ impl Plan {
         };
         Self {
             test: fresh(Stream::Test, study.sampling.test_runs),
-            calibration: fresh(Stream::Calibration, study.calibration_runs()),
+            calibration: fresh(Stream::Calibration, calibration_runs),
             train,
         }
     }

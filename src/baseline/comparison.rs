@@ -128,9 +128,10 @@ impl Comparison {
                 let _ = writeln!(text, " {}: {}", row.status.name(), row.note);
                 continue;
             }
+            let digits = |r2: f64| if r2.abs() < 1e4 { format!("{r2:.9}") } else { format!("{r2:.2e}") };
             for output in &outputs {
                 let r2 = row.outputs.get(*output).and_then(|accuracy| accuracy.r2);
-                let _ = write!(text, " {:>11}", r2.map_or("constant".into(), |r2| format!("{r2:.9}")));
+                let _ = write!(text, " {:>11}", r2.map_or("constant".into(), digits));
             }
             let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2} s"));
             let point =

@@ -6,8 +6,8 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE},
 };
 use crate::{
-    evaluation::{Accuracy, Horizon, RollOuts, TestRows, Verdict},
-    html::{activation, escape, number, rejection},
+    evaluation::{Accuracy, Horizon, KindCoverage, RollOuts, TestRows, Verdict},
+    html::{self, activation, escape, number},
     report::Drawn,
     study::ExportOptions,
 };
@@ -39,7 +39,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
          <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
     );
     let verdict = accuracy.and_then(|accuracy| accuracy.verdict.as_ref());
-    page.push_str(&verdict.map_or(String::new(), rejection));
+    page.push_str(&verdict.map_or(String::new(), html::verdict));
     if !metadata.description.is_empty() {
         line(&mut page, &format!("<p>{}</p>", escape(&metadata.description)));
     }
@@ -129,8 +129,13 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
         let range = range.map_or("any number".into(), |[min, max]| format!("{} to {}", number(min), number(max)));
         row(page, name, "state", &range, unit, description);
     }
-    for Output { name, unit, description, min, max } in surrogate.outputs() {
-        row(page, name, "output", &format!("{} to {} in training", number(*min), number(*max)), unit, description);
+    for output in surrogate.outputs() {
+        let Output { name, unit, description, min, max } = output;
+        let range = match output.constant() {
+            Some(constant) => format!("constant, {}", number(constant)),
+            None => format!("{} to {} in training", number(*min), number(*max)),
+        };
+        row(page, name, "output", &range, unit, description);
     }
     line(page, "</table>");
 }
@@ -175,7 +180,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     );
     for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
     {
-        let r2 = metrics.r2.map_or("constant output".into(), |r2| format!("{r2:.9}"));
+        let r2 = metrics.r2.map_or("constant output".into(), html::r2);
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
         let (name, unit) = (code(&output.name), escape(&output.unit));
         let share =
@@ -213,7 +218,27 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
                  each (split-conformal, from {runs} runs of their own). The FMU has them as outputs, <code>…_bound</code>.</p>"
             ),
         );
+        kinds(page, &accuracy.calibration);
     }
+}
+
+/// How the bounds hold for each kind of signal.
+fn kinds(page: &mut String, calibration: &[KindCoverage]) {
+    let Some(first) = calibration.first() else { return };
+    let names: String = first.within.keys().map(|name| format!("<th>{}</th>", code(name))).collect();
+    line(
+        page,
+        &format!(
+            "<p>Share of the calibration runs' points within the bounds, which are the largest that any kind of signal needs; those of other kinds than \
+             the study's signals count while outputs are in their ranges.</p>\n<table><tr><th>Signals</th><th>Runs</th>{names}</tr>"
+        ),
+    );
+    for KindCoverage { kind, runs, within } in calibration {
+        let shares: String =
+            within.values().map(|share| format!("<td class=\"n\">{:.1} %</td>", 100.0 * share)).collect();
+        line(page, &format!("<tr><td>{kind}</td><td class=\"n\">{runs}</td>{shares}</tr>"));
+    }
+    line(page, "</table>");
 }
 
 /// How errors grow along roll-outs.
@@ -432,7 +457,8 @@ mod tests {
             roll_outs: None,
             rows: None,
             seen_until: None,
-            verdict: Some(Verdict::of(Vec::new())),
+            calibration: Vec::new(),
+            verdict: Some(Verdict::of(Vec::new(), Vec::new(), Vec::new())),
         };
         let figure =
             Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
@@ -461,10 +487,11 @@ mod tests {
         let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
         assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
         assert!(unknown.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
-        let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()]));
+        let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()], Vec::new(), vec!["more runs".into()]));
         let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
         let (title, rest) = rejected.split_once("</h1>").unwrap();
         assert!(rest.starts_with("\n<p><strong>Rejected: this surrogate is not good enough"), "{title}{rest}");
+        assert!(rest.contains("<li>Try: more runs</li>") && page.contains("<p><strong>Good: "), "{rest}");
         assert!(rest.contains("<li>angle: R² -1 &lt; 0</li>") && !rest.contains(trusted), "{rest}");
     }
 }

@@ -40,10 +40,12 @@ pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
     let (surrogate, training) = train::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
     let mut evaluated = Evaluated::new(&surrogate, &samples.sets.test);
     evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
+    evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);
     let accuracy = evaluated.accuracy.clone();
     let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
+    let speed = evaluate::measure_speed(project, &surrogate, &samples.sets.test)?;
     let (metrics, verdict) =
-        evaluate::stage(project, &surrogate, accuracy, comparison.as_ref(), &samples.record, &training)?;
+        evaluate::stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples.record, &training)?;
     let figures = export::figures(&evaluated)?;
     let written = export::stage(project, plan, &surrogate, Some(&metrics.accuracy), &figures)?;
     let validate = |written: Written| {

@@ -1,10 +1,11 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
 use super::{
-    learned::Candidate,
+    learned::{Candidate, unless_interrupted},
+    per_instant::without_constants,
     prepare::{self, held_out},
     project::Project,
-    train::{Follower, Trained, TrainingRecord},
+    train::{Follower, Trained, TrainingRecord, at_least_one_epoch},
 };
 use crate::{
     Result,
@@ -68,12 +69,17 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let samples = Samples::new(project, dataset);
     let validation = held_out(study, dataset);
     let mut learned: Vec<(Candidate, Surrogate, Learned)> = Vec::new();
+    let mut is_stopped = false;
     for kind in DiscreteModel::ALL {
         if study.discrete.model.is_some_and(|wanted| wanted != kind) {
             continue;
         }
         let start = Instant::now();
-        let one = samples.learn(project, kind)?;
+        let has_earlier = learned.iter().any(|(.., other)| !other.history.is_empty());
+        let Some(one) = unless_interrupted(project, samples.learn(project, kind), has_earlier)? else {
+            is_stopped = true;
+            break;
+        };
         let model = Model::Discrete(Box::new(one.model.clone()));
         let rows = samples.rows();
         let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
@@ -89,7 +95,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let candidates = learned.iter().map(|(candidate, ..)| candidate.clone()).collect();
     // there is at least one kind
     let (Candidate { name, .. }, surrogate, one) = learned.swap_remove(0);
-    let stopped = if learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
+    let stopped = if is_stopped || learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
         StopReason::Interrupted
     } else {
         one.stopped
@@ -218,7 +224,12 @@ impl<'a> Samples<'a> {
                     let validation = recurrent(&unseen, &linear, &gains, history[0], (length, length))?;
                     let batch = (study.training.batch / stretch).max(LEAST_BATCH);
                     let with = TrainingOptions { batch, ..study.training.clone() };
-                    let outcome = follow(project, network, &training, &validation, &with)?;
+                    let has_earlier = !learned.history.is_empty();
+                    let outcome = follow(project, network, &training, &validation, &with);
+                    let Some(outcome) = unless_interrupted(project, outcome, has_earlier)? else {
+                        learned.stopped = StopReason::Interrupted;
+                        break;
+                    };
                     let best = learned.history.len() + outcome.best_epoch;
                     learned = Learned {
                         model: self.model(history, &linear, Some((&gains, outcome.network.to_layers()))),
@@ -380,7 +391,9 @@ fn follow(
 ) -> Result<training::Outcome> {
     let mut follower = Follower::with(project, options, training.len()).without_checkpoints();
     let outcome = training::train(network, training, validation, options, project.study.seed, &mut follower)?;
+    let outcome = at_least_one_epoch(project, outcome)?;
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     project.control().stop.store(false, Ordering::Relaxed);
-    Ok(outcome)
+    let network = without_constants(&outcome.network, training);
+    Ok(training::Outcome { network, ..outcome })
 }

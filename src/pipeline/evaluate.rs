@@ -2,19 +2,22 @@
 
 use super::{
     project::{Project, SamplesRecord},
+    speed::Speed,
     train::TrainingRecord,
 };
 use crate::{
     Result,
     baseline::Comparison,
+    calibration,
     dataset::Dataset,
     dynamics::Assembly,
-    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict, constraint_residual},
+    evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, Verdict, constraint_residual},
     files,
-    html::number,
+    html::{self, number},
     source::driven::Driven,
 };
-use metafmu_runtime::Surrogate;
+use indexmap::IndexMap;
+use metafmu_runtime::{Output, Surrogate};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -25,6 +28,12 @@ pub struct Metrics {
     /// Accuracy on the test runs, with the verdict.
     #[serde(flatten)]
     pub accuracy: Accuracy,
+    /// Outputs that did not vary in training, and the constants that the surrogate has for them.
+    #[serde(skip_serializing_if = "IndexMap::is_empty")]
+    constants: IndexMap<String, f64>,
+    /// Speed beside that of the source, if that can be run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    speed: Option<Speed>,
     train_runs: usize,
     sample_seconds: f64,
     /// How the training went.
@@ -45,8 +54,10 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     project.prepare_folder()?;
     let mut accuracy = Accuracy::of(&surrogate, &test);
     add_residual(project, &surrogate, &test, &mut accuracy)?;
+    add_calibration(project, &surrogate, &project.load_table("calibration")?, &mut accuracy);
     let comparison = project.load_comparison(&accuracy)?;
-    stage(project, &surrogate, accuracy, comparison.as_ref(), &samples, &training)
+    let speed = measure_speed(project, &surrogate, &test)?;
+    stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples, &training)
 }
 
 /// Adds what the mechanism tells of the positions in roll-outs.
@@ -65,11 +76,33 @@ pub(super) fn add_residual(
     Ok(())
 }
 
+/// Adds how error bounds hold for each kind of signal.
+pub(super) fn add_calibration(
+    project: &Project,
+    surrogate: &Surrogate,
+    calibration: &Dataset,
+    accuracy: &mut Accuracy,
+) {
+    // runs of a table are driven by whatever they are driven by
+    if !project.study.source.is_recorded() {
+        accuracy.calibration = calibration::coverage(surrogate, calibration);
+    }
+}
+
+/// Measures the speed beside the source's, and warns if that is faster.
+pub(super) fn measure_speed(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
+    let speed = Speed::of(project, surrogate, test)?;
+    if let Some(warning) = speed.and_then(|speed| speed.warning(surrogate)) {
+        project.warn(warning);
+    }
+    Ok(speed)
+}
+
 /// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
 pub(super) fn stage(
     project: &Project,
     surrogate: &Surrogate,
-    accuracy: Accuracy,
+    (accuracy, speed): (Accuracy, Option<Speed>),
     comparison: Option<&Comparison>,
     samples: &SamplesRecord,
     training: &TrainingRecord,
@@ -83,6 +116,8 @@ pub(super) fn stage(
             seen_until: project.study.sampling.train_stop,
             ..accuracy
         },
+        speed,
+        constants: constants(surrogate).map(|(output, constant)| (output.name.clone(), constant)).collect(),
         train_runs: samples.train_runs + training.added_runs,
         sample_seconds: samples.sample_seconds,
         training: training.clone(),
@@ -92,6 +127,11 @@ pub(super) fn stage(
     };
     files::write_json(&project.metrics(), &metrics)?;
     Ok((metrics, verdict))
+}
+
+/// Outputs that did not vary in training, with their values.
+pub(super) fn constants(surrogate: &Surrogate) -> impl Iterator<Item = (&Output, f64)> {
+    surrogate.outputs().iter().filter_map(|output| Some((output, output.constant()?)))
 }
 
 /// The results as a table for people: errors in the outputs' units.
@@ -106,7 +146,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     let _ = writeln!(text, "{header}");
     for ((name, metrics), variable) in outputs.iter().zip(project.source.outputs()) {
         let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = metrics;
-        let r2 = r2.map_or("constant".into(), |r2| format!("{r2:.9}"));
+        let r2 = r2.map_or("constant".into(), html::r2);
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
         let worst = format!("{max_abs_error:.3e}{share} (test run {worst_run}, t = {worst_time:.3} s)");
@@ -120,6 +160,13 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
         let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
+    }
+    for KindCoverage { kind, runs, within } in &metrics.accuracy.calibration {
+        let shares: Vec<String> = within.values().map(|share| format!("{:.1}", 100.0 * share)).collect();
+        let _ = writeln!(text, "  of {runs} calibration runs, {kind}: {}", shares.join(", "));
+    }
+    if let Some(speed) = &metrics.speed {
+        let _ = writeln!(text, "\n{}", speed.describe());
     }
     text
 }

@@ -2,7 +2,8 @@
 
 use super::{compare, predict::load_file, prepare::baseline_rows, project::Project};
 use crate::{
-    Error, Result, acceptance,
+    Error, Result,
+    acceptance::{self, OfTraining},
     baseline::{self, BaselineKind, Fitted, choose_rows},
     evaluation::Accuracy,
     evaluation::Verdict,
@@ -185,7 +186,8 @@ pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Re
     surrogate::save(&surrogate, &project.baseline_model(kind))?;
     let evaluated = Evaluated::new(&surrogate, &test);
     // the network's own: a baseline is not compared with baselines
-    let verdict = Verdict::of(acceptance::problems(study, &surrogate, &evaluated.accuracy, None, "test runs"));
+    let measured = (&evaluated.accuracy, "test runs");
+    let verdict = acceptance::judge(study, &surrogate, measured, None, OfTraining::default());
     let accuracy = with_verdict(project, evaluated.accuracy.clone(), verdict);
     write_of_project(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
 }

@@ -65,7 +65,8 @@ pub struct Fit {
 /// keeps its best epoch.
 ///
 /// # Errors
-/// [`Error::Training`], those of the interface, [`Error::Import`] for rows without values and for options beyond their limits.
+/// [`Error::Interrupted`] if none is complete, [`Error::Training`], those of the interface, [`Error::Import`] for rows without values and
+/// for options beyond their limits.
 pub fn fit(
     (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
     interface: &Interface,
@@ -97,6 +98,7 @@ pub fn fit(
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
     let parts = Parts::of(&order, &options.training, options.measure);
     let (map, outcome) = training.of(parts, None)?;
+    let outcome = outcome.completed()?;
     let map = Map::Network(map);
     let is_measured = options.measure && !control.stop.load(Ordering::Relaxed);
     let predictions = match is_measured && parts.judging.is_empty() && inputs.len() > 1 {

@@ -1,6 +1,10 @@
 //! Ways to learn the functions of equations, compared: dictionaries, networks, and networks for what dictionaries leave over.
 
-use super::{project::Project, train::Follower};
+use super::{
+    per_instant::without_constants,
+    project::Project,
+    train::{Follower, at_least_one_epoch},
+};
 use crate::{
     Error, Result,
     network::Network,
@@ -169,8 +173,23 @@ pub(super) fn train(project: &Project, seen: &Examples, unseen: &Examples) -> Re
     let mut follower = Follower::new(project, training_rows.len()).without_checkpoints();
     let options = &study.training;
     let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?;
+    let outcome = at_least_one_epoch(project, outcome)?;
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     project.control().stop.store(false, Ordering::Relaxed);
-    let layers = outcome.network.to_layers();
+    let layers = without_constants(&outcome.network, &training_rows).to_layers();
     Ok((ScaledNetwork { scaling, layers }, outcome))
+}
+
+/// A training; none if Ctrl-C ended it before its first epoch was complete and an earlier one is there to keep.
+///
+/// # Errors
+/// Those of the training.
+pub(super) fn unless_interrupted<T>(project: &Project, trained: Result<T>, has_earlier: bool) -> Result<Option<T>> {
+    match trained {
+        Err(Error::Interrupted) if has_earlier => {
+            project.control().stop.store(false, Ordering::Relaxed);
+            Ok(None)
+        }
+        other => other.map(Some),
+    }
 }

@@ -25,6 +25,7 @@ mod rescue;
 mod rounds;
 pub mod sample;
 pub mod search;
+pub mod speed;
 pub mod state_space;
 pub mod train;
 pub mod trajectories;

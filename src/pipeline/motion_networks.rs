@@ -103,7 +103,12 @@ pub(super) fn learn(
         if tries(name) && last.stopped != StopReason::Interrupted {
             let began = Instant::now();
             let base = if name == NETWORK { asked.constants()? } else { asked.lowest()? };
-            let networks = asked.networks(&base, &mut last)?;
+            let has_earlier = !last.history.is_empty();
+            let networks = asked.networks(&base, &mut last);
+            let Some(networks) = learned::unless_interrupted(project, networks, has_earlier)? else {
+                last.stopped = StopReason::Interrupted;
+                break;
+            };
             all.push(asked.candidate((name, began), counts, base, &forces, networks)?);
         }
     }

@@ -2,6 +2,7 @@
 
 use super::{
     observer::{Control, Event, Work},
+    speed::Speed,
     train::TrainingRecord,
 };
 use crate::{
@@ -303,6 +304,17 @@ impl<'a> Project<'a> {
         Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
     }
 
+    /// Reads the speed of a surrogate from `metrics.json`; none if it has not been measured.
+    pub(super) fn load_speed(&self, surrogate: &Surrogate) -> Option<Speed> {
+        #[derive(Deserialize)]
+        struct Measured {
+            content_digest: String,
+            speed: Option<Speed>,
+        }
+        let measured: Measured = serde_json::from_slice(&std::fs::read(self.metrics()).ok()?).ok()?;
+        measured.speed.filter(|_| measured.content_digest == surrogate.metadata().provenance.content_digest)
+    }
+
     /// The verdict on a surrogate with this accuracy on the test runs.
     pub(super) fn judge(
         &self,
@@ -311,8 +323,7 @@ impl<'a> Project<'a> {
         accuracy: &Accuracy,
         comparison: Option<&Comparison>,
     ) -> Verdict {
-        let of_outputs = acceptance::problems(&self.study, surrogate, accuracy, comparison, "test runs");
-        Verdict::of([training.problems(&self.study), of_outputs].concat())
+        acceptance::judge(&self.study, surrogate, (accuracy, "test runs"), comparison, training.findings(&self.study))
     }
 
     /// Reads the comparison with other models; none if there is none of this network.

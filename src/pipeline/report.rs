@@ -72,7 +72,9 @@ pub(super) fn stage(
     let comparison = project.load_comparison(&evaluated.accuracy)?;
     let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref());
     let points = project.source.points(&project.study);
-    let facts = facts(project, samples, training);
+    let mut facts = facts(project, samples, training);
+    let speed = project.load_speed(evaluated.surrogate);
+    facts.extend(speed.map(|speed| ("Speed on one core".into(), speed.describe())));
     let material = Material {
         study: &project.study,
         evaluated,

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    dataset::Dataset,
+    dataset::{self, Dataset, Rounding},
     files,
     sampling::{Plan, Sets},
     scaling,
@@ -16,6 +16,7 @@ use crate::{
         simulation::Outcome,
     },
     table::header_field,
+    variable::Variable,
 };
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -35,7 +36,7 @@ pub struct Samples {
 /// Those of recorded runs that cannot be read.
 pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     let plan = match &project.source {
-        Source::Simulation(_) => Plan::new(&project.study),
+        Source::Simulation(simulation) => simulation.plan(&project.study),
         Source::Recorded(recorded) => {
             let points = |dataset: Dataset| Ok(dataset.runs.into_iter().map(|run| run.parameters).collect());
             recorded.sample(project.control().stop)?.try_map(points)?
@@ -117,7 +118,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
     let start = Instant::now();
     match &project.source {
         Source::Simulation(simulation) => {
-            let plan = Plan::new(&project.study);
+            let plan = simulation.plan(&project.study);
             let points = all_points(&plan);
             let journal = simulation.journal(&project.journal(), &project.study)?;
             let outcomes = run_points(project, simulation, &points, points.len(), &journal)?;
@@ -151,7 +152,7 @@ pub struct ShardRecord {
 pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
     let start = Instant::now();
     let simulation = simulated(project)?;
-    let all = all_points(&Plan::new(&project.study));
+    let all = all_points(&simulation.plan(&project.study));
     let points: Vec<Vec<f64>> = part.positions(all.len()).map(|position| all[position].clone()).collect();
     let journal = simulation.journal(&project.shard_journal(part), &project.study)?;
     let outcomes = run_points(project, simulation, &points, all.len(), &journal)?;
@@ -167,7 +168,7 @@ pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
 /// Writes the tables from shards: those given, else those in the folder of results.
 pub fn merge(project: &Project, files: &[PathBuf]) -> Result<Samples> {
     let simulation = simulated(project)?;
-    let plan = Plan::new(&project.study);
+    let plan = simulation.plan(&project.study);
     let points = all_points(&plan);
     let files = if files.is_empty() { Shard::files(project.folder())? } else { files.to_vec() };
     let (outcomes, seconds) = shard::merge(&files, project.folder(), &project.study, simulation, &points)?;
@@ -227,7 +228,8 @@ fn sort(
 }
 
 /// Writes the tables and their record.
-fn write(project: &Project, sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_seconds: f64) -> Result<Samples> {
+fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_seconds: f64) -> Result<Samples> {
+    let constants = settle_constants(project, &mut sets);
     for (_, dataset) in sets.named() {
         project.study.refuse(scaling::problems(dataset))?;
     }
@@ -247,6 +249,7 @@ fn write(project: &Project, sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_
     project.finish(format_args!(
         "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
     ));
+    constants.iter().for_each(|line| project.say(line));
     // tables without a record are not trusted: it goes first and comes back last
     files::remove(&project.samples_record())?;
     for (set, dataset) in sets.named() {
@@ -259,6 +262,20 @@ fn write(project: &Project, sets: Sets<Dataset>, failed: Vec<FailedRun>, sample_
     }
     files::write_json(&project.samples_record(), &record)?;
     Ok(Samples { sets, record })
+}
+
+/// Gives outputs that vary by rounding only the constant that they are, and says which they are.
+fn settle_constants(project: &Project, sets: &mut Sets<Dataset>) -> Vec<String> {
+    let is_simulated = project.study.source.is_of_equations();
+    let rounding = if is_simulated { Rounding::OF_SIMULATIONS } else { Rounding::OF_DOUBLES };
+    let Sets { train, test, calibration } = sets;
+    let constants = dataset::settle(train, [test, calibration], rounding);
+    let line = |(output, constant): (usize, f64)| {
+        let Variable { name, unit, .. } = &train.outputs[output];
+        let space = if unit.is_empty() { "" } else { " " };
+        format!("output {name} varies by rounding only: the tables have the constant {constant}{space}{unit}")
+    };
+    constants.into_iter().map(line).collect()
 }
 
 /// Simulates further runs, those of the given points, after which there are `total`. As many may fail as of a plan of all of

@@ -235,7 +235,12 @@ impl Space {
                 // what the highest order leaves over oscillates, and no network learns that
                 let base = if name == NETWORK { nothing.clone() } else { fit(true)?.dictionary };
                 let began = Instant::now();
-                let (network, outcome) = self.train(project, &base, [&seen, &unseen])?;
+                let trained = self.train(project, &base, [&seen, &unseen]);
+                let has_earlier = !learned.history.is_empty();
+                let Some((network, outcome)) = learned::unless_interrupted(project, trained, has_earlier)? else {
+                    learned.stopped = StopReason::Interrupted;
+                    break;
+                };
                 learned.stopped = outcome.reason;
                 learned.best_epoch = outcome.best_epoch;
                 learned.history = outcome.history;

@@ -2,6 +2,7 @@
 
 use super::{
     discrete::{self, DiscreteRecord},
+    evaluate::constants,
     motion::{self, MotionRecord},
     observer::{Event, Work},
     per_instant,
@@ -12,16 +13,18 @@ use super::{
     trajectories::{self, TrajectoriesRecord},
 };
 use crate::{
-    Error, Result, acceptance, calibration,
+    Error, Result,
+    acceptance::{self, OfTraining},
+    calibration,
     dataset::Dataset,
     evaluation::Accuracy,
     evaluation::Verdict,
     files,
     study::{Structure, Study, StudyStructure, TrainingOptions},
     surrogate,
-    training::{self, EpochRecord, Observer, StopReason, TrainingError, write_history},
+    training::{self, EpochRecord, Observer, Outcome, StopReason, TrainingError, write_history},
 };
-use metafmu_runtime::{Map, Model, ScaledNetwork, Surrogate};
+use metafmu_runtime::{Map, Model, Output, ScaledNetwork, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::{
     fmt,
@@ -74,8 +77,12 @@ impl TrainingRecord {
         self.stopped == StopReason::Interrupted
     }
 
-    /// Problems of the training itself, regardless of the accuracy.
-    pub fn problems(&self, study: &Study) -> Vec<String> {
+    /// What is known of the training itself, regardless of the accuracy.
+    pub fn findings(&self, study: &Study) -> OfTraining {
+        OfTraining { problems: self.problems(study), advice: self.advice(study) }
+    }
+
+    fn problems(&self, study: &Study) -> Vec<String> {
         let Self { epochs, stopped, target_met, motion, state_space, trajectories, .. } = self;
         let poor = motion.as_ref().and_then(MotionRecord::problem);
         let poor = poor.or(state_space.as_ref().and_then(StateSpaceRecord::problem));
@@ -88,6 +95,28 @@ impl TrainingRecord {
             .map(|target| format!("not every output reached an R² of {} on the held-out runs (target.r2)", target.r2));
         diverged.into_iter().chain(short).chain(poor).collect()
     }
+
+    /// What may make the surrogate better, the surest first.
+    fn advice(&self, study: &Study) -> Vec<String> {
+        let Self { epochs, stopped, train_rows, .. } = self;
+        let longer = match stopped {
+            StopReason::Interrupted => Some("continue the training that was stopped: --resume".into()),
+            StopReason::Finished => Some(format!("train longer: `training.epochs` above {epochs}")),
+            _ => None,
+        };
+        let more = match (study.structure, study.source.is_recorded()) {
+            (_, true) => format!("record more runs: these have {train_rows} training rows"),
+            (StudyStructure::Dynamics, false) => "more `sampling.states`, or smaller ranges".into(),
+            (_, false) => {
+                let runs = study.sampling.runs.map_or(String::new(), |runs| format!(" above {runs}"));
+                format!("add runs: `sampling.runs`{runs}, or a `[target]`")
+            }
+        };
+        let memory = format!("a longer memory: `discrete.history` above {}", study.discrete.history);
+        let memory = (study.structure == StudyStructure::Discrete).then_some(memory);
+        let larger = (*epochs > 0).then(|| "a larger network: `network.hidden`".into());
+        longer.into_iter().chain([more]).chain(memory).chain(larger).collect()
+    }
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -98,8 +127,7 @@ fn is_zero(count: &usize) -> bool {
 pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: &TrainingRecord) -> Verdict {
     let study = &project.study;
     let accuracy = Accuracy::of(surrogate, &held_out(study, train));
-    let of_outputs = acceptance::problems(study, surrogate, &accuracy, None, "held-out runs");
-    Verdict::of([record.problems(study), of_outputs].concat())
+    acceptance::judge(study, surrogate, (&accuracy, "held-out runs"), None, record.findings(study))
 }
 
 /// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
@@ -141,6 +169,11 @@ pub(super) fn once(
             Structure::Fixed => per_instant::train(project, dataset, resume)?,
         },
     };
+    for (Output { name, unit, .. }, constant) in constants(&surrogate) {
+        let space = if unit.is_empty() { "" } else { " " };
+        project
+            .say(format_args!("output {name} does not vary: it is exported as the constant {constant}{space}{unit}"));
+    }
     let surrogate = with_bounds(surrogate, calibration, &project.study)?;
     rescue::write(project, |project| {
         surrogate::save(&surrogate, &project.model())?;
@@ -184,6 +217,7 @@ fn train(
                 .map_err(|error| unusable_checkpoint(project, error))?
         }
     };
+    let outcome = at_least_one_epoch(project, outcome)?;
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     project.control().stop.store(false, Ordering::Relaxed);
 
@@ -216,10 +250,19 @@ fn train(
     Ok(Trained { surrogate, history: outcome.history, record })
 }
 
+/// A training with at least one complete epoch: before that there is no network to keep.
+pub(super) fn at_least_one_epoch(project: &Project, outcome: Outcome) -> Result<Outcome> {
+    outcome.completed().map_err(|error| {
+        project.finish("the first epoch is not complete: there is no network to keep");
+        error.into()
+    })
+}
+
 /// The surrogate with the error bounds that the study wants.
 pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, study: &Study) -> Result<Surrogate> {
     let Some((options, runs)) = study.bounds.zip(calibration) else { return Ok(surrogate) };
-    match calibration::bounds(&surrogate, runs, options.coverage) {
+    // runs of a table are driven by whatever they are driven by
+    match calibration::bounds(&surrogate, runs, options.coverage, !study.source.is_recorded()) {
         Ok(bounds) => surrogate::with_bounds(surrogate, bounds),
         Err(message) => Err(study.refusal("bounds", message)),
     }

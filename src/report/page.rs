@@ -3,7 +3,7 @@
 use super::{Block, Drawn, Material, figures::sections};
 use crate::{
     Result,
-    html::{escape, rejection},
+    html::{self, escape},
 };
 use rayon::prelude::*;
 use std::fmt::Write;
@@ -21,7 +21,7 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}: report</title>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
          <style>\n{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n{}<nav>",
-        rejection(material.verdict)
+        html::verdict(material.verdict)
     );
     // writing to a string does not fail
     for section in &sections {

@@ -1,10 +1,11 @@
 //! Runs from states, driven by inputs: how a surrogate with states is used.
 
-use super::wrong_unit;
+use super::{kinds::Kinds, wrong_unit};
 use crate::{
     dataset::Run,
     diagnostics::{Problems, names::expected_one_of},
     dynamics::{self, Range, Region},
+    evaluation::SignalKind,
     integrate::Budget,
     multibody::Mechanism,
     signal::{Knots, Signal, Sine},
@@ -54,6 +55,8 @@ pub struct Driven {
     /// Where the equations of motion of a mechanism are learned.
     region: Option<Region>,
     seed: u64,
+    /// What drives runs whose signals are not the study's.
+    kinds: Kinds,
 }
 
 /// What a source says of an input.
@@ -171,7 +174,8 @@ impl Driven {
         }
         if problems.is_empty() {
             let states = coordinates_and_velocities(&names);
-            Ok(Self { states, drivers, start, ranges: Vec::new(), region: Some(region), seed: study.seed })
+            let (ranges, kinds) = (Vec::new(), Kinds::default());
+            Ok(Self { states, drivers, start, ranges, region: Some(region), seed: study.seed, kinds })
         } else {
             Err(problems)
         }
@@ -193,7 +197,8 @@ impl Driven {
         };
         let start = states.iter().zip(study.states.values()).map(within).collect();
         let states = states.into_iter().map(|(state, _)| state).collect();
-        Ok(Self { states, drivers, start, ranges: Vec::new(), region: None, seed: study.seed })
+        let (ranges, kinds) = (Vec::new(), Kinds::default());
+        Ok(Self { states, drivers, start, ranges, region: None, seed: study.seed, kinds })
     }
 
     /// The coordinates of a table and then their rates, with the values at the start of its first run and their ranges in all rows, and the
@@ -207,7 +212,13 @@ impl Driven {
         (start, ranges): (Vec<f64>, Vec<[f64; 2]>),
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
-        Ok(Self { states, drivers: drivers(study, inputs)?, start, ranges, region: None, seed: study.seed })
+        let (drivers, kinds) = (drivers(study, inputs)?, Kinds::default());
+        Ok(Self { states, drivers, start, ranges, region: None, seed: study.seed, kinds })
+    }
+
+    /// The same with these kinds of signals.
+    pub fn set_kinds(&mut self, kinds: Kinds) {
+        self.kinds = kinds;
     }
 
     /// The range of a state in a table.
@@ -259,8 +270,26 @@ impl Driven {
         let mut of_recordings = ChaCha8Rng::seed_from_u64(point);
         of_recordings.set_stream(1);
         let place = of_recordings.random();
-        let columns: Vec<Vec<f64>> =
-            self.drivers.iter().map(|driver| driver.values(times, place, &mut random)).collect();
+        let kind = self.kinds.of(parameters);
+        // of sources without known states, a decay follows signals in about the first third, an instant that is no row's
+        let is_unknown = self.states.is_empty();
+        let signals_end = if is_unknown { 0.333_71 * times.last().copied().unwrap_or(0.0) } else { 0.0 };
+        let column = |driver: &Driver| {
+            let zero = SignalKind::zero([driver.min, driver.max], driver.start);
+            match kind {
+                SignalKind::Signals => driver.values(times, place, &mut random),
+                SignalKind::Zero => vec![zero; times.len()],
+                SignalKind::Minimum => vec![driver.min; times.len()],
+                SignalKind::Maximum => vec![driver.max; times.len()],
+                SignalKind::Decay => {
+                    let mut values = driver.values(times, place, &mut random);
+                    let pairs = times.iter().zip(&mut values).filter(|(time, _)| **time >= signals_end);
+                    pairs.for_each(|(_, value)| *value = zero);
+                    values
+                }
+            }
+        };
+        let columns: Vec<Vec<f64>> = self.drivers.iter().map(column).collect();
         (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
     }
 

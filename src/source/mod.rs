@@ -3,6 +3,7 @@
 pub mod driven;
 pub mod fmu;
 mod journal;
+mod kinds;
 mod point;
 pub mod recorded;
 pub mod shard;

@@ -5,7 +5,7 @@ use super::{
     driven::Driven,
     fmu::{self, FmuModel},
     journal::WORTH_KEEPING,
-    list, wrong_unit,
+    kinds, list, wrong_unit,
 };
 use crate::{
     Error, Result,
@@ -14,6 +14,7 @@ use crate::{
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
     multibody::{Mechanism, description::OutputOptions},
+    sampling::Plan,
     study::{SourceOptions, Study},
     systems::{SYSTEMS, System},
     variable::Variable,
@@ -93,7 +94,23 @@ impl Simulation {
         if is_discrete {
             simulation.parameters.extend(before_start(simulation.outputs.iter().chain(&simulation.inputs)));
         }
+        let (_, kinds) = kinds::plan(study, simulation.driven());
+        if let Some(driven) = simulation.driven_mut() {
+            driven.set_kinds(kinds);
+        }
         Ok(simulation)
+    }
+
+    /// The plan of the study, whose calibration runs have further kinds of signals if inputs drive them.
+    pub fn plan(&self, study: &Study) -> Plan {
+        kinds::plan(study, self.driven()).0
+    }
+
+    fn driven_mut(&mut self) -> Option<&mut Driven> {
+        match &mut self.model {
+            Model::Equations(equations) => equations.driven.as_mut(),
+            Model::Fmu(model) => model.driven_mut(),
+        }
     }
 
     /// What drives the runs, in the source's order.

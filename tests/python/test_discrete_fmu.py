@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pandas as pd
@@ -165,9 +166,20 @@ def test_error_bounds_are_measured_on_runs_of_their_own(tmp_path):
     study = chain(tmp_path, ("[sampling]", "[bounds]\nruns = 20\n[sampling]"))
     metafmu("build", study, "--out", tmp_path / "out")
     tables = {name: pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("train", "test", "calibration")}
-    assert {name: table["run"].nunique() for name, table in tables.items()} == {"train": 10, "test": 4, "calibration": 20}
+    # beside 20 runs with the study's signals 23 decays, and one run each of zero input and of either end of the range
+    assert {name: table["run"].nunique() for name, table in tables.items()} == {"train": 10, "test": 4, "calibration": 46}
     signals = [tuple(run["force"]) for table in tables.values() for _, run in table.groupby("run")]
-    assert len(set(signals)) == 34
+    assert len(set(signals)) == 60
+    constant = [signal[0] for signal in signals if len(set(signal)) == 1]
+    assert len(constant) == 3 and 0 in constant and min(constant) < 0 < max(constant)
+    assert sum(len(set(signal)) > 1 and not any(signal[len(signal) // 2 :]) for signal in signals) == 23
+    calibration = json.loads((tmp_path / "out" / "metrics.json").read_text())["calibration"]
+    assert [kind["kind"] for kind in calibration] == [
+        "signals", "zero input", "free decay", "constant at the minimum", "constant at the maximum"
+    ]  # fmt: skip
+    assert all(share >= 0.95 for kind in calibration for share in kind["within"].values()), calibration
+    with zipfile.ZipFile(tmp_path / "out" / "chain.fmu") as fmu:
+        assert "<td>free decay</td><td class=\"n\">23</td>" in fmu.read("documentation/index.html").decode()
     for _, run in tables["calibration"].groupby("run"):
         assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"])).max() < 1e-8
     description = read_model_description(str(tmp_path / "out" / "chain.fmu"))

@@ -69,7 +69,7 @@ impl SourceOptions {
     }
 
     /// Whether it is simulated by equations that are known here.
-    pub(super) fn is_of_equations(&self) -> bool {
+    pub fn is_of_equations(&self) -> bool {
         self.system.is_some() || self.mechanism.is_some()
     }
 

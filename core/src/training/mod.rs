@@ -141,6 +141,16 @@ pub struct Outcome {
     pub reason: StopReason,
 }
 
+impl Outcome {
+    /// The same, if an epoch was completed.
+    ///
+    /// # Errors
+    /// [`TrainingError::NoEpoch`]: the network is not trained.
+    pub fn completed(self) -> Result<Self, TrainingError> {
+        if self.history.is_empty() { Err(TrainingError::NoEpoch { reason: self.reason }) } else { Ok(self) }
+    }
+}
+
 /// Why a network cannot be trained.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -199,6 +209,12 @@ pub enum TrainingError {
         /// What is wrong with it.
         problem: String,
     },
+    /// A training that ended before its first epoch was complete.
+    #[error("no epoch was completed: {reason}")]
+    NoEpoch {
+        /// Why it ended.
+        reason: StopReason,
+    },
     /// An option that makes no sense.
     #[error("training option `{name}`: {problem}")]
     Option {
@@ -211,6 +227,9 @@ pub enum TrainingError {
 
 impl From<TrainingError> for crate::Error {
     fn from(error: TrainingError) -> Self {
-        Self::Training(Box::new(error))
+        match error {
+            TrainingError::NoEpoch { reason: StopReason::Interrupted } => Self::Interrupted,
+            error => Self::Training(Box::new(error)),
+        }
     }
 }

@@ -185,6 +185,11 @@ impl Output {
     pub fn bound_name(&self) -> String {
         format!("{}_bound", self.name)
     }
+
+    /// The value of an output that did not vary in training.
+    pub fn constant(&self) -> Option<f64> {
+        (self.min == self.max).then_some(self.min)
+    }
 }
 
 /// Several outputs of one unit as one array variable of FMI 3.0, for instance the coordinates of a point.

@@ -126,7 +126,8 @@ fn unit(unit: &str) -> String {
 
 /// `R²` as people read it: as many digits as there are nines, and a few more.
 fn r2(value: Option<f64>) -> String {
-    value.map_or("constant output".into(), |r2| format!("{r2:.7}"))
+    let digits = |r2: f64| if r2.abs() < 1e4 { format!("{r2:.7}") } else { format!("{r2:.2e}") };
+    value.map_or("constant output".into(), digits)
 }
 
 fn percent(share: f64) -> String {

@@ -7,7 +7,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Map, Model, Role, ScaledNetwork};
+use metafmu_runtime::{Map, Model, Output, Role, ScaledNetwork};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -76,7 +76,8 @@ pub fn summary(material: &Material) -> Section {
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))
     });
     let outputs = evaluated.surrogate.outputs().iter();
-    let outputs = outputs.map(|o| (&o.name, "output", o.min, o.max, &o.unit, o.description.clone()));
+    let kind = |output: &Output| if output.constant().is_some() { "output, constant" } else { "output" };
+    let outputs = outputs.map(|o| (&o.name, kind(o), o.min, o.max, &o.unit, o.description.clone()));
     let rows = inputs.chain(outputs).map(|(name, kind, min, max, u, description)| {
         vec![code(name), kind.into(), number(min), number(max), unit(u), escape(&description)]
     });

@@ -103,6 +103,11 @@ impl FmuModel {
         self.driven.as_ref()
     }
 
+    /// The same, to change it.
+    pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
+        self.driven.as_mut()
+    }
+
     /// What a process is asked for a point.
     fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
         match (&self.driven, &self.task.driven) {

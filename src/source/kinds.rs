@@ -1,0 +1,106 @@
+//! Calibration runs that are driven by other kinds of signals than those of the study.
+
+use super::driven::Driven;
+use crate::{
+    evaluation::SignalKind,
+    sampling::Plan,
+    study::{BoundsOptions, ParameterOptions, Study},
+};
+use std::collections::HashMap;
+
+/// Kind of the signals of some runs, by the bits of their points; of all others those of the study.
+#[derive(Clone, Debug, Default)]
+pub struct Kinds(HashMap<Vec<u64>, SignalKind>);
+
+/// Runs of each further kind beyond the fewest that bounds can be measured on: some may fail.
+const RESERVE: f64 = 1.2;
+
+impl Kinds {
+    /// Kind of the run of a point.
+    pub fn of(&self, point: &[f64]) -> SignalKind {
+        if self.0.is_empty() {
+            return SignalKind::Signals;
+        }
+        self.0.get(&bits(point)).copied().unwrap_or(SignalKind::Signals)
+    }
+}
+
+fn bits(point: &[f64]) -> Vec<u64> {
+    point.iter().map(|value| value.to_bits()).collect()
+}
+
+/// The plan of a study and the kinds of its runs: of a surrogate with inputs and error bounds, calibration runs of zero input, free decay and
+/// constant inputs follow those with the study's signals.
+pub fn plan(study: &Study, driven: Option<&Driven>) -> (Plan, Kinds) {
+    let driven = driven.filter(|driven| study.goes_on() && !driven.drivers().is_empty());
+    let (Some(driven), Some(BoundsOptions { coverage, .. })) = (driven, study.bounds) else {
+        return (Plan::new(study), Kinds::default());
+    };
+    let varies = |options: &ParameterOptions| options.min < options.max || options.values.len() > 1;
+    let parameters_vary = study.parameters.values().any(varies);
+    let starts_vary = study.starts().values().any(varies);
+    let many = (RESERVE * BoundsOptions::least_runs(coverage) as f64).ceil() as usize;
+    let count = |kind: SignalKind| {
+        let differ = match kind {
+            SignalKind::Zero => parameters_vary,
+            // signals come before the decay where starts cannot be chosen
+            SignalKind::Decay => parameters_vary || starts_vary || study.is_discrete(),
+            _ => parameters_vary || starts_vary,
+        };
+        // runs that do not differ are one
+        if differ { many } else { 1 }
+    };
+    let further = SignalKind::ALL.into_iter().filter(|kind| *kind != SignalKind::Signals);
+    let further: Vec<SignalKind> = further.flat_map(|kind| std::iter::repeat_n(kind, count(kind))).collect();
+    let own = study.calibration_runs();
+    let mut plan = Plan::with_calibration(study, own + further.len());
+    let mut kinds = HashMap::new();
+    for (point, kind) in plan.calibration[own..].iter_mut().zip(further) {
+        if kind == SignalKind::Zero && study.has_states() {
+            let first = point.len() - driven.start().len();
+            point[first..].copy_from_slice(driven.start());
+        }
+        kinds.insert(bits(point), kind);
+    }
+    (plan, Kinds(kinds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::Simulation;
+    use std::path::Path;
+
+    fn crane(more: &str) -> (Study, Simulation) {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/dynamics");
+        let text = format!(
+            "name = \"s\"\nstructure = \"dynamics\"\n[source]\nmechanism = \"crane.toml\"\n[time]\nstop = 2\nstep = 0.1\n[states]\n\
+             rail.position = {{ min = -5, max = 5 }}\nrope.angle = {{ min = -1, max = 1 }}\n[inputs]\nforce = {{ min = -4, max = 10 }}\n\
+             [outputs]\nx = {{}}\n{more}"
+        );
+        let study = Study::parse(&text, &root.join("s.toml")).unwrap();
+        let simulation = Simulation::new(&study).unwrap();
+        (study, simulation)
+    }
+
+    #[test]
+    fn calibration_runs_have_zero_input_free_decay_and_both_ends_of_the_range() {
+        let (study, simulation) = crane("[bounds]\ncoverage = 0.9\nruns = 30\n");
+        let (own, plan) = (Plan::new(&study), simulation.plan(&study));
+        assert_eq!((&plan.train, &plan.test, &plan.calibration[..30]), (&own.train, &own.test, &own.calibration[..]));
+        // of the same parameters, the run from the source's own start is one; of the others a fifth more than nine
+        assert_eq!(plan.calibration.len(), 30 + 1 + 3 * 11);
+        let driven = simulation.driven().unwrap();
+        let inputs = |index: usize| driven.inputs(&plan.calibration[index], &study.time.grid());
+        assert!(inputs(0).windows(2).any(|pair| pair[0] != pair[1]));
+        assert_eq!(&plan.calibration[30][..], driven.start());
+        for (index, value) in [(30, 0.0), (31, 0.0), (41, 0.0), (42, -4.0), (53, 10.0), (63, 10.0)] {
+            assert!(inputs(index).iter().all(|found| *found == value), "run {index}");
+        }
+        assert_ne!(plan.calibration[31], plan.calibration[32]);
+        // the run is simulated with the same inputs, and there are none of these without bounds
+        assert_eq!(simulation.run(&plan.calibration[60]).unwrap().inputs, inputs(60));
+        let (study, simulation) = crane("");
+        assert!(simulation.plan(&study).calibration.is_empty());
+    }
+}
