@@ -71,7 +71,7 @@ def main():
         text = (examples / study.name).read_text()
         if options.network:
             # however poor, it is exported
-            text += '\n[dynamics]\nmodel = "network"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\n'
+            text += '\n[dynamics]\nmodel = "network"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n'
         study.write_text(text)
         subprocess.run([METAFMU, "build", study, "--out", folder / "out"], check=True, capture_output=True)
         print(f"built in {time.monotonic() - began:.0f} s")

@@ -82,7 +82,7 @@ def without(text, *keys):
 def made(study, **others):
     """The text of a study for these jobs: no bounds, no baselines, any accuracy."""
     text = re.sub(r"(?m)^\[bounds\][^\[]*", "", study)
-    text += "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n[baselines]\nbuild = []\n"
+    text += "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n[baselines]\nbuild = []\n"
     for key, value in others.items():
         text = with_key(text, key, value)
     return text

@@ -36,7 +36,7 @@ def row(name, folder, networks):
         text = text.replace(old, new, 1)
     if networks:
         # however poor, it is evaluated
-        text += "\n[dynamics]\nmodel = \"network\"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\n"
+        text += "\n[dynamics]\nmodel = \"network\"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n"
     study.write_text(text)
     before = processor_time()
     subprocess.run([METAFMU, "build", study.name], cwd=folder, check=True, capture_output=True)

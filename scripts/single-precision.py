@@ -70,7 +70,7 @@ def built(name, folder):
         shutil.copy(EXAMPLES / "quick" / "single-pendulum.toml", study)
     if name in NETWORKS:
         study.write_text(study.read_text() + '\n[dynamics]\nmodel = "network"\n')
-    study.write_text(study.read_text() + "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n")
+    study.write_text(study.read_text() + "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n")
     run(METAFMU, "build", study, "--out", out, cwd=folder)
     return study, out
 

@@ -324,7 +324,8 @@ mod tests {
             run.outputs.iter_mut().step_by(width).for_each(|output| *output += error);
             run
         };
-        let starts = || (0..30).map(|index| 0.01 * f64::from(index + 1));
+        // none is the example's own start
+        let starts = || (0..30).map(|index| 0.011 * f64::from(index + 1));
         let steps = |row: usize| if row < 10 { 0.5 * low } else { 0.5 * high };
         let signals: Vec<Run> = starts().map(|start| run(&steps, start, 1e-4)).collect();
         let decay: Vec<Run> = starts().map(|start| run(&|_| 0.0, start, 3e-3)).collect();
@@ -342,10 +343,11 @@ mod tests {
         assert!((largest(runs.clone(), true) - 3e-3).abs() < 1e-9);
         let bounded = bounds(&surrogate, &dataset(runs.clone()), 0.9, true).unwrap();
         let found = coverage(&surrogate.with_bounds(bounded).unwrap(), &dataset(runs));
-        let found: Vec<(SignalKind, usize, f64)> =
-            found.iter().map(|KindCoverage { kind, runs, within }| (*kind, *runs, within[0])).collect();
-        let expected = [(SignalKind::Signals, 30, 1.0), (SignalKind::Decay, 30, 1.0), (SignalKind::Maximum, 30, 1.0)];
-        assert_eq!(found, expected);
+        let of_kinds: Vec<(SignalKind, usize)> = found.iter().map(|found| (found.kind, found.runs)).collect();
+        assert_eq!(of_kinds, [(SignalKind::Signals, 30), (SignalKind::Decay, 30), (SignalKind::Maximum, 30)]);
+        // errors of the kind that decides are its bound, up to rounding
+        assert_eq!([found[0].within[0], found[2].within[0]], [1.0, 1.0]);
+        assert!(found[1].within[0] >= 0.9, "{found:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::{
         origin::{self, Origin, Problem},
         schema,
     },
-    study::{MAX_NAME, check_variable_name},
+    study::{MAX_NAME, MAX_VARIABLES, check_variable_name},
 };
 use indexmap::IndexMap;
 use schemars::JsonSchema;
@@ -488,6 +488,12 @@ impl Interface {
         self.add_problems_of_states(&mut problems);
         if self.variables().next().is_none() && self.states.is_empty() {
             problems.add("inputs", "no input that is a variable, expected at least one");
+        }
+        for (key, count) in [("inputs", self.inputs.len()), ("outputs", self.outputs.len())] {
+            if count > MAX_VARIABLES {
+                problems.add(key, format!("{count} {key}, expected at most {MAX_VARIABLES}"));
+                return problems;
+            }
         }
         if self.outputs.is_empty() {
             problems.add("outputs", "no output, expected at least one");

@@ -194,3 +194,17 @@ fn a_graph_that_is_too_large_is_refused() {
     });
     assert!(error.unwrap().contains("expected at most"));
 }
+
+#[test]
+fn more_inputs_than_an_fmu_may_have_are_refused_before_anything_is_made_of_them() {
+    let interface = |count: usize| {
+        let inputs: Vec<String> = (0..count).map(|input| format!("\"x{input}\":{{\"min\":0,\"max\":1}}")).collect();
+        Interface::from_json(&format!(
+            "{{\"name\":\"n\",\"inputs\":{{{}}},\"outputs\":{{\"y\":{{}}}}}}",
+            inputs.join(",")
+        ))
+    };
+    assert!(interface(300).is_ok());
+    let message = interface(200_001).unwrap_err().to_string();
+    assert!(message.ends_with("inputs: 200001 inputs, expected at most 200000"), "{message}");
+}

@@ -1,13 +1,14 @@
 //! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
 
 use super::{
+    learned::unless_interrupted,
     prepare::held_out,
     project::Project,
     rescue, sample,
     train::{self, TrainingRecord},
 };
 use crate::{
-    Result,
+    Error, Result,
     dataset::Dataset,
     evaluation::Accuracy,
     files,
@@ -16,7 +17,7 @@ use crate::{
     study::TargetOptions,
     surrogate,
     table::header_field,
-    training::{EpochRecord, joined, read_history, write_history},
+    training::{EpochRecord, StopReason, joined, read_history, write_history},
 };
 use metafmu_runtime::Surrogate;
 
@@ -53,13 +54,24 @@ pub fn stage(
         files::remove_folder(&project.rounds())?;
     }
     let validation = held_out(&project.study, planned);
-    let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::new(), None, 0);
+    let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::<Round>::new(), None, 0);
     let mut failed = failures(Plan::new(&project.study).train, planned);
     let trained = loop {
         let round = project.round(rounds.len());
         round.prepare_folder()?;
         let added = dataset.runs.len() - planned.runs.len();
-        let (trained, record) = train::once(&round, &dataset, added, start.as_ref(), None, resume)?;
+        let done = train::once(&round, &dataset, added, start.as_ref(), None, resume);
+        let (trained, record) =
+            match (unless_interrupted(project, done, start.is_some())?, start.take(), rounds.last_mut()) {
+                (Some(done), ..) => done,
+                // the network of the round before is the best so far
+                (None, Some(before), Some(last)) => {
+                    last.record.stopped = StopReason::Interrupted;
+                    dataset.runs.truncate(last.runs);
+                    break before;
+                }
+                (None, ..) => return Err(Error::Interrupted),
+            };
         let r2 = Accuracy::of(&trained, &validation).outputs.values().map(|metrics| metrics.r2).collect();
         let history = read_history(&round.history())?;
         let finished = Round { runs: dataset.runs.len(), r2, record, history };

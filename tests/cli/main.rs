@@ -73,7 +73,7 @@ fn small_study() -> String {
 }
 
 /// Accepts whatever so little training gives.
-const ANY: &str = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n";
+const ANY: &str = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n";
 
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()

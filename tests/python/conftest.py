@@ -27,7 +27,7 @@ if IS_WORKER:
 # not as many threads as the others have
 OTHER_THREADS = {"RAYON_NUM_THREADS": "2" if os.environ.get("RAYON_NUM_THREADS") == "1" else "1"}
 # accepts whatever little training gives
-ANY = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\n"
+ANY = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n"
 PARAMETERS = ["L", "c", "thetad0"]
 OUTPUTS = ["theta", "thetad", "thetadd"]
 

@@ -107,6 +107,7 @@ use schemars::JsonSchema;
 pub use search::set;
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
+pub use size::MAX_VARIABLES;
 pub use source::SourceOptions;
 pub use states::{StateOptions, is_angle, velocity_name};
 use std::{

@@ -6,6 +6,9 @@ use crate::diagnostics::Problems;
 /// Runs for one purpose: the points of so many are a few gigabytes.
 pub(super) const MAX_RUNS: usize = 10_000_000;
 
+/// Parameters, inputs or outputs at most: each takes a few kilobytes where an FMU is made and in every host.
+pub const MAX_VARIABLES: usize = 200_000;
+
 /// Rows of all runs together.
 const MAX_ROWS: f64 = 1e9;
 
@@ -15,6 +18,11 @@ const MAX_BYTES: f64 = 64e9;
 /// Numbers of runs and rows that are too many, by dotted key.
 pub(super) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
+    let variables =
+        [("parameters", study.parameters.len()), ("inputs", study.inputs.len()), ("outputs", study.outputs.len())];
+    for (key, count) in variables.into_iter().filter(|(_, count)| *count > MAX_VARIABLES) {
+        problems.add(key, format!("{count} {key}, expected at most {MAX_VARIABLES}"));
+    }
     let train_runs = study.train_runs();
     let planned = match study.sampling.method {
         Some(Method::Mesh) => "sampling.levels",
