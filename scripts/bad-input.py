@@ -363,6 +363,7 @@ SECTIONS = {
         "networks for each instant": dynamics(more='[network]\nstructure = "fixed"\n'),
         "a model that is not there": dynamics(more='[dynamics]\nmodel = "forest"\n'),
         "a comparison that is no truth value": dynamics(more="[dynamics]\ncompare = 1\n"),
+        "a step of the solver that is not positive": dynamics(more="[dynamics]\nsolver_step = 0\n"),
         "an empty range of a velocity": dynamics(("max = 5 ", "max = 5, velocity_range = [1, 1] ")),
         "a range of a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity_range = [-1, nan] ")),
         "a force that is not a number at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),

@@ -90,8 +90,10 @@ pub fn assemble_with_states(
         true => Variable { name: format!("{}_state", state.name), ..state.clone() },
         false => state.clone(),
     };
-    metadata.states =
-        driven.states().iter().zip(ranges).map(|(state, range)| of_state(own_name(state), range)).collect();
+    // a state without a range of validity has a usual one
+    let usual = study.states.values().map(|state| Some([state.min, state.max])).chain(std::iter::repeat(None));
+    let states = driven.states().iter().zip(ranges).zip(usual);
+    metadata.states = states.map(|((state, range), usual)| of_state(own_name(state), range, range.or(usual))).collect();
     metadata.stop_time = Some(study.time.stop);
     finish(metadata, model)
 }
@@ -160,10 +162,15 @@ pub(crate) fn rate_unit(unit: &str) -> String {
     }
 }
 
-/// A state with the range in which equations were learned that depend on it.
-fn of_state(Variable { name, unit, description, .. }: Variable, range: Option<[f64; 2]>) -> State {
+/// A state with the range in which it is valid, and the one in which it usually is.
+fn of_state(
+    Variable { name, unit, description, .. }: Variable,
+    range: Option<[f64; 2]>,
+    usual: Option<[f64; 2]>,
+) -> State {
     let rate_unit = rate_unit(&unit);
-    let nominal = range.map_or(1.0, |[min, max]| min.abs().max(max.abs()).max(f64::MIN_POSITIVE));
+    let largest = usual.map_or(0.0, |[min, max]| min.abs().max(max.abs()));
+    let nominal = if largest > 0.0 && largest.is_finite() { largest } else { 1.0 };
     State { name, unit, rate_unit, description, range, nominal }
 }
 
@@ -213,6 +220,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         outputs: outputs.collect(),
         precision: study.export.precision,
         bounds: None,
+        solver_error: None,
         cover: None,
         states: Vec::new(),
         arrays: study.arrays.iter().map(output_array).collect(),

@@ -14,7 +14,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Scratch, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
-pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual, predict_off};
+pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 pub use verdict::{Grade, Verdict};

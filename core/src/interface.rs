@@ -71,8 +71,8 @@ pub struct InterfaceTime {
     /// Sample time: how far apart a state and its `next` value are.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub sample: Option<f64>,
-    /// Longest step of the solver inside the FMU (Runge-Kutta, order 4), of states that have a `derivative`; found from simulations unless
-    /// given.
+    /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), of states that have a `derivative`, for real time; unless given the
+    /// solver controls its error, with a tolerance that is found from simulations.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub solver_step: Option<f64>,
     /// End of a simulation.

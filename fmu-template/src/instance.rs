@@ -6,7 +6,9 @@ use crate::{
     state::{Interface, Row, State, Version},
     status::{Refusal, Status, Warning},
 };
-use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Metadata, Model, Role, Scratch, Surrogate};
+use metafmu_runtime::{
+    Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Model, Role, Scratch, Surrogate,
+};
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::Variables;
 
@@ -60,8 +62,8 @@ pub(crate) struct Instance {
     now: Snapshot,
     /// What it was when the present communication step began, of those with updates in between.
     before: Snapshot,
-    /// Longest step of the solver, in seconds, of models with states.
-    solver_step: Option<f64>,
+    /// How the states are integrated, of models with states.
+    integration: Option<Integration>,
     /// How much of the communication step was made before the present one of the solver, in seconds.
     since: f64,
     /// Whether outputs have derivatives with respect to time: those of samples do not.
@@ -124,11 +126,6 @@ impl Instance {
         let metadata = surrogate.metadata().clone();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
-        let solver_step = match surrogate.model() {
-            Model::Motion(motion) => Some(motion.step),
-            Model::StateSpace(space) if !metadata.states.is_empty() => Some(space.step),
-            Model::StateSpace(_) | Model::Response(_) | Model::PerInstant { .. } | Model::Discrete(_) => None,
-        };
         let now = Snapshot {
             surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
             state: State::Instantiated,
@@ -155,7 +152,7 @@ impl Instance {
             nominals: metadata.states.iter().map(|state| state.nominal).collect(),
             before: now.clone(),
             now,
-            solver_step,
+            integration: surrogate.model().integration(),
             since: 0.0,
             is_smooth,
             warned: vec![false; values.len()],
@@ -421,6 +418,7 @@ impl Instance {
         if self.now.time <= self.now.start_time {
             self.now.at_start.copy_from_slice(&self.now.values);
         }
+        self.expect_plausible()?;
         self.check_point(self.now.policy)?;
         self.note_data(Status::Error)?;
         (0..self.now.values.len()).for_each(|column| self.note_value(column));

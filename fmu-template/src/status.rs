@@ -120,6 +120,13 @@ pub(crate) enum Refusal {
          in which the equations have no finite solution"
     )]
     Diverged { after: f64, status: Status },
+    #[error("{}{of}", when(.after))]
+    Implausible { after: Option<f64>, of: Implausible, status: Status },
+    #[error(
+        "no step of the solver is short enough {after} s after the beginning of the step: the motion diverges, or the equations \
+         have a singularity"
+    )]
+    Underflow { after: f64, status: Status },
     #[error("the outputs are not finite at the sample {after} s after the beginning of the step: the model diverges")]
     OutputsDiverged { after: f64, status: Status },
     #[error("communication step size {size} takes more than ten million steps of the solver, expected a smaller one")]
@@ -134,6 +141,22 @@ pub(crate) enum Refusal {
     NoStatus { kind: i32, reason: &'static str },
 }
 
+/// A state that no motion leads to.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "state `{name}` is {value}, which is not plausible: expected {valid}, and at most {limit} in magnitude; the motion diverges"
+)]
+pub(crate) struct Implausible {
+    pub name: String,
+    pub value: f64,
+    pub valid: String,
+    pub limit: f64,
+}
+
+fn when(after: &Option<f64>) -> String {
+    after.map_or(String::new(), |after| format!("{after} s after the beginning of the step, "))
+}
+
 impl Refusal {
     /// What the host is told.
     pub(crate) fn status(&self) -> Status {
@@ -143,7 +166,10 @@ impl Refusal {
             // a solver tries again with a smaller step
             Self::StateNotFinite { .. } => Status::Discard,
             Self::NotComputable { status } | Self::ValueNotFinite { status, .. } => *status,
-            Self::Diverged { status, .. } | Self::OutputsDiverged { status, .. } => *status,
+            Self::Diverged { status, .. }
+            | Self::OutputsDiverged { status, .. }
+            | Self::Implausible { status, .. }
+            | Self::Underflow { status, .. } => *status,
             Self::OutsideDomain { status, .. } | Self::FarFromData { status, .. } | Self::Changed { status, .. } => {
                 *status
             }

@@ -12,8 +12,8 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Discrete, Encoding, Input, Layer, Map, Model, Motion, Output, Precision, Role, State, StateSpace,
-    Surrogate, Variability,
+    Bounds, BuiltIn, Discrete, Encoding, Input, Integration, Layer, Map, Model, Motion, Output, Precision, Role, State,
+    StateSpace, Surrogate, Variability,
     graph::{Graph, Step},
     law::NetworkTerm,
     regression::{Function, Regression},
@@ -282,8 +282,8 @@ fn model(surrogate: &Surrogate) -> String {
         Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
         Model::Response(Map::Regression(regression)) => return size(regression),
         Model::Response(Map::Graph(graph)) => return size_of_graph(graph),
-        Model::Motion(motion) => return size_of_motion(motion),
-        Model::StateSpace(space) => return size_of_state_space(space),
+        Model::Motion(motion) => return size_of_motion(motion) + &accuracy_of_solver(metadata.solver_error),
+        Model::StateSpace(space) => return size_of_state_space(space) + &accuracy_of_solver(metadata.solver_error),
         Model::Discrete(discrete) => return size_of_discrete(discrete),
     };
     let precision = match metadata.precision {
@@ -313,17 +313,17 @@ fn size_of_graph(graph: &Graph) -> String {
 
 /// What derivatives and outputs are computed with, and how the states are integrated.
 fn size_of_state_space(space: &StateSpace) -> String {
-    let StateSpace { counts: [.., states], functions, map, step, .. } = space;
+    let StateSpace { counts: [.., states], functions, map, integration, .. } = space;
     let products = match functions.products() {
         0 => None,
         count => Some(format!("{count} products of sines, cosines and powers")),
     };
     let given: Vec<String> = products.into_iter().chain(map.iter().map(of_map)).collect();
     format!(
-        "{} functions of {states} states, of inputs and parameters: {}; integrated in steps of at most {step} s (Runge-Kutta, order 4), or \
-         with the host's tolerance (Dormand and Prince, order 5)",
+        "{} functions of {states} states, of inputs and parameters: {}; {}",
         functions.outputs(),
         given.join(", and "),
+        integrated(*integration),
     )
 }
 
@@ -354,7 +354,7 @@ fn of_map(map: &Map) -> String {
 
 /// How large the functions in equations of motion are, and how they are integrated.
 fn size_of_motion(motion: &Motion) -> String {
-    let Motion { dynamics, positions, reactions, step, .. } = motion;
+    let Motion { dynamics, positions, reactions, integration, .. } = motion;
     let network = |what: &str, term: Option<&NetworkTerm>| {
         term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
     };
@@ -367,13 +367,36 @@ fn size_of_motion(motion: &Motion) -> String {
         .as_ref()
         .map_or(String::new(), |reactions| format!(", {} for forces", reactions.functions().products()));
     format!(
-        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions{of_reactions}){}, integrated \
-         in steps of at most {step} s (Runge-Kutta, order 4), or with the host's tolerance (Dormand and Prince, order 5)",
+        "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions{of_reactions}){}; {}",
         dynamics.coordinates(),
         dynamics.law().dictionary().products(),
         positions.dictionary().products(),
         networks.concat(),
+        integrated(*integration),
     )
+}
+
+/// What the solver adds to the errors of the equations, as text.
+fn accuracy_of_solver(error: Option<f64>) -> String {
+    let text = |error| {
+        format!(
+            "; in the training runs, and at corners of parameters, inputs and velocities, outputs change by it as by a start off by {error:.1e} at most"
+        )
+    };
+    error.map_or(String::new(), text)
+}
+
+/// How states are integrated, as text.
+fn integrated(integration: Integration) -> String {
+    match integration {
+        Integration::ErrorControlled { tolerance, longest } => format!(
+            "integrated with error control: each step is off by at most {tolerance:.0e} of a state's nominal value, or the host's tolerance if that is \
+             smaller, and no longer than {longest} s (Dormand and Prince, order 5)"
+        ),
+        Integration::Fixed { step } => {
+            format!("integrated in equal steps of at most {step} s (Runge-Kutta, order 4), for real time")
+        }
+    }
 }
 
 /// The hidden layers in words, for instance `64 + 64 tanh nodes`.

@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, DomainPolicy, Encoding, Given, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model, Output,
-    OutputArray, Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
+    Bounds, BuiltIn, DomainPolicy, Encoding, Given, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model,
+    Output, OutputArray, Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -47,7 +47,7 @@ impl ModelDescription {
             fmi_version,
             model_name: name.clone(),
             token: surrogate.instantiation_token(),
-            description: text(description),
+            description: text(&(description.clone() + &of_fixed_steps(surrogate))),
             generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
             // what a solver tries is not warned of, only what it accepts
             // samples would be time events there
@@ -297,12 +297,22 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
     names.into_iter().map(define).collect()
 }
 
+/// What is said of a solver that does not control its error.
+fn of_fixed_steps(surrogate: &Surrogate) -> String {
+    match (surrogate.model().integration(), surrogate.metadata().solver_error) {
+        (Some(Integration::Fixed { step }), Some(error)) => {
+            format!(" (solver: fixed steps of {step} s, in the domain as a start off by {error:.1e} at most)")
+        }
+        _ => String::new(),
+    }
+}
+
 fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     let time = surrogate.time_column().map(|column| &surrogate.inputs()[column]);
     DefaultExperiment {
         start: Some(time.map_or(0.0, |time| time.min)),
         stop: time.map(|time| time.max).or(surrogate.metadata().stop_time),
-        tolerance: None,
+        tolerance: surrogate.model().integration().and_then(Integration::tolerance),
         step_size: Some(surrogate.metadata().time_step),
     }
 }

@@ -7,7 +7,7 @@
 use super::describe::nominal;
 use crate::table::header_field;
 use indexmap::IndexMap;
-use metafmu_runtime::{Drive, Evaluator, Input, Precision, Role, StepError, Surrogate};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Precision, Role, StepError, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -79,7 +79,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let constant = vec![0.0; point.len()];
     let mut advance = |point: &mut [f64]| -> Result<(), StepError> {
         let drive = Drive { rates: [&constant, &constant], clamp: None };
-        evaluator.advance(point, (step, None, &[]), drive, &mut scratch)
+        evaluator.advance(point, CommunicationStep::of(step), drive, &mut scratch).map(|_| ())
     };
     let names: Vec<String> = surrogate.outputs().iter().map(|output| header_field(&output.name)).collect();
     let mut csv = format!("time,{}\n", names.join(","));

@@ -224,6 +224,7 @@ fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
+        solver_error: None,
         cover: None,
         precision: Precision::Double,
         time_step: interface.time.communication_step(),

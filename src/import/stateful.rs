@@ -3,7 +3,7 @@
 use super::*;
 use crate::interface::{Evolution, Followed, NO_SAMPLE_TIME};
 use metafmu_runtime::{
-    Discrete, Domain, Drive, Given, State, StateSpace,
+    CommunicationStep, Discrete, Domain, Drive, Given, Integration, State, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 
@@ -15,8 +15,9 @@ const HELD: usize = 10;
 
 /// What the solver may add to the outputs in these simulations, relative to their ranges.
 const SOLVER_ERROR: f64 = 1e-9;
-/// How often its step is halved for that, at most.
-const HALVINGS: usize = 10;
+/// Tolerances of the solver that are tried, ten times smaller each, and part of one with which it is compared.
+const TOLERANCES: [f64; 7] = [1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12];
+const MUCH_TIGHTER: f64 = 1e-2;
 /// Difference of outputs, relative to their ranges, beyond which steps are unstable; those of chaotic motions are in their ranges, and that of one
 /// that should not vary is rounding.
 const UNSTABLE: f64 = 1e6;
@@ -187,7 +188,7 @@ impl<'a> Known<'a> {
                     }
                 }
                 let drive = Drive { rates: [&constant, &constant], clamp: Some(&domain) };
-                if evaluator.advance(&mut point, (step, None, &[]), drive, &mut scratch).is_err() {
+                if evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
                     found.push(None);
                     break;
                 }
@@ -306,7 +307,7 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
     evaluator.start(&mut point);
     let (constant, mut scratch) = (vec![0.0; point.len()], evaluator.scratch());
     let drive = Drive { rates: [&constant, &constant], clamp: None };
-    if evaluator.advance(&mut point, (step, None, &[]), drive, &mut scratch).is_err() {
+    if evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
         return Err(known.refused("the outputs are not finite after the first sample from the start values".into()));
     }
     let mut given = vec![0.0; outputs];
@@ -333,7 +334,7 @@ fn start_input(name: &str, description: &str, unit: &str, [min, max, start]: [f6
     }
 }
 
-/// By derivatives: the solver's step is the longest one that is exact enough, unless the interface says which.
+/// By derivatives: the solver's tolerance is the largest that is exact enough, unless the interface wants fixed steps.
 fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Option<&[Vec<f64>]>) -> Result<Surrogate> {
     let Known { interface, mapping, parameters, driven, .. } = known;
     let count = mapping.states.len();
@@ -378,34 +379,34 @@ fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Optio
         starts.push(start_input(&state.name, &description, &options.unit, [min, max, start]));
     }
     let metadata = Metadata { inputs: known.inputs(starts), states, ..metadata };
-    let with_step = |step: f64| {
+    let assemble = |integration: Integration| {
         let (functions, map, results) = (nothing.clone(), Some(map.clone()), results.clone());
-        let space = StateSpace { counts: [p, d, count], functions, map, results, step };
+        let space = StateSpace { counts: [p, d, count], functions, map, results, integration };
         made(metadata.clone(), Model::StateSpace(Box::new(space)))
     };
     if let Some(step) = interface.time.solver_step {
-        return with_step(step);
+        return assemble(Integration::Fixed { step });
     }
-    let mut step = metadata.time_step;
-    let mut surrogate = with_step(step)?;
-    let mut runs = known.disturbed(&surrogate, rows);
-    let mut error = 0.0;
-    for _ in 0..HALVINGS {
-        let finer = with_step(0.5 * step)?;
-        let finer_runs = known.disturbed(&finer, rows);
-        error = difference(&runs, &finer_runs, surrogate.outputs());
+    let longest = metadata.time_step;
+    let with_tolerance = |tolerance: f64| assemble(Integration::ErrorControlled { tolerance, longest });
+    let mut found = None;
+    for tolerance in TOLERANCES {
+        let (surrogate, tighter) = (with_tolerance(tolerance)?, with_tolerance(MUCH_TIGHTER * tolerance)?);
+        let runs = known.disturbed(&surrogate, rows);
+        let error = difference(&runs, &known.disturbed(&tighter, rows), surrogate.outputs());
+        found = Some((surrogate, runs, error));
         if error <= SOLVER_ERROR {
             break;
         }
-        (step, surrogate, runs) = (0.5 * step, finer, finer_runs);
     }
+    let Some((surrogate, runs, error)) = found else { return with_tolerance(SOLVER_ERROR) };
     // what is not finite at the end is not compared
     let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
     let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
     if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {
         return Err(known.refused(format!(
-            "with the solver's step {step} s, the shortest that was tried, simulations are unstable near the start values: the equations are stiff, \
-             or have no solution there; expected others, or a shorter `time.step`, or a `time.solver_step` that is short enough"
+            "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are stiff, or have no \
+             solution there; expected others, or other start values"
         )));
     }
     Ok(surrogate)

@@ -6,6 +6,7 @@
 
 pub mod build;
 pub mod compare;
+mod corners;
 pub mod discrete;
 pub mod evaluate;
 pub mod export;
@@ -25,6 +26,7 @@ mod rescue;
 mod rounds;
 pub mod sample;
 pub mod search;
+pub mod solver;
 pub mod speed;
 pub mod state_space;
 pub mod train;

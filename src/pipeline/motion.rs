@@ -4,18 +4,17 @@ use super::{
     learned::{self, Candidate},
     motion_networks::{Learned, learn},
     project::Project,
+    solver::{self, SolverRecord},
     train::{Trained, TrainingRecord},
 };
 use crate::{
     Result,
-    dataset::{Dataset, Run},
+    dataset::Dataset,
     dynamics::FittedReactions,
-    evaluation::{OFF, predict_all, predict_off},
     source::{Source, driven::Driven},
     surrogate,
 };
-use metafmu_runtime::{Evaluator, Model, Motion, Output, Surrogate};
-use rayon::prelude::*;
+use metafmu_runtime::{Integration, Model, Motion, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -43,10 +42,8 @@ pub struct MotionRecord {
     /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
     #[serde(default = "dictionary")]
     pub exported: String,
-    /// Largest step of the solver, in seconds.
-    pub solver_step: f64,
-    /// Error of a start, in all states, that changes the outputs of a training run as much as halving that step does.
-    pub solver_error: f64,
+    /// How the solver integrates.
+    pub solver: SolverRecord,
 }
 
 /// What was learned of forces of joints and springs.
@@ -112,7 +109,7 @@ impl MotionRecord {
 
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
-        let Self { harmonics, powers, products: [equations, positions], error, solver_step, .. } = self;
+        let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
         let Self { candidates, exported, reactions, force_error, .. } = self;
         let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
             format!(
@@ -132,20 +129,16 @@ impl MotionRecord {
         };
         format!(
             "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
-             in positions, error {error:.1e} at unseen configurations{reactions}{forces}{compared}; solver steps of {solver_step} s"
+             in positions, error {error:.1e} at unseen configurations{reactions}{forces}{compared}; {}",
+            solver.describe()
         )
     }
 }
 
-/// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as halving the solver's step does.
-const SOLVER_ERROR: f64 = 3e-8;
-/// What halving divides the error by, once it is so small.
-const BY_HALVING: f64 = 16.0;
-const ASYMPTOTIC: f64 = 1e-6;
-/// Steps of the solver in a run at most.
-const MOST_STEPS: f64 = 1e6;
+/// Tolerance of the roll-outs that show how large velocities become.
+const ROUGH: f64 = 1e-8;
 
-/// Learns the equations of motion, chooses the solver's step by roll-outs along the training runs.
+/// Learns the equations of motion, and chooses how the solver integrates them.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
@@ -160,8 +153,21 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.dynamics.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }
-    let with_step = |step: f64| assemble(project, dataset, driven, &learned, step);
-    let (surrogate, solver_step, solver_error) = choose_step(dataset, study.time.step, with_step)?;
+    let n = study.states.len();
+    let rough = Integration::ErrorControlled { tolerance: ROUGH, longest: study.time.step };
+    let unlimited = assemble(project, dataset, driven, &learned, (rough, &[]))?;
+    let reached = solver::velocity_ranges(project, &unlimited, &dataset.runs, n..2 * n);
+    // forces were learned in a range
+    let range = |(k, reached): (usize, [f64; 2])| {
+        let of_forces = learned.velocities.as_ref().filter(|_| learned.dynamics.extrapolates(k));
+        of_forces.map_or(reached, |ranges| ranges[k])
+    };
+    let velocities: Vec<[f64; 2]> = reached.into_iter().enumerate().map(range).collect();
+    let of_states: Vec<_> = std::iter::repeat_n(None, n).chain(velocities.iter().copied().map(Some)).collect();
+    let of_equations = learned.error();
+    let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), of_equations, |integration| {
+        assemble(project, dataset, driven, &learned, (integration, &velocities))
+    })?;
     let Learned { fitted, dynamics, positions, rows, .. } = &learned;
     let motion = MotionRecord {
         harmonics: fitted.order[0],
@@ -177,8 +183,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         force_error: learned.force_error,
         candidates: learned.candidates.clone(),
         exported: learned.exported.clone(),
-        solver_step,
-        solver_error,
+        solver,
     };
     let record = TrainingRecord {
         train_rows: *rows,
@@ -202,85 +207,28 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     Ok(Trained { surrogate, history: learned.history, record })
 }
 
-fn assemble(project: &Project, dataset: &Dataset, driven: &Driven, learned: &Learned, step: f64) -> Result<Surrogate> {
-    let Learned { fitted, dynamics, positions, velocities, rows, .. } = learned;
+/// The surrogate with an integration and ranges of the velocities.
+fn assemble(
+    project: &Project,
+    dataset: &Dataset,
+    driven: &Driven,
+    learned: &Learned,
+    (integration, velocities): (Integration, &[[f64; 2]]),
+) -> Result<Surrogate> {
+    let Learned { fitted, dynamics, positions, rows, .. } = learned;
     let motion = Motion {
         dynamics: dynamics.clone(),
         positions: positions.clone(),
         windings: fitted.windings.clone(),
         reactions: fitted.reactions.as_ref().map(|fitted| fitted.reactions.clone()),
         outputs: fitted.outputs.clone(),
-        step,
+        integration,
     };
     let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
         let is_limited = motion.depends_on(column) && !options.goes_around(name);
         is_limited.then_some([options.min, options.max])
     });
-    let of_velocities = (0..dynamics.coordinates())
-        .map(|column| velocities.as_ref().filter(|_| dynamics.extrapolates(column)).map(|ranges| ranges[column]));
-    let ranges: Vec<Option<[f64; 2]>> = ranges.chain(of_velocities).collect();
+    let ranges: Vec<Option<[f64; 2]>> = ranges.chain(velocities.iter().copied().map(Some)).collect();
     let model = Model::Motion(Box::new(motion));
     surrogate::assemble_with_states(&project.study, (dataset, *rows), (driven, &ranges), model)
-}
-
-/// The surrogate with the largest step, of `largest` and what halving gives, that is small enough, and its error. Errors of the solver
-/// grow with those of the start, so that both are compared along the whole runs: no step is small enough for a chaotic motion's end.
-pub(super) fn choose_step(
-    dataset: &Dataset,
-    largest: f64,
-    with_step: impl Fn(f64) -> Result<Surrogate>,
-) -> Result<(Surrogate, f64, f64)> {
-    let ends = dataset.runs.iter().filter_map(|run| run.times.last());
-    let smallest = ends.copied().fold(0.0, f64::max) / MOST_STEPS;
-    let mut step = largest;
-    let mut surrogate = with_step(step)?;
-    let mut rolled_out = predict_all(&surrogate, dataset);
-    loop {
-        let finer = with_step(0.5 * step)?;
-        let rolled_out_finer = predict_all(&finer, dataset);
-        let evaluator = Evaluator::new(&surrogate);
-        let runs = dataset.runs.par_iter().zip(&rolled_out).zip(&rolled_out_finer);
-        let errors = runs.map(|((run, one), finer)| start_error(&surrogate, &evaluator, run, [one, finer]));
-        let error = errors.reduce(|| 0.0, f64::max);
-        if error <= ASYMPTOTIC {
-            // the method has order 4, so that the shortest steps, which take the most time, need not be tried
-            let further = (error / SOLVER_ERROR).max(1.0).log(BY_HALVING).ceil();
-            let (step, error) = (step / further.exp2(), error / BY_HALVING.powf(further));
-            return Ok((with_step(step)?, step, error));
-        }
-        if 0.25 * step < smallest {
-            return Ok((surrogate, step, error));
-        }
-        (surrogate, step, rolled_out) = (finer, 0.5 * step, rolled_out_finer);
-    }
-}
-
-/// The error of a start that changes the outputs of a run as much as a finer step does: the largest, over the rows, of their change over
-/// the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges, and those by the start
-/// count as [`OFF`] at least.
-fn start_error(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, [one, finer]: [&Vec<f64>; 2]) -> f64 {
-    let changes = changes(surrogate, one, finer);
-    let largest = changes.iter().copied().fold(0.0, f64::max);
-    if largest <= SOLVER_ERROR {
-        return largest;
-    }
-    let by_start = self::changes(surrogate, one, &predict_off(surrogate, evaluator, run));
-    let mut so_far = OFF;
-    let errors = changes.iter().zip(by_start).map(|(change, by_start)| {
-        so_far = so_far.max(by_start);
-        OFF * change / so_far
-    });
-    // a maximum would leave out what is not a number
-    errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
-}
-
-/// Largest difference of any output at each row, relative to its range; infinite if it is not a number.
-fn changes(surrogate: &Surrogate, one: &[f64], other: &[f64]) -> Vec<f64> {
-    let range = |output: &Output| (output.max - output.min).max(f64::MIN_POSITIVE);
-    let ranges: Vec<f64> = surrogate.outputs().iter().map(range).collect();
-    let at_row = |(one, other): (&[f64], &[f64])| {
-        let changes = one.iter().zip(other).zip(&ranges).map(|((one, other), range)| (one - other).abs() / range);
-        changes.fold(0.0, |largest, change| if change.is_nan() { f64::INFINITY } else { change.max(largest) })
-    };
-    one.chunks(ranges.len()).zip(other.chunks(ranges.len())).map(at_row).collect()
 }

@@ -55,6 +55,15 @@ pub(super) struct Learned {
     pub rows: usize,
 }
 
+impl Learned {
+    /// Error of the equations that are exported: of functions, relative to their largest values, or of accelerations, relative to their
+    /// standard deviations.
+    pub(super) fn error(&self) -> f64 {
+        let exported = self.candidates.iter().find(|candidate| candidate.name == self.exported);
+        exported.map_or(self.fitted.error, |candidate| candidate.error)
+    }
+}
+
 /// Learns the equations of motion of a mechanism in each way that the study wants compared.
 pub(super) fn learn(
     project: &Project,

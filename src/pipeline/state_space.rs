@@ -2,9 +2,9 @@
 
 use super::{
     learned::{self, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, EXACT, Examples, NETWORK, held_out},
-    motion::choose_step,
     observer::{Event, Work},
     project::Project,
+    solver::{self, SolverRecord},
     train::{Trained, TrainingRecord},
 };
 use crate::{
@@ -17,7 +17,7 @@ use crate::{
     training::{EpochRecord, Outcome, StopReason},
 };
 use metafmu_runtime::{
-    Encoder, Encoding, Given, Map, Model, ScaledNetwork, StateSpace,
+    Encoder, Encoding, Given, Integration, Map, Model, ScaledNetwork, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -39,10 +39,8 @@ pub struct StateSpaceRecord {
     pub candidates: Vec<Candidate>,
     /// The name of the best.
     pub exported: String,
-    /// Largest step of the solver, in seconds.
-    pub solver_step: f64,
-    /// What halving that step changes in the outputs of the training runs, relative to the outputs' ranges.
-    pub solver_error: f64,
+    /// How the solver integrates.
+    pub solver: SolverRecord,
 }
 
 /// Error of a function, relative to its standard deviation, from which on the equations are not those of the FMU.
@@ -71,17 +69,18 @@ impl StateSpaceRecord {
 
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
-        let Self { functions, harmonics, powers, products, candidates, exported, solver_step, .. } = self;
+        let Self { functions, harmonics, powers, products, candidates, exported, solver, .. } = self;
         let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
         format!(
             "{functions} functions; error at unseen states: {}; exported: {exported}, {products} products, {harmonics}powers up to \
-             {powers}; solver steps of {solver_step} s",
-            learned::list(candidates)
+             {powers}; {}",
+            learned::list(candidates),
+            solver.describe()
         )
     }
 }
 
-/// Asks the FMU for its equations, learns them, chooses the solver's step by roll-outs along the training runs.
+/// Asks the FMU for its equations, learns them, chooses how the solver integrates them.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
@@ -96,7 +95,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let (given, samples) = recognise(samples, &space.counts);
     let mut learned = space.learn(project, &samples)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
-    let (Candidate { name, .. }, dictionary, network) = learned.candidates.swap_remove(best);
+    let (Candidate { name, error, .. }, dictionary, network) = learned.candidates.swap_remove(best);
     let ranges: Vec<Option<[f64; 2]>> = (study.states.iter().enumerate())
         .map(|(state, (name, options))| {
             let column = space.counts[0] + space.counts[1] + state;
@@ -104,18 +103,20 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             (depends && !options.goes_around(name)).then_some([options.min, options.max])
         })
         .collect();
-    let with_step = |step: f64| {
+    let assemble = |integration: Integration| {
         let space = StateSpace {
             counts: space.counts,
             functions: dictionary.clone(),
             map: network.clone().map(Map::Network),
             results: given.clone(),
-            step,
+            integration,
         };
         let model = Model::StateSpace(Box::new(space));
         surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), model)
     };
-    let (surrogate, solver_step, solver_error) = choose_step(dataset, study.time.step, with_step)?;
+    // what is a velocity is not known
+    let of_states: Vec<_> = study.states.values().map(|state| Some([state.min, state.max])).collect();
+    let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), error, assemble)?;
     let mut candidates = learned.records;
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
     let space_record = StateSpaceRecord {
@@ -125,8 +126,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         products: dictionary.products(),
         candidates,
         exported: name,
-        solver_step,
-        solver_error,
+        solver,
     };
     let record = TrainingRecord {
         train_rows: samples.points.len() - held_out(samples.points.len()),

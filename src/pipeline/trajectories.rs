@@ -2,8 +2,8 @@
 
 use super::{
     learned::Candidate,
-    motion::choose_step,
     project::Project,
+    solver::{self, SolverRecord},
     train::{Trained, TrainingRecord},
 };
 use crate::{
@@ -19,7 +19,7 @@ use crate::{
     training::StopReason,
 };
 use metafmu_runtime::{
-    FormatError, Given, Model, Motion, Shown, StateSpace,
+    FormatError, Given, Integration, Model, Motion, Shown, StateSpace,
     dictionary::{Dictionary, Factor},
 };
 use serde::{Deserialize, Serialize};
@@ -40,10 +40,8 @@ pub struct TrajectoriesRecord {
     pub coefficients: usize,
     /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
     pub solutions: usize,
-    /// Largest step of the solver, in seconds.
-    pub solver_step: f64,
-    /// Error of a start, in all states, that changes the outputs of a training run as much as halving that step does.
-    pub solver_error: f64,
+    /// How the solver integrates.
+    pub solver: SolverRecord,
 }
 
 /// Error of roll-outs, relative to the coordinates' standard deviations, from which on the equations are not those of the motions.
@@ -74,7 +72,7 @@ impl TrajectoriesRecord {
 
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
-        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver_step, .. } = self;
+        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, .. } = self;
         let errors: Vec<String> =
             candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
         let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
@@ -91,13 +89,14 @@ impl TrajectoriesRecord {
         };
         format!(
             "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
-             {ambiguous}solver steps of {solver_step} s",
-            errors.join(", ")
+             {ambiguous}{}",
+            errors.join(", "),
+            solver.describe()
         )
     }
 }
 
-/// Learns the equations from the rows for training, chooses the solver's step by roll-outs along them.
+/// Learns the equations from the rows for training, chooses how the solver integrates them.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let (Source::Recorded(recorded), Some(driven)) = (&project.source, project.source.driven()) else {
@@ -132,21 +131,35 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let Some((candidate, identified)) = found.iter().find(|(candidate, _)| is_best(candidate)) else {
         return Err(study.refusal("source.table", refused.join("; ")));
     };
-    let model =
-        |step: f64| columns.model(study, driven, &identified.law, step).map_err(|source| Error::Surrogate { source });
-    let is_limited = columns.is_limited(&identified.law).into_iter().enumerate();
-    let range = |state: usize| match study.states.get_index(state) {
-        Some((name, options)) => (!options.goes_around(name)).then_some([options.min, options.max]),
-        None => driven.range(state),
+    let model = |integration| {
+        columns.model(study, driven, &identified.law, integration).map_err(|source| Error::Surrogate { source })
     };
-    let ranges: Vec<Option<[f64; 2]>> =
-        is_limited.map(|(state, is_limited)| range(state).filter(|_| is_limited)).collect();
-    let with_step =
-        |step: f64| surrogate::assemble_with_states(study, (dataset, rows), (driven, &ranges), model(step)?);
-    let (surrogate, solver_step, solver_error) = match candidate.error <= POOR {
-        true => choose_step(dataset, study.time.step, with_step)?,
-        // no step is small enough for equations that diverge
-        false => (with_step(study.time.step)?, study.time.step, f64::MAX),
+    let n = study.states.len();
+    let is_limited = columns.is_limited(&identified.law);
+    let range = |state: usize, is_limited: bool| match study.states.get_index(state) {
+        Some((name, options)) => (is_limited && !options.goes_around(name)).then_some([options.min, options.max]),
+        // beyond the rows equations of motion hold, as rates enter them as they stand, and the solver is measured half as far again
+        None if is_limited => driven.range(state),
+        None => driven.range(state).map(wider),
+    };
+    let ranges: Vec<Option<[f64; 2]>> = is_limited
+        .into_iter()
+        .chain(std::iter::repeat(false))
+        .take(2 * n)
+        .enumerate()
+        .map(|(k, is)| range(k, is))
+        .collect();
+    let assemble = |integration: Integration| {
+        surrogate::assemble_with_states(study, (dataset, rows), (driven, &ranges), model(integration)?)
+    };
+    let of_states: Vec<_> = std::iter::repeat_n(None, n).chain(ranges[n..].iter().copied()).collect();
+    let (surrogate, solver) = match candidate.error <= POOR {
+        true => solver::choose(project, dataset, (driven, &of_states), candidate.error, assemble)?,
+        // no tolerance is small enough for equations that diverge
+        false => {
+            let solver = SolverRecord::unmeasured(study.time.step);
+            (assemble(solver.integration())?, solver)
+        }
     };
     let exported = TrajectoriesRecord {
         exported: candidate.name.clone(),
@@ -155,8 +168,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         coefficients: identified.coefficients,
         solutions: identified.solutions,
         candidates: found.iter().map(|(candidate, _)| candidate.clone()).collect(),
-        solver_step,
-        solver_error,
+        solver,
     };
     let record = TrainingRecord {
         train_rows: rows,
@@ -182,6 +194,12 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
 
 /// Factor between the errors of two candidates below which the first one is taken, whose structure holds beyond the rows.
 const ALIKE: f64 = 1.5;
+
+/// Half as much more in both directions as a range reaches in either.
+fn wider([min, max]: [f64; 2]) -> [f64; 2] {
+    let largest = 1.5 * min.abs().max(max.abs());
+    [-largest, largest]
+}
 
 /// What the columns of the functions are.
 struct Columns {
@@ -240,7 +258,13 @@ impl Columns {
     }
 
     /// The surrogate's model, whose outputs are states.
-    fn model(&self, study: &Study, driven: &Driven, law: &Law, step: f64) -> std::result::Result<Model, FormatError> {
+    fn model(
+        &self,
+        study: &Study,
+        driven: &Driven,
+        law: &Law,
+        integration: Integration,
+    ) -> std::result::Result<Model, FormatError> {
         let n = self.coordinates.len();
         let state = |name: &String| driven.states().iter().position(|state| state.name == *name);
         let shown = study.outputs.keys().filter_map(state);
@@ -255,7 +279,7 @@ impl Columns {
                     windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
                     reactions: None,
                     outputs: outputs.collect(),
-                    step,
+                    integration,
                 }))
             }
             Law::Functions(functions) => {
@@ -265,7 +289,7 @@ impl Columns {
                     functions: functions.as_ref().clone(),
                     map: None,
                     results: shown.map(Given::State).chain(derivatives).collect(),
-                    step,
+                    integration,
                 }))
             }
         })

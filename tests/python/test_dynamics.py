@@ -387,6 +387,90 @@ def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
     assert all(0 < horizon["median"] < 1e-5 for horizon in horizons), horizons
 
 
+def test_errors_at_corners_are_below_the_stated_bound_or_the_corner_is_outside_the_domain():
+    script, mechanism = ROOT / "scripts" / "check-corners.py", ROOT / "examples" / "dynamics" / "crane.toml"
+    run = subprocess.run([sys.executable, script, "--corners", "4", mechanism], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count(" of the bound, in the domain for ") == 4, run.stdout
+
+
+def test_fixed_steps_that_are_unstable_at_a_corner_are_refused_and_good_ones_declare_their_error(tmp_path):
+    """A light head on a bushing: its damping over its mass is 1e5 / s at a corner, where only steps of less than 3e-5 s are stable."""
+    (tmp_path / "head.toml").write_text(BUSHING)
+    (tmp_path / "study.toml").write_text(BUSHING_STUDY)
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    result = run("build", "study.toml", "--out", "out")
+    assert result.returncode == 0, result.stderr
+    solver = json.loads((tmp_path / "out" / "training.json").read_text())["motion"]["solver"]
+    assert solver["error"] <= solver["wanted"] and solver["steps_per_second"][1] > 2e4, solver
+    result, _ = simulate_corner(tmp_path / "out" / "head.fmu")
+    assert abs(result[-1]) < 0.1 and np.isfinite(result).all()
+    description = read_model_description(str(tmp_path / "out" / "head.fmu"))
+    assert float(description.defaultExperiment.tolerance) == solver["tolerance"]
+    for step, says in ((1e-3, "is unstable: "), (1e-5, None)):
+        (tmp_path / "study.toml").write_text(BUSHING_STUDY + f"[dynamics]\nsolver_step = {step}\n")
+        result = run("train", "study.toml", "--out", "out")
+        if says:
+            assert result.returncode == 2 and "dynamics.solver_step: 0.001 s is unstable" in result.stderr, result.stderr
+            assert "mh = 0.01, cb = 1000" in result.stderr, result.stderr
+        else:
+            assert result.returncode == 0 and "solver with fixed steps of 0.00001 s" in result.stderr, result.stderr
+
+
+def simulate_corner(fmu):
+    """The unstable corner, for a second."""
+    values = {"mh": 0.01, "cb": 1000.0, "a.position_start": 0.1, "b.position_start": 0.05}
+    result = simulate_fmu(str(fmu), start_values=values, stop_time=1.0, output_interval=0.02, output=["h"])
+    return result["h"], result["time"]
+
+
+BUSHING = """
+[parameters]
+mh = { default = 0.1, min = 0.01, max = 1.0, unit = "kg" }
+cb = { default = 100.0, min = 10.0, max = 1000.0, unit = "N.s/m" }
+[inputs]
+f = { min = -50, max = 50, unit = "N" }
+[bodies.base]
+mass = 5
+inertia = 1
+[bodies.head]
+mass = "mh"
+inertia = 1
+[joints]
+a = { type = "prismatic", between = ["ground", "base"], axis = [1, 0] }
+b = { type = "prismatic", between = ["base", "head"], axis = [1, 0] }
+[springs]
+g = { coordinate = "a.position", stiffness = 500, damping = 20 }
+bush = { coordinate = "b.position", stiffness = 1e4, damping = "cb" }
+[actuators]
+m = { coordinate = "a.position", effort = "f" }
+[outputs]
+h = { measure = "head.x" }
+"""
+
+BUSHING_STUDY = """
+name = "head"
+structure = "dynamics"
+[source]
+mechanism = "head.toml"
+[time]
+stop = 0.4
+step = 0.02
+[states]
+"a.position" = { min = -1, max = 1, velocity = [-0.5, 0.5] }
+"b.position" = { min = -1, max = 1, velocity = [-0.5, 0.5] }
+[inputs]
+f = { bandwidth = 1.0, excitation = ["steps"] }
+[parameters]
+mh = { min = 0.01, max = 1.0 }
+cb = { min = 10.0, max = 1000.0 }
+[outputs]
+h = { unit = "m" }
+[sampling]
+test_runs = 2
+"""
+
+
 def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
     run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
     result = run("new", "pendulum", "--system", "single-pendulum", "--structure", "dynamics")

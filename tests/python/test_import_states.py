@@ -388,21 +388,17 @@ def test_a_model_whose_simulations_all_end_is_refused(tmp_path):
     assert "no simulation stays finite" in run.stderr
 
 
-def test_the_step_of_the_solver_fits_equations_whose_start_is_an_equilibrium(tmp_path):
+def test_the_solver_follows_stiff_equations_whose_start_is_an_equilibrium(tmp_path):
     """x' = -a x stays at 0 with any step, and from another start with a short one only."""
     interface = 'name = "decay"\n[time]\nstep = 0.05\nstop = 1.0\n[states.x]\ncolumn = "x"\nderivative = "dx"\nstart = 0.0\n[outputs.x]\ncolumn = "x"\n'
     (tmp_path / "i.toml").write_text(interface)
-    for rate, is_refused in ((1e3, False), (1e7, True)):
+    for rate in (1e3, 1e5):
         decay = model([node("Mul", "x a", "dx")], {"a": np.array([[-rate]])}, inputs=[("x", [1, 1])], outputs=[("dx", [1, 1])], kind=DOUBLE)
         (tmp_path / "decay.onnx").write_bytes(decay.SerializeToString())
-        run = metafmu("import", "decay.onnx", "--interface", "i.toml", cwd=tmp_path, check=False)
-        assert (run.returncode != 0) == is_refused, run.stderr
-        if is_refused:
-            assert "simulations are unstable near the start values: the equations are stiff" in run.stderr
-        else:
-            metafmu("export", "decay.safetensors", cwd=tmp_path)
-            result = simulate_fmu(str(tmp_path / "decay.fmu"), start_values={"x_start": 1.0}, stop_time=1.0, output_interval=0.05)
-            assert np.abs(result["x"] - np.exp(-rate * result["time"])).max() < 1e-9
+        metafmu("import", "decay.onnx", "--interface", "i.toml", cwd=tmp_path)
+        metafmu("export", "decay.safetensors", cwd=tmp_path)
+        result = simulate_fmu(str(tmp_path / "decay.fmu"), start_values={"x_start": 1.0}, stop_time=1.0, output_interval=0.05)
+        assert np.abs(result["x"] - np.exp(-rate * result["time"])).max() < 1e-9
 
 
 MISTAKES = {

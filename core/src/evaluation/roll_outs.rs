@@ -4,7 +4,9 @@ use crate::{
     dataset::{Dataset, Run},
     dynamics::Assembly,
 };
-use metafmu_runtime::{Drive, Dynamics, Evaluator, Model, Scratch, Shown, Surrogate};
+use metafmu_runtime::{
+    CommunicationStep, Drive, Dynamics, Evaluator, Integration, Model, Scratch, Shown, StepError, Surrogate,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -58,12 +60,16 @@ impl RollOuts {
         let evaluator = Evaluator::new(surrogate);
         let width = test.outputs.len();
         let pairs = || test.runs.par_iter().zip(predictions);
+        let exact = |run: &Run| tight(RollOut::along(surrogate, &evaluator, run)).predictions();
+        let is_controlled = surrogate.model().integration().and_then(Integration::tolerance).is_some();
+        let exact: Option<Vec<_>> = is_controlled.then(|| test.runs.par_iter().map(exact).collect());
+        let exact = exact.as_deref().unwrap_or(predictions);
         let off: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict_off(surrogate, &evaluator, run)).collect();
         let rows = test.runs.iter().map(|run| run.times.len()).max().unwrap_or(0);
         let horizon = |rows: usize| {
             let errors =
                 quantiles(pairs().map(|(run, found)| relative_error(&run.outputs, found, width, rows)).collect());
-            let changes = predictions.par_iter().zip(&off);
+            let changes = exact.par_iter().zip(&off);
             let changes = quantiles(changes.map(|(one, other)| relative_error(one, other, width, rows)).collect());
             let times = test.runs.iter().filter_map(|run| run.times.get(rows - 1));
             let seconds = times.copied().fold(0.0, f64::max);
@@ -89,11 +95,19 @@ impl RollOuts {
     }
 }
 
+/// Part of its own tolerance with which a surrogate's sensitivity is measured: what the solver adds is much less than what a start that is
+/// off by [`OFF`] changes.
+const TIGHT: f64 = 1e-2;
+
+fn tight(roll_out: RollOut<'_>) -> RollOut<'_> {
+    let tolerance = roll_out.surrogate.model().integration().and_then(Integration::tolerance);
+    let tolerance = tolerance.map(|tolerance| (TIGHT * tolerance).max(1e-13));
+    RollOut { tolerance, ..roll_out }
+}
+
 /// The roll-out along a run, as [`predict`](super::predict), from a start that is off by [`OFF`] in every state.
-pub fn predict_off(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
-    let mut roll_out = RollOut::along(surrogate, evaluator, run);
-    roll_out.point[run.parameters.len() + roll_out.inputs..].iter_mut().for_each(|state| *state += OFF);
-    roll_out.predictions()
+fn predict_off(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
+    tight(RollOut::along(surrogate, evaluator, run).off()).predictions()
 }
 
 /// Median and 90 % quantile. What is too large for a number counts as the largest one.
@@ -202,6 +216,12 @@ pub struct RollOut<'a> {
     /// Outputs and the states' derivatives.
     results: Vec<f64>,
     scratch: Scratch,
+    /// What the solver is to keep to, if not its own tolerance.
+    tolerance: Option<f64>,
+    /// Of the solver so far.
+    steps: u64,
+    /// Why it went no further.
+    failure: Option<StepError>,
 }
 
 impl<'a> RollOut<'a> {
@@ -222,7 +242,34 @@ impl<'a> RollOut<'a> {
             results: vec![0.0; evaluator.results()],
             scratch: evaluator.scratch(),
             evaluator,
+            tolerance: None,
+            steps: 0,
+            failure: None,
         }
+    }
+
+    /// The same with this tolerance of the solver, where the surrogate's own is not smaller.
+    #[must_use]
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        self.tolerance = Some(tolerance);
+        self
+    }
+
+    /// The same from a start that is off by [`OFF`] in every state.
+    #[must_use]
+    pub fn off(mut self) -> Self {
+        self.point[self.run.parameters.len() + self.inputs..].iter_mut().for_each(|state| *state += OFF);
+        self
+    }
+
+    /// Number of steps of the solver so far.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Why the motion could not be computed to the last row that was asked for, if the solver knows.
+    pub fn failure(&self) -> Option<StepError> {
+        self.failure
     }
 
     /// The outputs at all rows: shape `[times, outputs]`. What cannot be computed is not a number.
@@ -276,7 +323,15 @@ impl<'a> RollOut<'a> {
             self.rates[first + input] = (value(row, input) - value(before, input)) / size;
         }
         let drive = Drive { rates: [&self.rates, &self.constant], clamp: None };
-        self.evaluator.advance(&mut self.point, (size, None, &[]), drive, &mut self.scratch).ok()
+        let step = CommunicationStep { tolerance: self.tolerance, ..CommunicationStep::of(size) };
+        match self.evaluator.advance(&mut self.point, step, drive, &mut self.scratch) {
+            Ok(steps) => self.steps += u64::from(steps),
+            Err(failure) => {
+                self.failure = Some(failure);
+                return None;
+            }
+        }
+        Some(())
     }
 
     fn set_inputs(&mut self, row: usize) {

@@ -1,16 +1,21 @@
-//! `[dynamics]`: which of the ways to learn equations is exported.
+//! `[dynamics]`: which of the ways to learn equations is exported, and how they are integrated.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[dynamics]`: of the structure "dynamics", which of the ways to learn the equations is exported.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+/// `[dynamics]`: of the structure "dynamics", which of the ways to learn the equations is exported, and how they are integrated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DynamicsOptions {
     /// What the functions in the equations are.
     pub model: DynamicsModel,
     /// Whether all ways are compared although the dictionary is exact, which no network can improve.
     pub compare: bool,
+    /// Fixed step of the solver inside the FMU, for real time: every communication step then takes the same time. It is refused where it is
+    /// unstable or wrong at a corner of the domain. Unless given the solver controls its error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
+    pub solver_step: Option<f64>,
 }
 
 /// What the functions in equations are.

@@ -32,11 +32,12 @@ pub struct StateOptions {
     /// Where runs start that the surrogate is tested with; the middle fifth of the range unless given.
     #[schemars(extend("x-unit" = "rad or m"))]
     pub start: Option<[f64; 2]>,
-    /// Of a mechanism: the velocities with which they start; 0 unless given. It limits nothing: velocities enter the equations exactly.
+    /// Of a mechanism: the velocities with which they start; 0 unless given. They belong to the domain of validity.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
-    /// Of a mechanism: the velocities for which forces are learned that are not linear in them, such as friction in tanh; what the
-    /// velocity reaches in the training runs, in either direction, and half as much more unless given. Other forces are exact at any.
+    /// Of a mechanism: the velocities in the domain of validity, for which the solver's error is measured, and forces are learned that are not
+    /// linear in them, such as friction in tanh; what the velocity reaches in the training runs, in either direction, and half as much more
+    /// unless given.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity_range: Option<[f64; 2]>,
@@ -250,6 +251,9 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
+    if let Some(step) = study.dynamics.solver_step {
+        problems.expect_positive("dynamics.solver_step", step);
+    }
     let has_no_structure = study.source.fmu.is_some() && study.dynamics.model == DynamicsModel::Accelerations;
     let message = "\"accelerations\" belongs to mechanisms: of an FMU nothing else is learned";
     problems.expect_absent(has_no_structure, "dynamics.model", message);
@@ -258,7 +262,9 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         let message = "equations of a table's motions are learned by least squares";
         problems.expect_absent(study.network != NetworkOptions::default(), "network", message);
         problems.expect_absent(study.training != TrainingOptions::default(), "training", message);
-        problems.expect_absent(study.dynamics != DynamicsOptions::default(), "dynamics", message);
+        let DynamicsOptions { model, compare, solver_step: _ } = study.dynamics;
+        problems.expect_absent(model != DynamicsModel::default(), "dynamics.model", message);
+        problems.expect_absent(compare, "dynamics.compare", message);
         problems.extend(duplicates(study));
     }
     problems.expect_absent(

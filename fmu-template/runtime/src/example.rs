@@ -1,8 +1,8 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Cover, Discrete, Dynamics, Encoder, Encoding, Given, Input, Layer, Map, Metadata, Model,
-    Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State,
+    Activation, Bounds, Cover, Discrete, Dynamics, Encoder, Encoding, Given, Input, Integration, Layer, Map, Metadata,
+    Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State,
     StateSpace, Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
     graph::{Elementwise, Graph, Operation, Step},
@@ -51,6 +51,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
+        solver_error: None,
         cover: None,
         precision,
         time_step: 0.01,
@@ -282,9 +283,15 @@ pub fn crane() -> Surrogate {
             Shown::KineticEnergy,
             Shown::PotentialEnergy,
         ],
-        step: 0.005,
+        integration: Integration::Fixed { step: 0.005 },
     };
     Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
+/// The same with another integration of its states.
+pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate {
+    let model = surrogate.model().clone().with_integration(integration);
+    Surrogate::new(surrogate.metadata().clone(), model).expect("the integration is valid")
 }
 
 /// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.
@@ -398,7 +405,7 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
         functions: Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid"),
         map: network.map(Map::Network),
         results: vec![Given::State(0), Given::State(1), Given::Function(0)],
-        step: 0.005,
+        integration: Integration::Fixed { step: 0.005 },
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).expect("the example is valid")
 }

@@ -56,7 +56,8 @@
 //! | `law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
-//! | `solver.step` | F64 | `[1]` | largest step, in seconds |
+//! | `solver.step` | F64 | `[1]` | longest step, in seconds |
+//! | `solver.tolerance` | F64 | `[1]` | largest error of a step, relative to the states' nominal values; left out if all steps are equal |
 //!
 //! If there are [`Reactions`](crate::Reactions), forces of joints, drivers and springs, a third dictionary gives them: `reactions.exponents` and
 //! `reactions.coefficients`, in the order of their functions.
@@ -79,7 +80,7 @@
 //! | `counts` | U32 | `[3]` | number of parameters, of inputs and of states |
 //! | `columns`, `functions.exponents`, `functions.coefficients` | | | as those of a motion |
 //! | `results.given` | U32 | `[outputs + states, 2]` | outputs, then derivatives: 0: state K, 1: function K |
-//! | `solver.step` | F64 | `[1]` | largest step, in seconds |
+//! | `solver.step`, `solver.tolerance` | | | as those of a motion |
 //!
 //! A [`Model::Discrete`] has a linear part, and the tensors `outputs.` of a network or graph if there is one (MAP then is that of it). A
 //! sample has numbers: the outputs, and those that are hidden.

@@ -43,8 +43,8 @@ pub use encoding::{Encoder, Encoding};
 pub use format::FormatError;
 pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, graph, law, regression};
 pub use model::{
-    Discrete, Drive, Evaluator, Given, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Reactions,
-    Scratch, Shown, StateSpace, StepError,
+    CommunicationStep, Discrete, Drive, Evaluator, Given, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS,
+    Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace, StepError,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
 pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, State, Surrogate, Variability};

@@ -48,6 +48,9 @@ pub struct Metadata {
     /// How far outputs may be from the truth, if that was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
+    /// Error of a start, in all states, that changes the outputs as much as the solver of the states does, at most, if that was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solver_error: Option<f64>,
     /// Where in the ranges of the inputs the training data are, if that is known; of a model without a state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cover: Option<Cover>,
@@ -128,6 +131,11 @@ pub enum Variability {
     Tunable,
 }
 
+/// How many times the largest value in its range a state can be before the solution is no motion any more.
+const IMPLAUSIBLE: f64 = 1e3;
+/// The same of a state that has no range.
+const LARGEST: f64 = 1e9;
+
 /// A continuous state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -156,6 +164,12 @@ impl State {
     /// Name of the parameter that holds its value at the start.
     pub fn start_name(name: &str) -> String {
         format!("{name}_start")
+    }
+
+    /// Magnitude beyond which no value is plausible: a thousand times the largest in the range; without a range a billion nominal values, of
+    /// which most digits are lost.
+    pub fn limit(&self) -> f64 {
+        if self.range.is_some() { IMPLAUSIBLE * self.nominal } else { LARGEST * self.nominal.max(1.0) }
     }
 
     /// Where a value may be, in words.

@@ -3,9 +3,9 @@
 use super::Instance;
 use crate::{
     state::State,
-    status::{Refusal, Status},
+    status::{Implausible, Refusal, Status},
 };
-use metafmu_runtime::{DomainPolicy, Drive, StepError};
+use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
 
 impl Instance {
     /// Whether outputs follow from what was before: whether there are states, or a memory.
@@ -57,6 +57,8 @@ impl Instance {
     /// Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow the derivatives the host gave.
     pub(super) fn advance_states(&mut self, time: f64, size: f64, refused: Status) -> Result<(), Refusal> {
         let first = self.metadata.inputs.len();
+        // those of results that were computed here
+        let is_known = !self.stale && !self.metadata.states.is_empty();
         self.update_point();
         // inputs are clamped on the way
         for &column in &self.input_columns {
@@ -64,16 +66,15 @@ impl Instance {
         }
         let clamp = (self.now.policy == DomainPolicy::Clamp).then_some(&self.domain);
         let drive = Drive { rates: self.now.rates.each_ref().map(Vec::as_slice), clamp };
-        let tolerance = Some(self.now.tolerance).filter(|tolerance| *tolerance > 0.0);
-        let method = (size, tolerance, self.nominals.as_slice());
-        let step = self.evaluator.advance(&mut self.point, method, drive, &mut self.scratch);
-        step.map_err(|error| match error {
-            StepError::NotFinite { after } if self.metadata.states.is_empty() => {
-                Refusal::OutputsDiverged { after: self.since + after, status: refused }
-            }
-            StepError::NotFinite { after } => Refusal::Diverged { after: self.since + after, status: refused },
-            StepError::TooManySteps => Refusal::LongStep { size },
-        })?;
+        let step = CommunicationStep {
+            size,
+            tolerance: Some(self.now.tolerance).filter(|tolerance| *tolerance > 0.0),
+            derivatives: is_known.then(|| &self.results[self.metadata.outputs.len()..]),
+        };
+        let made = self.evaluator.advance(&mut self.point, step, drive, &mut self.scratch);
+        if let Err(error) = made {
+            return Err(self.step_refused(error, size, refused));
+        }
         for column in first..self.point.len() {
             self.check_value(column, self.point[column], time, self.now.policy, refused)?;
         }
@@ -81,5 +82,39 @@ impl Instance {
         self.stale = true;
         (first..self.point.len()).for_each(|column| self.note_value(column));
         Ok(())
+    }
+
+    /// Why a step was not made, and where in the communication step.
+    fn step_refused(&self, error: StepError, size: f64, status: Status) -> Refusal {
+        match error {
+            StepError::NotFinite { after } if self.metadata.states.is_empty() => {
+                Refusal::OutputsDiverged { after: self.since + after, status }
+            }
+            StepError::NotFinite { after } => Refusal::Diverged { after: self.since + after, status },
+            StepError::Implausible { state, value, after } => {
+                Refusal::Implausible { after: Some(self.since + after), of: self.implausible(state, value), status }
+            }
+            StepError::Underflow { after } => Refusal::Underflow { after: self.since + after, status },
+            StepError::TooManySteps => Refusal::LongStep { size },
+        }
+    }
+
+    /// Makes sure that no state that a solver around the FMU has accepted is beyond what is plausible.
+    pub(super) fn expect_plausible(&self) -> Result<(), Refusal> {
+        let limits = self.metadata.states.iter().map(metafmu_runtime::State::limit);
+        // also of what is not a number
+        let is_within = |(_, (value, limit)): &(usize, (&f64, f64))| value.abs() <= *limit;
+        match self.states().iter().zip(limits).enumerate().find(|state| !is_within(state)) {
+            None => Ok(()),
+            Some((state, (value, _))) => {
+                let of = self.implausible(state, *value);
+                Err(Refusal::Implausible { after: None, of, status: Status::Error })
+            }
+        }
+    }
+
+    fn implausible(&self, state: usize, value: f64) -> Implausible {
+        let state = &self.metadata.states[state];
+        Implausible { name: state.name.clone(), value, valid: state.valid(), limit: state.limit() }
     }
 }

@@ -11,7 +11,7 @@ impl Instance {
     /// Whether a host can be called back in the middle of a step: between steps of the solver.
     pub(crate) fn offers_updates(&self) -> bool {
         (self.kind.version, self.kind.interface) == (Version::Fmi3, Interface::CoSimulation)
-            && self.solver_step.is_some()
+            && self.integration.is_some()
     }
 
     /// Whether there are inputs that can be set then.
@@ -29,7 +29,7 @@ impl Instance {
     pub(crate) fn begin_updates(&mut self, from: f64, size: f64) -> Result<f64, Refusal> {
         self.check_step(from, size)?;
         self.before.copy_from(&self.now);
-        let steps = self.solver_step.map_or(1.0, |longest| (size / longest * (1.0 - 1e-9)).ceil().max(1.0));
+        let steps = self.integration.map_or(1.0, |integration| integration.parts(size));
         // too many are refused by the solver
         Ok(if steps > MAX_SOLVER_STEPS { 1.0 } else { steps })
     }

@@ -61,7 +61,7 @@ structure = \"dynamics\"      # the FMU has states, and inputs drive it
 stop = {stop:<20?} # s
 step = {:<20?} # s
 
-[states]                    # coordinates, their ranges, and where tests start; velocities follow, and are not limited
+[states]                    # coordinates, their ranges, and where tests start; velocities follow
 ",
         quoted(&mechanism.description().description),
         stop / 500.0,

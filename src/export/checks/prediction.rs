@@ -12,7 +12,7 @@ use crate::{
         },
     },
 };
-use metafmu_runtime::{Drive, Evaluator, Input, Role, Scratch, Surrogate, Variability};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Role, Scratch, Surrogate, Variability};
 
 /// Largest difference between the FMU and the surrogate, relative to the nominal value of the output.
 const TOLERANCE: f64 = 1e-12;
@@ -31,12 +31,15 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     for point in points(surrogate, report) {
         report.doing("a run with changed parameters");
         if let Err(error) = oracle.compare(&point, report) {
-            errors.push(error.to_string());
+            let inputs = surrogate.inputs().iter().zip(&point).filter(|(input, _)| input.role != Role::Time);
+            let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
+            errors.push((error.to_string(), at.join(", ")));
         }
     }
-    errors.dedup();
-    for error in errors {
-        report.problem(Area::Behaviour, format!("a run with changed parameters: {error}"));
+    // where the first of those alike is
+    errors.dedup_by(|one, other| one.0 == other.0);
+    for (error, at) in errors {
+        report.problem(Area::Behaviour, format!("{error}, in a run with {at}"));
     }
 }
 
@@ -199,7 +202,7 @@ impl Comparison<'_> {
         if fmu.interface() == InterfaceKind::CoSimulation {
             let constant = vec![0.0; self.point.len()];
             let drive = Drive { rates: [&constant, &constant], clamp: None };
-            let step = evaluator.advance(&mut self.point, (size, None, &[]), drive, &mut self.scratch);
+            let step = evaluator.advance(&mut self.point, CommunicationStep::of(size), drive, &mut self.scratch);
             for (index, state) in surrogate.states().iter().enumerate() {
                 let (found, expected) = (found[index], self.point[first + index]);
                 let scale = STATE_TOLERANCE * (state.nominal + expected.abs());

@@ -183,7 +183,7 @@ static double within(double since, double size)
     return since > size ? size : since;
 }
 
-static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure)
 {
     const double begin = point[MEMORY_PHASE];
     const double end = begin + step->size / model_sample_time;
@@ -197,7 +197,7 @@ static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *s
             const double since = within((passed - begin) * model_sample_time, step->size);
             take_inputs(point, step, since);
             if (!compute_next(scratch, point)) {
-                *after = since + model_sample_time;
+                failure->after = since + model_sample_time;
                 return ADVANCE_NOT_FINITE;
             }
         }
@@ -211,10 +211,10 @@ static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *s
     return ADVANCE_DONE;
 }
 
-Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure)
 {
     memcpy(scratch->before, point + MEMORY, sizeof scratch->before);
-    const Advance result = go_on(scratch, point, step, after);
+    const Advance result = go_on(scratch, point, step, failure);
     if (result != ADVANCE_DONE) {
         memcpy(point + MEMORY, scratch->before, sizeof scratch->before);
     }

@@ -39,8 +39,10 @@ void model_start(double point[COLUMN_COUNT]);
 
 typedef enum {
     ADVANCE_DONE,
-    ADVANCE_NOT_FINITE,    /* the model diverged, or a mass matrix is not positive definite */
-    ADVANCE_TOO_MANY_STEPS /* more than MAX_STEPS */
+    ADVANCE_NOT_FINITE,     /* the model diverged, or a mass matrix is not positive definite */
+    ADVANCE_TOO_MANY_STEPS, /* more than MAX_STEPS */
+    ADVANCE_IMPLAUSIBLE,    /* a state is beyond its limit */
+    ADVANCE_UNDERFLOW       /* no step is short enough for the tolerance */
 } Advance;
 
 /* Steps of the solver, or from sample to sample, in one communication step at most. */
@@ -49,19 +51,27 @@ enum { MAX_STEPS = 10000000 };
 /* What a step is to do. */
 typedef struct {
     double size;                /* s */
-    double tolerance;           /* relative to each state and to its nominal value; zero for steps of fixed size */
+    double tolerance;           /* that the host wants, zero for none; it can only tighten that of the model */
+    const double *derivatives;  /* of the states at the beginning, if they are known, else null */
     const double *rates;        /* of the inputs at the beginning, per s */
     const double *second_rates; /* per s^2 */
     bool clamp;                 /* whether inputs are clamped to their ranges on the way */
 } Step;
 
+/* How far a step came that was not made. */
+typedef struct {
+    double after; /* s */
+    size_t state; /* of an implausible state, its position among the states */
+    double value; /* and what it is */
+} Failure;
+
 /*
- * Goes on from a point. Continuous states are integrated: in equal steps of the classical Runge-Kutta method, none
- * longer than model_solver_step, or, with a tolerance, in steps of the method of Dormand and Prince, whose local error
- * is at most the tolerance. A model of samples goes on to the next ones. If that fails, the point is as before, and
- * *after is how far it came, in s.
+ * Goes on from a point. Continuous states are integrated: in steps of the method of Dormand and Prince, whose local
+ * error is at most model_solver_tolerance, or, if that is zero, in equal steps of the classical Runge-Kutta method;
+ * none is longer than model_solver_step. A model of samples goes on to the next ones. If that fails, the point is as
+ * before.
  */
-Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after);
+Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure);
 
 /* A driven input of a point. */
 static inline Drive drive_of(const Step *step, const double point[COLUMN_COUNT], size_t input)

@@ -621,6 +621,26 @@ Status instance_set_states(Instance *instance, const double states[])
     return STATUS_OK;
 }
 
+#if MODEL_HAS_STATES
+/* A state that no motion leads to, so many seconds after the beginning of a step; negative if it is no step's. */
+static Status tell_implausible(Instance *instance, Status status, size_t state, double value, double after)
+{
+    const Column *column = &model_columns[INPUT_COUNT + state];
+    char when[VALID_SIZE] = "";
+    char valid[VALID_SIZE] = "all numbers";
+    if (is_finite(column->min)) {
+        describe_valid(column, valid);
+    }
+    if (after >= 0.0) {
+        snprintf(when, VALID_SIZE, "%.10g s after the beginning of the step, ", after);
+    }
+    return instance_tell(instance, status,
+                         "%sstate `%.100s` is %.10g, which is not plausible: expected %s, and at most %.10g in "
+                         "magnitude; the motion diverges",
+                         when, column->name, value, valid, model_scales[state].limit);
+}
+#endif
+
 #if MODEL_GOES_ON
 /*
  * Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow
@@ -629,8 +649,14 @@ Status instance_set_states(Instance *instance, const double states[])
 static Status advance_states(Instance *instance, double time, double size, Status refused)
 {
     Snapshot *now = &instance->now;
-    const Step step = {size, now->tolerance, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
-    double after = 0.0;
+#if MODEL_HAS_STATES
+    /* those of results that were computed here */
+    const double *derivatives = instance->stale ? NULL : instance->results + OUTPUT_COUNT;
+#else
+    const double *derivatives = NULL;
+#endif
+    const Step step = {size, now->tolerance, derivatives, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
+    Failure failure = {0.0, 0, 0.0};
     update_point(instance);
     /* whatever comes of it, the point is not that of the results any more */
     instance->stale = true;
@@ -639,7 +665,7 @@ static Status advance_states(Instance *instance, double time, double size, Statu
             instance->point[i] = now->columns[i]; /* clamped on the way */
         }
     }
-    switch (model_advance(&instance->scratch, instance->point, &step, &after)) {
+    switch (model_advance(&instance->scratch, instance->point, &step, &failure)) {
     case ADVANCE_DONE:
         break;
     case ADVANCE_NOT_FINITE:
@@ -649,7 +675,16 @@ static Status advance_states(Instance *instance, double time, double size, Statu
                                    "diverges, or reaches a state in which the equations have no finite solution"
                                  : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
                                    "the model diverges",
-                             instance->since + after);
+                             instance->since + failure.after);
+    case ADVANCE_IMPLAUSIBLE:
+#if MODEL_HAS_STATES
+        return tell_implausible(instance, refused, failure.state, failure.value, instance->since + failure.after);
+#endif
+    case ADVANCE_UNDERFLOW:
+        return instance_tell(instance, refused,
+                             "no step of the solver is short enough %.10g s after the beginning of the step: the motion "
+                             "diverges, or the equations have a singularity",
+                             instance->since + failure.after);
     case ADVANCE_TOO_MANY_STEPS:
         return instance_tell(instance, STATUS_ERROR,
                              "communication step size %.10g takes more than ten million steps of the solver, expected "
@@ -789,7 +824,7 @@ Status instance_do_step(Instance *instance, double from, double size)
 double instance_updates(double size)
 {
 #if MODEL_HAS_STATES
-    const double steps = ceil(size / model_solver_step * (1.0 - 1e-9));
+    const double steps = ceil(size / model_solver_step * (1.0 - 1e-9)); /* as in states.c */
     /* too many are refused by the solver */
     return steps >= 1.0 && steps <= MAX_STEPS ? steps : 1.0;
 #else
@@ -817,6 +852,14 @@ Status instance_accept_point(Instance *instance)
     if (instance->now.time <= instance->now.start_time) {
         memcpy(instance->now.at_start, instance->now.columns, sizeof instance->now.at_start);
     }
+#if MODEL_HAS_STATES
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        const double value = instance->now.columns[INPUT_COUNT + i];
+        if (!(fabs(value) <= model_scales[i].limit)) {
+            return tell_implausible(instance, STATUS_ERROR, i, value, -1.0);
+        }
+    }
+#endif
     if (forbids_point(instance, instance->now.policy)) {
         return STATUS_ERROR;
     }

@@ -1,11 +1,18 @@
 /*
- * How long a step takes at worst, without a tolerance, in multiplications, additions and divisions:
+ * How long a step takes, in multiplications, additions and divisions: with fixed steps, always
  *
- *     S (4 (L + N + n (1 + 2 n + 5 n^2 + 2 m) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)) + 60 n + 20 m + 9) + 3
+ *     S (4 E + 60 n + 20 m + 9) + 3
  *
- * with n coordinates, m inputs and S = ceil(size of the step / model_solver_step) steps of four stages, of which each
- * evaluates the law with its gradient, forms the right-hand side, factorises the mass matrix and substitutes. The law
- * takes, in L,
+ * and with error control, as long as no step is repeated,
+ *
+ *     S (6 E + 172 n + 30 m + 24) + E + 4 n + 5 m + 3
+ *
+ * with n coordinates, m inputs, S = ceil(size of the step / model_solver_step) steps of four or six stages, and
+ *
+ *     E = L + N + n (1 + 2 n + 5 n^2 + 2 m) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)
+ *
+ * for a stage, which evaluates the law with its gradient, forms the right-hand side, factorises the mass matrix and
+ * substitutes. The law takes, in L,
  *
  *     8 k        for an angle with the multiples up to k, besides one sine and one cosine,
  *     3 k + 2    for a column with the powers up to k > 0,
@@ -20,8 +27,8 @@
  *
  * A prescribed acceleration takes less: 2 n for the other coordinates, instead of 5 n^2 + 1 for its own.
  *
- * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
- * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
+ * model_data.h has the number for a step of model_time_step. With error control as many steps are made as the
+ * tolerance takes, ten million at most: where the time of a step must be bounded, export a model with fixed steps. When a host asks for outputs after the step, they are computed once: as
  * another stage, the positions with their derivatives, and the reactions.
  */
 #include "evaluator.h"

@@ -5,6 +5,7 @@
 #ifndef REAL_H
 #define REAL_H
 
+#include <float.h>
 #include <math.h>
 
 #ifdef METAFMU_SINGLE
@@ -13,6 +14,7 @@ typedef float Real;
 #define R(literal) literal##f
 #define MATH(function) function##f
 #define REAL_HUGE HUGE_VALF
+#define REAL_EPSILON FLT_EPSILON
 
 #else
 
@@ -20,6 +22,7 @@ typedef double Real;
 #define R(literal) literal
 #define MATH(function) function
 #define REAL_HUGE HUGE_VAL
+#define REAL_EPSILON DBL_EPSILON
 
 #endif
 

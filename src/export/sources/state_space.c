@@ -1,10 +1,14 @@
 /*
- * How long a step takes at worst, without a tolerance, in multiplications, additions and divisions:
+ * How long a step takes, in multiplications, additions and divisions: with fixed steps, always
  *
- *     S (4 (L + N + G) + 30 n + 20 m + 9) + 3
+ *     S (4 E + 30 n + 20 m + 9) + 3
  *
- * with n states, m inputs that are driven and S = ceil(size of the step / model_solver_step) steps of four stages, of
- * which each evaluates the functions. The dictionary takes, in L,
+ * and with error control, as long as no step is repeated,
+ *
+ *     S (6 E + 86 n + 30 m + 24) + E + 2 n + 5 m + 3
+ *
+ * with n states, m inputs that are driven, S = ceil(size of the step / model_solver_step) steps of four or six stages,
+ * and E = L + N + G for a stage, which evaluates the functions. The dictionary takes, in L,
  *
  *     8 k        for an angle with the multiples up to k, besides one sine and one cosine,
  *     3 k + 2    for a column with the powers up to k > 0,
@@ -20,8 +24,8 @@
  *
  * A graph takes what graph.c says, and 1 for an output, in G.
  *
- * model_data.h has the number for a step of model_time_step. With a tolerance there is no such number: as many steps
- * are made as it takes, ten million at most. When a host asks for outputs after the step, they are computed once: as
+ * model_data.h has the number for a step of model_time_step. With error control as many steps are made as the
+ * tolerance takes, ten million at most: where the time of a step must be bounded, export a model with fixed steps. When a host asks for outputs after the step, they are computed once: as
  * another stage, L + N + G, which without any state is all there is.
  */
 #include "evaluator.h"

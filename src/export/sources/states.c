@@ -1,4 +1,5 @@
 #include "evaluator.h"
+#include <string.h>
 
 #ifdef METAFMU_SINGLE
 
@@ -161,15 +162,20 @@ static Real weighted(const Scratch *scratch, const Real weights[], size_t stages
     return sum;
 }
 
-/* Rates of the states at the stages of a step of size h, `since` seconds after the beginning. */
-static void stages(Scratch *scratch, const Method *method, Real since, Real h)
+/* Begins a step: columns that are neither inputs nor states stay what they are. */
+static void begin(Scratch *scratch)
+{
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        scratch->solver.stage[i] = scratch->solver.point[i];
+    }
+}
+
+/* Rates of the states at some stages of a step of size h, `since` seconds after the beginning. */
+static void stages(Scratch *scratch, const Method *method, size_t first, size_t end, Real since, Real h)
 {
     const Real *point = scratch->solver.point;
     Real *at = scratch->solver.stage;
-    for (size_t i = 0; i < COLUMN_COUNT; i++) {
-        at[i] = point[i];
-    }
-    for (size_t stage = 0; stage < method->stages; stage++) {
+    for (size_t stage = first; stage < end; stage++) {
         const Real later = since + method->times[stage] * h;
         for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {
             at[i] = driven(&scratch->solver.drives[i], later);
@@ -181,10 +187,9 @@ static void stages(Scratch *scratch, const Method *method, Real since, Real h)
     }
 }
 
-/* Goes to the end of a step of size h; whether all states are finite there. */
-static bool proceed(Scratch *scratch, const Real weights[], size_t count, Real h)
+/* Goes to the end of a step of size h, and whether the states are plausible there. */
+static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Real h, Failure *failure)
 {
-    bool finite = true;
     for (size_t i = 0; i < STATE_COUNT; i++) {
         Real *state = &scratch->solver.point[INPUT_COUNT + i];
 #ifdef METAFMU_SINGLE
@@ -196,29 +201,45 @@ static bool proceed(Scratch *scratch, const Real weights[], size_t count, Real h
 #else
         *state += h * weighted(scratch, weights, count, i);
 #endif
-        finite = finite && MATH(fabs)(*state) < REAL_HUGE;
     }
-    return finite;
-}
-
-static Advance advance_fixed(Scratch *scratch, const Step *step, double *after)
-{
-    /* rounding of the size does not cost a step */
-    const double wanted = ceil(step->size / model_solver_step * (1.0 - 1e-9));
-    const double steps = wanted > 1.0 ? wanted : 1.0;
-    const Real h = (Real)(step->size / steps);
-    if (steps > MAX_STEPS) {
-        return ADVANCE_TOO_MANY_STEPS;
-    }
-    for (uint32_t i = 0; i < (uint32_t)steps; i++) {
-        const Real since = (Real)i * h;
-        stages(scratch, &CLASSICAL, since, h);
-        if (!proceed(scratch, CLASSICAL.result, CLASSICAL.stages, h)) {
-            *after = (double)(since + h);
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        const Real magnitude = MATH(fabs)(scratch->solver.point[INPUT_COUNT + i]);
+        if (!(magnitude < REAL_HUGE)) {
             return ADVANCE_NOT_FINITE;
+        }
+        if (magnitude > (Real)model_scales[i].limit) {
+            failure->state = i;
+            failure->value = (double)scratch->solver.point[INPUT_COUNT + i];
+            return ADVANCE_IMPLAUSIBLE;
         }
     }
     return ADVANCE_DONE;
+}
+
+/* Number of equal parts, none of them longer than the longest step, of a communication step. */
+static double parts(double size)
+{
+    /* rounding of the size does not cost a step */
+    const double wanted = ceil(size / model_solver_step * (1.0 - 1e-9));
+    return wanted > 1.0 ? wanted : 1.0;
+}
+
+static Advance advance_fixed(Scratch *scratch, const Step *step, Failure *failure)
+{
+    const double steps = parts(step->size);
+    const Real h = (Real)(step->size / steps);
+    Advance result = ADVANCE_DONE;
+    if (steps > MAX_STEPS) {
+        return ADVANCE_TOO_MANY_STEPS;
+    }
+    for (uint32_t i = 0; result == ADVANCE_DONE && i < (uint32_t)steps; i++) {
+        const Real since = (Real)i * h;
+        begin(scratch);
+        stages(scratch, &CLASSICAL, 0, CLASSICAL.stages, since, h);
+        result = proceed(scratch, CLASSICAL.result, CLASSICAL.stages, h, failure);
+        failure->after = (double)(since + h);
+    }
+    return result;
 }
 
 static bool is_nan(Real value)
@@ -226,14 +247,21 @@ static bool is_nan(Real value)
     return !(value <= REAL_HUGE); /* not the macro, which warns of conversions on some platforms */
 }
 
-/* The local error of a step in units of what is tolerated. */
-static Real error_of(const Scratch *scratch, Real tolerance, Real h)
+/* What an error of a step is relative to. */
+static Real scale_of(const StateScale *scale, Real state)
+{
+    const Real nominal = (Real)scale->nominal;
+    /* what rounding makes of a large value is no error of a step */
+    const Real least = scale->relative ? MATH(fabs)(state) : REAL_EPSILON * MATH(fabs)(state);
+    return nominal > least ? nominal : least;
+}
+
+/* The largest estimate of the error of a step in any state, relative to its scale. */
+static Real error_of(const Scratch *scratch, Real h)
 {
     Real error = R(0.0);
     for (size_t i = 0; i < STATE_COUNT; i++) {
-        const Real magnitude = MATH(fabs)(scratch->solver.point[INPUT_COUNT + i]);
-        const Real nominal = (Real)model_columns[INPUT_COUNT + i].nominal;
-        const Real scale = tolerance * (magnitude > nominal ? magnitude : nominal);
+        const Real scale = scale_of(&model_scales[i], scratch->solver.point[INPUT_COUNT + i]);
         const Real found = MATH(fabs)(h * weighted(scratch, DORMAND_PRINCE_ERROR, SOLVER_STAGES, i)) / scale;
         /* a maximum would leave out what is not a number */
         if (found > error || is_nan(found)) {
@@ -253,16 +281,40 @@ static Real change_of_size(Real error)
     return factor > R(5.0) ? R(5.0) : factor;
 }
 
-static Advance advance_adaptive(Scratch *scratch, const Step *step, double *after)
+static double tolerance_of(const Step *step)
+{
+    const double wanted = step->tolerance;
+    const double least = wanted > 0.0 && wanted < model_solver_tolerance ? wanted : model_solver_tolerance;
+    return least > LEAST_TOLERANCE ? least : LEAST_TOLERANCE;
+}
+
+/* Rates of the states at the beginning of a communication step. */
+static void find_first_rates(Scratch *scratch, const Step *step)
+{
+    begin(scratch);
+    if (step->derivatives == NULL) {
+        stages(scratch, &DORMAND_PRINCE, 0, 1, R(0.0), R(0.0));
+    }
+    for (size_t i = 0; step->derivatives != NULL && i < STATE_COUNT; i++) {
+        scratch->solver.rates[0][i] = (Real)step->derivatives[i];
+    }
+}
+
+static Advance advance_with_error_control(Scratch *scratch, const Step *step, Failure *failure)
 {
     const double size = step->size;
-    const Real tolerance = (Real)(step->tolerance > LEAST_TOLERANCE ? step->tolerance : LEAST_TOLERANCE);
-    double h = size < model_solver_step ? size : model_solver_step;
+    const double count = parts(size);
+    const double longest = size / count;
+    const Real tolerance = (Real)tolerance_of(step);
+    double h = longest;
     uint32_t steps = 0;
-    *after = 0.0;
+    if (count > MAX_STEPS) {
+        return ADVANCE_TOO_MANY_STEPS;
+    }
+    find_first_rates(scratch, step);
     /* what is left by rounding is no step */
-    while (size - *after > 1e-14 * size) {
-        const double rest = size - *after;
+    while (size - failure->after > SHORTEST * size) {
+        const double rest = size - failure->after;
         steps++;
         if (steps > MAX_STEPS) {
             return ADVANCE_TOO_MANY_STEPS;
@@ -273,25 +325,30 @@ static Advance advance_adaptive(Scratch *scratch, const Step *step, double *afte
         } else if (h > 0.5 * rest) {
             h = 0.5 * rest;
         }
-        stages(scratch, &DORMAND_PRINCE, (Real)*after, (Real)h);
-        const Real error = error_of(scratch, tolerance, (Real)h);
+        stages(scratch, &DORMAND_PRINCE, 1, SOLVER_STAGES, (Real)failure->after, (Real)h);
+        const Real error = error_of(scratch, (Real)h) / tolerance;
         if (error <= R(1.0)) {
-            *after += h;
-            if (!proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, (Real)h)) {
-                return ADVANCE_NOT_FINITE;
+            failure->after += h;
+            const Advance result = proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, (Real)h, failure);
+            if (result != ADVANCE_DONE) {
+                return result;
             }
+            /* the last stage is the first of the next step */
+            memcpy(scratch->solver.rates[0], scratch->solver.rates[SOLVER_STAGES - 1], sizeof scratch->solver.rates[0]);
         }
         h *= (double)change_of_size(error);
-        if (h < 1e-14 * size) {
-            return ADVANCE_NOT_FINITE;
+        h = h < longest ? h : longest;
+        if (h < SHORTEST * size) {
+            return is_nan(error) ? ADVANCE_NOT_FINITE : ADVANCE_UNDERFLOW;
         }
     }
     return ADVANCE_DONE;
 }
 
-Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, double *after)
+Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure)
 {
     Solver *solver = &scratch->solver;
+    *failure = (Failure){0.0, 0, 0.0};
     enter(point, solver->point);
     for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {
         solver->drives[i] = drive_of(step, point, i);
@@ -304,8 +361,8 @@ Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *
         solver->lost[i] = (Real)(point[column] - turns[column] - (double)solver->point[column]);
     }
 #endif
-    const Advance result =
-        step->tolerance > 0.0 ? advance_adaptive(scratch, step, after) : advance_fixed(scratch, step, after);
+    const Advance result = model_solver_tolerance > 0.0 ? advance_with_error_control(scratch, step, failure)
+                                                        : advance_fixed(scratch, step, failure);
     for (size_t i = INPUT_COUNT; result == ADVANCE_DONE && i < COLUMN_COUNT; i++) {
 #ifdef METAFMU_SINGLE
         point[i] = turns[i] + ((double)solver->point[i] + (double)solver->lost[i - INPUT_COUNT]);

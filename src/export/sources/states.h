@@ -8,7 +8,17 @@
 
 #include "model.h"
 
-extern const double model_solver_step; /* s; of the classical Runge-Kutta method at most */
+extern const double model_solver_step;      /* s; no step of the solver is longer */
+extern const double model_solver_tolerance; /* of a step, relative to the scale of each state; zero for equal steps */
+
+/* What values of a state are measured by. */
+typedef struct {
+    double nominal; /* what an error of a step is relative to */
+    bool relative;  /* whether it is relative to the state's magnitude as well, where that is larger */
+    double limit;   /* magnitude beyond which no value is plausible */
+} StateScale;
+
+extern const StateScale model_scales[]; /* of each state */
 
 enum { SOLVER_STAGES = 7 }; /* of the method of Dormand and Prince */
 
@@ -25,7 +35,10 @@ typedef struct {
 #endif
 } Solver;
 
-/* Tolerances of the adaptive method that are smaller are taken as this one. */
+/* Part of a communication step that no step of the solver is shorter than. */
+#define SHORTEST 1e-14
+
+/* Tolerances that are smaller are taken as this one. */
 #ifdef METAFMU_SINGLE
 #define LEAST_TOLERANCE 1e-6
 #else

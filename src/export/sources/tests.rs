@@ -10,8 +10,9 @@ use crate::{
     surrogate::seal,
 };
 use metafmu_runtime::{
-    Activation, BuiltIn, Discrete, Domain, Drive, Dynamics, Encoder, Evaluator, Given, Input, Layer, Map, Metadata,
-    Model, Motion, Precision, Quantity, Role, ScaledNetwork, Scaling, Shown, StateSpace, StepError,
+    Activation, BuiltIn, CommunicationStep, Discrete, Domain, Drive, Dynamics, Encoder, Evaluator, Given, Input,
+    Integration, Layer, Map, Metadata, Model, Motion, Precision, Quantity, Role, ScaledNetwork, Scaling, Shown,
+    StateSpace, StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
     graph::{Elementwise, Graph, Operation, Step},
@@ -467,7 +468,7 @@ fn pushed_by_nothing() -> Surrogate {
         windings: Vec::new(),
         reactions: None,
         outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
-        step: motion.step,
+        integration: motion.integration,
     };
     let mut metadata = crane.metadata().clone();
     metadata.inputs.pop();
@@ -536,7 +537,7 @@ fn turning(activation: Activation) -> Surrogate {
         functions: Dictionary::new(&[plain, plain, Factor::Angle, plain], 2, &terms).unwrap(),
         map: Some(Map::Network(network)),
         results: vec![Given::State(0), Given::Function(1), Given::State(1), Given::Function(0)],
-        step: 0.005,
+        integration: Integration::Fixed { step: 0.005 },
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
 }
@@ -553,7 +554,7 @@ fn left_alone() -> Surrogate {
         functions: Dictionary::new(&factors, 0, &[]).unwrap(),
         map: None,
         results: vec![Given::State(0), Given::State(0)],
-        step: 0.005,
+        integration: Integration::Fixed { step: 0.005 },
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
 }
@@ -578,7 +579,7 @@ fn without_states(has_parameter: bool) -> Surrogate {
         functions: Dictionary::new(&factors, 2, &terms).unwrap(),
         map: None,
         results: vec![Given::Function(0), Given::Function(1)],
-        step: 0.005,
+        integration: Integration::Fixed { step: 0.005 },
     };
     Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
 }
@@ -670,12 +671,14 @@ impl<'a> Steps<'a> {
         });
         let domain = Domain::new(self.surrogate.inputs(), self.surrogate.states());
         let drive = Drive { rates: [&of_columns[0], &of_columns[1]], clamp: clamp.then_some(&domain) };
-        let nominals: Vec<f64> = self.surrogate.states().iter().map(|state| state.nominal).collect();
-        let method = (size, Some(tolerance).filter(|tolerance| *tolerance > 0.0), &nominals[..]);
-        let (result, after) = match self.evaluator.advance(point, method, drive, &mut self.evaluator.scratch()) {
-            Ok(()) => (0.0, 0.0),
+        let tolerance = Some(tolerance).filter(|tolerance| *tolerance > 0.0);
+        let step = CommunicationStep { tolerance, ..CommunicationStep::of(size) };
+        let (result, after) = match self.evaluator.advance(point, step, drive, &mut self.evaluator.scratch()) {
+            Ok(_) => (0.0, 0.0),
             Err(StepError::NotFinite { after }) => (1.0, after),
             Err(StepError::TooManySteps) => (2.0, 0.0),
+            Err(StepError::Implausible { after, .. }) => (3.0, after),
+            Err(StepError::Underflow { after }) => (4.0, after),
         };
         self.expected.push([&[result, after], &point[self.surrogate.inputs().len()..]].concat());
     }
@@ -735,7 +738,9 @@ fn in_single_precision_results_and_derivatives_are_those_of_the_evaluator_but_fo
 #[test]
 fn in_single_precision_steps_are_those_of_the_evaluator_but_for_its_rounding() {
     let (crane, oscillator) = (example::crane(), example::oscillator(Some(example::residual_network())));
-    for (surrogate, inputs) in [(&crane, &[1.4, 0.4, 0.9, -1.2, 2.0, 3.0][..]), (&oscillator, &[1.2, 0.8, -0.5, 0.4])] {
+    let controlled = example::integrated(&crane, Integration::ErrorControlled { tolerance: 1e-5, longest: 0.005 });
+    let of_crane = &[1.4, 0.4, 0.9, -1.2, 2.0, 3.0][..];
+    for (surrogate, inputs) in [(&controlled, of_crane), (&crane, of_crane), (&oscillator, &[1.2, 0.8, -0.5, 0.4])] {
         let mut steps = Steps::of(surrogate);
         let start = steps.start(inputs);
         let driven = steps.driven();
@@ -911,39 +916,43 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
 /// Two hundred steps of a crane by each method with a force that changes, and steps that fail, in C and in Rust.
 #[test]
 fn the_steps_of_a_motion_are_those_of_the_evaluator() {
-    let surrogate = example::crane();
-    let mut steps = Steps::of(&surrogate);
-    let start = steps.start(&[1.4, 0.4, 0.9, -1.2, 2.0, 3.0]);
-    for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
-        let mut point = start.clone();
-        for index in 0..200 {
-            let rates = [30.0 - 10.0 * f64::from(index % 7), 40.0 * f64::from(index % 3 - 1)];
-            steps.step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
-            point[5] += 0.02 * (rates[0] + 0.01 * rates[1]);
-        }
-    }
-    for tolerance in [0.0, 1e-6] {
-        for (rope, size) in [(0.0, 0.1), (1.4, 1e9), (1.4, 0.0), (-1.0, 0.3)] {
+    for integration in [Integration::Fixed { step: 0.005 }, CONTROLLED] {
+        let surrogate = example::integrated(&example::crane(), integration);
+        let mut steps = Steps::of(&surrogate);
+        let start = steps.start(&[1.4, 0.4, 0.9, -1.2, 2.0, 3.0]);
+        for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-2, true)] {
             let mut point = start.clone();
-            point[0] = rope;
-            // ten million steps take too long by the other method
-            if size < 1.0 || tolerance == 0.0 {
-                steps.step(true, &mut point, size, tolerance, false, [0.0; 2]);
+            for index in 0..200 {
+                let rates = [30.0 - 10.0 * f64::from(index % 7), 40.0 * f64::from(index % 3 - 1)];
+                steps.step(index == 0, &mut point, 0.02, tolerance, clamp, rates);
+                point[5] += 0.02 * (rates[0] + 0.01 * rates[1]);
             }
         }
+        let limit = surrogate.states()[0].limit();
+        for (rope, far, size) in [(0.0, 0.4, 0.1), (1.4, limit - 0.1, 0.2), (1.4, 0.4, 0.0), (-1.0, 0.4, 0.3)] {
+            let mut point = start.clone();
+            (point[0], point[6]) = (rope, far);
+            steps.step(true, &mut point, size, 0.0, false, [0.0; 2]);
+        }
+        steps.step(true, &mut start.clone(), 1e9, 0.0, false, [0.0; 2]);
+        let ends = steps.compare(&SANITIZERS);
+        assert!(ends[..800].iter().all(|end| *end == 0.0));
+        assert_eq!((ends[800], ends[801], ends[802]), (1.0, 3.0, 0.0), "{integration:?}");
+        assert_eq!(ends[804], 2.0);
     }
-    let ends = steps.compare(&SANITIZERS);
-    assert_eq!(ends.len(), 807);
-    assert!(ends[..800].iter().all(|end| *end == 0.0) && ends[800..].contains(&1.0) && ends[800..].contains(&2.0));
 }
+
+/// With this integration a tolerance that a host may give is looked at.
+const CONTROLLED: Integration = Integration::ErrorControlled { tolerance: 1e-5, longest: 0.02 };
 
 #[test]
 fn the_steps_of_a_state_space_are_those_of_the_evaluator() {
     let by_network = example::oscillator(Some(example::residual_network()));
-    for surrogate in [by_network, example::oscillator_by_graph(), turning(Activation::Tanh)] {
+    let controlled = [&by_network, &turning(Activation::Tanh)].map(|space| example::integrated(space, CONTROLLED));
+    for surrogate in [by_network, example::oscillator_by_graph()].into_iter().chain(controlled) {
         let mut steps = Steps::of(&surrogate);
         let start = steps.start(&[1.2, 0.8, -0.5, 0.4]);
-        for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-4, true)] {
+        for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-2, true)] {
             let mut point = start.clone();
             for index in 0..200 {
                 let rates = [3.0 - f64::from(index % 7), 4.0 * f64::from(index % 3 - 1)];
@@ -951,17 +960,15 @@ fn the_steps_of_a_state_space_are_those_of_the_evaluator() {
                 point[3] += 0.02 * (rates[0] + 0.01 * rates[1]);
             }
         }
-        for tolerance in [0.0, 1e-6] {
-            for (speed, size) in [(1e300, 1e5), (1.0, 0.0), (1.0, 0.3)] {
-                let mut point = start.clone();
-                point[5] = speed;
-                steps.step(true, &mut point, size, tolerance, false, [0.0; 2]);
-            }
+        for (speed, size) in [(1e300, 1e5), (1.0, 0.0), (1.0, 0.3)] {
+            let mut point = start.clone();
+            point[5] = speed;
+            steps.step(true, &mut point, size, 0.0, false, [0.0; 2]);
         }
         steps.step(true, &mut start.clone(), 1e9, 0.0, false, [0.0; 2]);
         let ends = steps.compare(&SANITIZERS);
-        assert_eq!((ends.len(), ends[806]), (807, 2.0));
-        assert!(ends[..800].iter().all(|end| *end == 0.0) && ends[800..806].contains(&1.0), "{:?}", &ends[800..]);
+        assert_eq!(ends[803], 2.0);
+        assert!(ends[..800].iter().all(|end| *end == 0.0) && ends[800] > 0.0, "{:?}", &ends[800..]);
     }
 }
 
@@ -1392,6 +1399,8 @@ fn the_functions_of_fmi_3_answer_as_the_standard_says() {
 fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
     let surrogate = seal(example::crane()).unwrap();
     run(&surrogate, FmiVersion::V2, include_str!("tests/fmi2_motion.c"));
+    let controlled = Integration::ErrorControlled { tolerance: 1e-5, longest: 0.005 };
+    let surrogate = seal(example::integrated(&example::crane(), controlled)).unwrap();
     run(&surrogate, FmiVersion::V3, include_str!("tests/fmi3_motion.c"));
 }
 

@@ -332,6 +332,12 @@ pub enum FormatError {
         /// What stands there.
         found: String,
     },
+    /// A tolerance of the solver that is zero, negative or not finite.
+    #[error("the tolerance {found} of the solver is not positive")]
+    Tolerance {
+        /// What the file has.
+        found: f64,
+    },
     /// A time step that is zero, negative or not finite.
     #[error("time step {found} is not positive")]
     TimeStep {

@@ -6,14 +6,14 @@ use crate::{
     dictionary::{Dictionary, Factor, Term},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
-    model::{Motion, Reactions, Shown, dynamics::Dynamics},
+    model::{Integration, Motion, Reactions, Shown, dynamics::Dynamics},
 };
 use safetensors::Dtype;
 
 impl Motion {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { dynamics, positions, windings, reactions, outputs, step } = self;
+        let Self { dynamics, positions, windings, reactions, outputs, integration } = self;
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -29,8 +29,8 @@ impl Motion {
             columns(dynamics.law().dictionary()),
             double("positions.windings", &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
             ("outputs.shown".into(), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
-            double("solver.step", &[1], &[*step]),
         ];
+        tensors.extend(of_integration(*integration));
         for (name, law) in [("law", dynamics.law()), ("positions", positions)] {
             tensors.extend(of_dictionary(name, law.dictionary()));
             tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
@@ -50,7 +50,7 @@ impl Motion {
     pub(super) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
         let factors = factors(tensors)?;
         let (windings, winding_shape) = doubles(tensors, "positions.windings", 2)?;
-        let step = step(tensors)?;
+        let integration = integration(tensors)?;
         let law = law(tensors, "law", &factors)?;
         let positions = self::law(tensors, "positions", &factors)?;
         let forces = network(tensors, "forces")?;
@@ -84,7 +84,7 @@ impl Motion {
         let has_reactions = tensors.keys().any(|name| name.starts_with("reactions."));
         let reactions = has_reactions.then(|| dictionary(tensors, "reactions", &factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, inputs, functions)).transpose()?;
-        Ok(Self { dynamics, positions, windings, reactions, outputs, step })
+        Ok(Self { dynamics, positions, windings, reactions, outputs, integration })
     }
 }
 
@@ -179,11 +179,25 @@ pub(super) fn doubles(
     Ok((values, view.shape().to_vec()))
 }
 
-/// Largest step of the solver.
-pub(super) fn step(tensors: &mut Views) -> Result<f64, FormatError> {
-    let (step, shape) = doubles(tensors, "solver.step", 1)?;
-    expect_shape("solver.step", &shape, &[1])?;
-    Ok(step[0])
+/// Longest step and tolerance of the solver.
+pub(super) fn of_integration(integration: Integration) -> Vec<Tensor> {
+    let step = double("solver.step", &[1], &[integration.longest()]);
+    let tolerance = integration.tolerance().map(|tolerance| double("solver.tolerance", &[1], &[tolerance]));
+    [step].into_iter().chain(tolerance).collect()
+}
+
+/// The inverse of [`of_integration`].
+pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatError> {
+    let one = |tensors: &mut Views, name: &str| -> Result<f64, FormatError> {
+        let (value, shape) = doubles(tensors, name, 1)?;
+        expect_shape(name, &shape, &[1])?;
+        Ok(value[0])
+    };
+    let step = one(tensors, "solver.step")?;
+    match tensors.contains_key("solver.tolerance") {
+        true => Ok(Integration::ErrorControlled { tolerance: one(tensors, "solver.tolerance")?, longest: step }),
+        false => Ok(Integration::Fixed { step }),
+    }
 }
 
 /// The inverse of [`columns`].

@@ -2,7 +2,7 @@
 
 use super::{
     Tensor, Views, bytes, elements,
-    motion::{columns, dictionary, double, factors, of_dictionary, step},
+    motion::{columns, dictionary, factors, integration, of_dictionary, of_integration},
     of_map, take,
 };
 use crate::{FormatError, Given, Map, StateSpace, map::expect_shape};
@@ -11,7 +11,7 @@ use safetensors::Dtype;
 impl StateSpace {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { counts, functions, map, results, step } = self;
+        let Self { counts, functions, map, results, integration } = self;
         let whole = |name: &str, shape: &[usize], values: &[u32]| -> Tensor {
             (name.into(), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
         };
@@ -24,8 +24,8 @@ impl StateSpace {
             whole("counts", &[counts.len()], &counts.map(|count| count as u32)),
             columns(functions),
             whole("results.given", &[results.len(), 2], &given),
-            double("solver.step", &[1], &[*step]),
         ];
+        tensors.extend(of_integration(*integration));
         tensors.extend(of_dictionary("functions", functions));
         tensors.extend(map.iter().flat_map(of_map));
         tensors
@@ -50,7 +50,7 @@ impl StateSpace {
             functions,
             map,
             results: results.collect::<Result<_, _>>()?,
-            step: step(tensors)?,
+            integration: integration(tensors)?,
         })
     }
 }

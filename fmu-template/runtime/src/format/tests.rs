@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    Bounds, BuiltIn, Encoding, Given, Precision, Quantity, Reactions, Role, Shown, Variability,
+    Bounds, BuiltIn, Encoding, Given, Integration, Precision, Quantity, Reactions, Role, Shown, Variability,
     dictionary::{Dictionary, Factor},
     example,
 };
@@ -600,7 +600,10 @@ fn a_motion_that_makes_no_sense_is_refused() {
         ("tensor `shown` has shape [6], expected [7]", &|motion| motion.outputs.truncate(6)),
         ("tensor `windings` has shape [5], expected [6]", &|motion| motion.windings.truncate(5)),
         ("tensor `windings`, element 1: NaN is not finite", &|motion| motion.windings[1] = f64::NAN),
-        ("time step 0 is not positive", &|motion| motion.step = 0.0),
+        ("time step 0 is not positive", &|motion| motion.integration = Integration::Fixed { step: 0.0 }),
+        ("the tolerance NaN of the solver is not positive", &|motion| {
+            motion.integration = Integration::ErrorControlled { tolerance: f64::NAN, longest: 0.1 };
+        }),
     ] {
         let found = crane_with(change);
         assert!(found.starts_with(expected), "{found} instead of {expected}");
@@ -650,7 +653,7 @@ fn a_state_space_that_makes_no_sense_is_refused() {
         ("tensor `results.given`, element 0: 2, expected less than 2", &|space| space.results[0] = Given::State(2)),
         ("tensor `results.given` has shape [2], expected [3]", &|space| space.results.truncate(2)),
         ("tensor `inputs` has shape [1, 2, 1, 0], expected [2, 2, 1, 0]", &|space| space.counts[0] = 2),
-        ("time step 0 is not positive", &|space| space.step = 0.0),
+        ("time step 0 is not positive", &|space| space.integration = Integration::Fixed { step: 0.0 }),
     ] {
         let surrogate = example::oscillator(Some(example::residual_network()));
         let Model::StateSpace(mut space) = surrogate.model().clone() else { unreachable!("it has states") };

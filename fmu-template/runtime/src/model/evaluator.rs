@@ -1,7 +1,7 @@
 //! The surrogate prepared for evaluation.
 
 use super::{
-    Drive, Model, Motion, StepError,
+    CommunicationStep, Drive, Integration, Model, Motion, Scale, StepError,
     discrete::{DiscreteScratch, PreparedDiscrete},
     maps::{Maps, MapsScratch},
     motion::MotionScratch,
@@ -23,6 +23,8 @@ pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 pub struct Evaluator {
     columns: usize,
     results: usize,
+    /// Of the states.
+    scales: Vec<Scale>,
     engine: Engine,
 }
 
@@ -65,7 +67,12 @@ impl Evaluator {
             Engine::Discrete(discrete) => discrete.memory(),
             Engine::Maps(_) | Engine::Motion(_) | Engine::StateSpace(_) => states,
         };
-        Self { columns: metadata.inputs.len() + memory, results: metadata.outputs.len() + states, engine }
+        Self {
+            columns: metadata.inputs.len() + memory,
+            results: metadata.outputs.len() + states,
+            scales: surrogate.model().scales(&metadata.states),
+            engine,
+        }
     }
 
     /// The same where the parameters of equations of motion keep these values, which is faster; of other models the same.
@@ -82,12 +89,23 @@ impl Evaluator {
         held
     }
 
+    /// The same with another integration of continuous states.
+    pub fn with_integration(&self, integration: Integration) -> Self {
+        let mut other = self.clone();
+        match &mut other.engine {
+            Engine::Motion(motion) => motion.integration = integration,
+            Engine::StateSpace(space) => space.integrate_by(integration),
+            Engine::Maps(_) | Engine::Discrete(_) => {}
+        }
+        other
+    }
+
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
         Scratch(match &self.engine {
             Engine::Maps(maps) => Working::Maps(maps.scratch()),
-            Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch())),
-            Engine::StateSpace(space) => Working::StateSpace(space.scratch()),
+            Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch(&self.scales))),
+            Engine::StateSpace(space) => Working::StateSpace(space.scratch(&self.scales)),
             Engine::Discrete(discrete) => Working::Discrete(discrete.scratch()),
         })
     }
@@ -123,26 +141,25 @@ impl Evaluator {
         self.perform(point, Task::Adjoint { weights, gradient }, scratch);
     }
 
-    /// Integrates the states of a point over `size` seconds, with steps of fixed size, or
-    /// with a tolerance relative to the states and their nominal values; a discrete model goes on from sample to sample. Nothing
-    /// happens without states or a memory.
+    /// Integrates the states of a point over a communication step; a discrete model goes on from sample to sample. Nothing happens without
+    /// states or a memory. Returns how many steps the solver tried.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
     pub fn advance(
         &self,
         point: &mut [f64],
-        method: (f64, Option<f64>, &[f64]),
+        step: CommunicationStep,
         drive: Drive,
         scratch: &mut Scratch,
-    ) -> Result<(), StepError> {
+    ) -> Result<u32, StepError> {
         self.check_point(point);
         match (&self.engine, &mut scratch.0) {
-            (Engine::Maps(_), _) => Ok(()),
-            (Engine::Motion(motion), Working::Motion(scratch)) => motion.advance(point, method, drive, scratch),
-            (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.advance(point, method, drive, scratch),
+            (Engine::Maps(_), _) => Ok(0),
+            (Engine::Motion(motion), Working::Motion(scratch)) => motion.advance(point, step, drive, scratch),
+            (Engine::StateSpace(space), Working::StateSpace(scratch)) => space.advance(point, step, drive, scratch),
             (Engine::Discrete(discrete), Working::Discrete(scratch)) => {
-                discrete.advance(point, method.0, drive, scratch)
+                discrete.advance(point, step.size, drive, scratch).map(|()| 0)
             }
             _ => panic!("{OTHER}"),
         }

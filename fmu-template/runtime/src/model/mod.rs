@@ -19,7 +19,7 @@ pub use discrete::Discrete;
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use motion::{Motion, Shown};
 pub use reactions::Reactions;
-pub use solver::{Drive, MAX_SOLVER_STEPS, StepError};
+pub use solver::{CommunicationStep, Drive, Integration, MAX_SOLVER_STEPS, Scale, StepError};
 pub use state_space::{Given, StateSpace};
 
 /// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them, and one for each of its
@@ -46,6 +46,37 @@ pub enum Model {
 }
 
 impl Model {
+    /// How continuous states are integrated; none without them.
+    pub fn integration(&self) -> Option<Integration> {
+        match self {
+            Self::Motion(motion) => Some(motion.integration),
+            Self::StateSpace(space) if space.counts[2] > 0 => Some(space.integration),
+            Self::StateSpace(_) | Self::Response(_) | Self::PerInstant { .. } | Self::Discrete(_) => None,
+        }
+    }
+
+    /// The same with another integration of continuous states, if it has any.
+    #[must_use]
+    pub fn with_integration(mut self, integration: Integration) -> Self {
+        match &mut self {
+            Self::Motion(motion) => motion.integration = integration,
+            Self::StateSpace(space) => space.integration = integration,
+            Self::Response(_) | Self::PerInstant { .. } | Self::Discrete(_) => {}
+        }
+        self
+    }
+
+    /// What the values of continuous states are measured by: those of the description, in order.
+    pub fn scales(&self, states: &[State]) -> Vec<Scale> {
+        let is_angle = |state: usize| match self {
+            // a coordinate without a range is an angle, or nothing depends on it
+            Self::Motion(_) => true,
+            Self::StateSpace(space) => space.is_angle(state),
+            Self::Response(_) | Self::PerInstant { .. } | Self::Discrete(_) => false,
+        };
+        states.iter().enumerate().map(|(index, state)| Scale::new(state, is_angle(index))).collect()
+    }
+
     /// Makes sure that it fits the inputs, states and outputs of a description.
     ///
     /// # Errors

@@ -16,9 +16,9 @@
 use super::{
     adjoint::ByDirections,
     dynamics::{Dynamics, Work},
-    expect_roles, expect_step,
+    expect_roles,
     reactions::{Reactions, ReactionsWork},
-    solver::{Drive, Solver, StepError},
+    solver::{CommunicationStep, Drive, Integration, Scale, Solver, StepError},
 };
 use crate::{
     FormatError, Input, State,
@@ -42,8 +42,8 @@ pub struct Motion {
     pub reactions: Option<Reactions>,
     /// What the outputs are.
     pub outputs: Vec<Shown>,
-    /// Largest step of the Runge-Kutta method, in seconds.
-    pub step: f64,
+    /// How the states are integrated.
+    pub integration: Integration,
 }
 
 /// What an output shows of the motion.
@@ -125,7 +125,7 @@ impl Motion {
         let reactions = self.reactions.as_ref().map(|reactions| reactions.held(parameters)).transpose()?;
         let (windings, outputs) = (self.windings.clone(), self.outputs.clone());
         let dynamics = self.dynamics.held(parameters)?;
-        Ok(Self { dynamics, positions, windings, reactions, outputs, step: self.step })
+        Ok(Self { dynamics, positions, windings, reactions, outputs, integration: self.integration })
     }
 
     /// Whether equations, positions or reactions depend on a coordinate or parameter, by its position among both. One on which none does
@@ -182,16 +182,16 @@ impl Motion {
                 return Err(FormatError::Index { name: "shown".into(), index, found, limit });
             }
         }
-        expect_step(self.step)
+        self.integration.check()
     }
 
-    pub(crate) fn scratch(&self) -> MotionScratch {
+    pub(crate) fn scratch(&self, scales: &[Scale]) -> MotionScratch {
         let (columns, results) = (self.layout().columns(), self.outputs.len() + self.states());
         MotionScratch {
             plain: self.parts(),
             series: self.parts(),
             by_directions: ByDirections::new(columns, results),
-            solver: Solver::new(columns, self.dynamics.inputs(), self.states()),
+            solver: Solver::new(columns, self.dynamics.inputs(), scales.to_vec()),
         }
     }
 
@@ -289,13 +289,13 @@ impl Motion {
     pub(crate) fn advance(
         &self,
         point: &mut [f64],
-        method: (f64, Option<f64>, &[f64]),
+        step: CommunicationStep,
         drive: Drive,
         scratch: &mut MotionScratch,
-    ) -> Result<(), StepError> {
+    ) -> Result<u32, StepError> {
         let MotionScratch { plain, solver, .. } = scratch;
         let n = self.dynamics.coordinates();
-        solver.advance(point, self.step, method, drive, |columns, rates| {
+        solver.advance(point, self.integration, step, drive, |columns, rates| {
             self.accelerate(columns, &mut plain.equations);
             rates[..n].copy_from_slice(&columns[columns.len() - n..]);
             rates[n..].copy_from_slice(&plain.equations.accelerations);
@@ -489,18 +489,14 @@ mod tests {
     }
 
     /// States after `count` steps of one tenth of a second, with a force that changes linearly.
-    fn after(count: usize, tolerance: Option<f64>, step: f64) -> [f64; 10] {
-        let surrogate = example::crane();
-        let Model::Motion(motion) = surrogate.model() else { panic!("the crane moves") };
-        let motion = Motion { step, ..(**motion).clone() };
-        let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Motion(Box::new(motion))).unwrap();
-        let evaluator = Evaluator::new(&surrogate);
+    fn after(count: usize, integration: Integration) -> [f64; 10] {
+        let evaluator = Evaluator::new(&example::integrated(&example::crane(), integration));
         let (mut scratch, mut point) = (evaluator.scratch(), POINT);
         let mut rates = [0.0; 10];
         rates[5] = -2.0;
         for _ in 0..count {
             let drive = Drive { rates: [&rates, &[0.0; 10]], clamp: None };
-            evaluator.advance(&mut point, (0.1, tolerance, &[1.0; 4]), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch).unwrap();
             point[5] += 0.1 * rates[5];
         }
         point
@@ -508,11 +504,13 @@ mod tests {
 
     #[test]
     fn both_methods_agree_and_the_order_of_the_fixed_one_is_four() {
-        let exact = after(20, None, 1e-4);
+        let fixed = |step: f64| after(20, Integration::Fixed { step });
+        let controlled = |tolerance: f64| after(20, Integration::ErrorControlled { tolerance, longest: 1.0 });
+        let exact = fixed(1e-4);
         let error = |point: [f64; 10]| point.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let ratio = error(after(20, None, 0.01)) / error(after(20, None, 0.005));
+        let ratio = error(fixed(0.01)) / error(fixed(0.005));
         assert!((14.0..18.0).contains(&ratio), "{ratio}");
-        let errors = [1e-4, 1e-6, 1e-10].map(|tolerance| error(after(20, Some(tolerance), 0.01)));
+        let errors = [1e-4, 1e-6, 1e-10].map(|tolerance| error(controlled(tolerance)));
         assert!(errors[0] < 1e-2 && errors[1] < 1e-4 && errors[2] < 1e-8, "{errors:?}");
         assert!(errors[0] > 1e-7, "the tolerance has an effect: {errors:?}");
     }
@@ -523,15 +521,34 @@ mod tests {
         let mut point = POINT;
         let none = [0.0; 10];
         let drive = Drive { rates: [&none, &none], clamp: None };
-        let error = evaluator.advance(&mut point, (1e9, None, &[1.0; 4]), drive, &mut scratch);
+        let error = evaluator.advance(&mut point, CommunicationStep::of(1e9), drive, &mut scratch);
         assert_eq!((error, point), (Err(StepError::TooManySteps), POINT));
-        // no rope, no mass matrix
-        point[0] = 0.0;
-        for tolerance in [None, Some(1e-6)] {
-            let before = point;
-            let error = evaluator.advance(&mut point, (0.1, tolerance, &[1.0; 4]), drive, &mut scratch);
+        let fixed = Integration::Fixed { step: 0.005 };
+        for integration in [fixed, Integration::ErrorControlled { tolerance: 1e-6, longest: 0.005 }] {
+            let evaluator = evaluator.with_integration(integration);
+            let mut advance = |mut point: [f64; 10]| {
+                let before = point;
+                let error = evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch);
+                assert_eq!(point, before);
+                error
+            };
+            // no rope, no mass matrix
+            let mut point = POINT;
+            point[0] = 0.0;
+            let error = advance(point);
             assert!(matches!(error, Err(StepError::NotFinite { .. })), "{error:?}");
-            assert_eq!(point, before);
+            // a trolley that is a thousand times farther than in its range
+            let limit = example::crane().states()[0].limit();
+            let mut point = POINT;
+            point[6] = limit - 0.1;
+            point[8] = 2.0;
+            let error = advance(point);
+            let is_far =
+                |state: usize, value: f64, after: f64| state == 0 && value > limit && after > 0.0 && after <= 0.1;
+            assert!(
+                matches!(error, Err(StepError::Implausible { state, value, after }) if is_far(state, value, after)),
+                "{error:?}"
+            );
         }
     }
 
@@ -545,7 +562,7 @@ mod tests {
             let (mut point, mut rates) = (POINT, none);
             (point[5], rates[5]) = (force, rate);
             let drive = Drive { rates: [&rates, &none], clamp: Some(&domain) };
-            evaluator.advance(&mut point, (0.1, None, &[1.0; 4]), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch).unwrap();
             [point[8], point[9]]
         };
         assert_eq!(states(10.0, 500.0), states(10.0, 0.0));

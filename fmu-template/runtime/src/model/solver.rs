@@ -1,7 +1,104 @@
 //! Integration of a model's states over a communication step.
 
-use crate::Domain;
+use super::expect_step;
+use crate::{Domain, FormatError, State};
 use std::ops::Range;
+
+/// How the states of a model are integrated over a communication step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Integration {
+    /// The method of Dormand and Prince, order 5, which estimates the error of each step.
+    ErrorControlled {
+        /// Largest error of a step, relative to each state's [`Scale`].
+        tolerance: f64,
+        /// Longest step, in seconds, which is also the first one that is tried.
+        longest: f64,
+    },
+    /// Equal steps of the classical Runge-Kutta method, order 4: the cost of a communication step is always the same.
+    Fixed {
+        /// Longest step, in seconds.
+        step: f64,
+    },
+}
+
+impl Integration {
+    /// Longest step, in seconds.
+    pub fn longest(self) -> f64 {
+        match self {
+            Self::ErrorControlled { longest, .. } => longest,
+            Self::Fixed { step } => step,
+        }
+    }
+
+    /// Tolerance of a step; none if steps are fixed.
+    pub fn tolerance(self) -> Option<f64> {
+        match self {
+            Self::ErrorControlled { tolerance, .. } => Some(tolerance),
+            Self::Fixed { .. } => None,
+        }
+    }
+
+    /// Number of equal parts, none of them longer than the longest step, of a communication step.
+    pub fn parts(self, size: f64) -> f64 {
+        // rounding of the size does not cost a step
+        (size / self.longest() * (1.0 - 1e-9)).ceil().max(1.0)
+    }
+
+    /// Makes sure that step and tolerance are positive.
+    ///
+    /// # Errors
+    /// A [`FormatError`].
+    pub(super) fn check(self) -> Result<(), FormatError> {
+        expect_step(self.longest())?;
+        match self.tolerance().filter(|tolerance| !(tolerance.is_finite() && *tolerance > 0.0)) {
+            Some(found) => Err(FormatError::Tolerance { found }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What values of a state are measured by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// What an error of a step is relative to.
+    pub nominal: f64,
+    /// Whether an error is relative to the state's magnitude as well, where that is larger: of a state without a range that is no angle.
+    pub is_relative: bool,
+    /// Magnitude beyond which no value is plausible.
+    pub limit: f64,
+}
+
+impl Scale {
+    /// That of a state; `is_angle`: whether whole turns change nothing but the state itself.
+    pub fn new(state: &State, is_angle: bool) -> Self {
+        Self { nominal: state.nominal, is_relative: state.range.is_none() && !is_angle, limit: state.limit() }
+    }
+
+    /// Error of a step of which the tolerance is a part.
+    fn of(self, value: f64) -> f64 {
+        // what rounding makes of a large value is no error of a step
+        let least = if self.is_relative { value.abs() } else { f64::EPSILON * value.abs() };
+        self.nominal.max(least)
+    }
+}
+
+/// A communication step.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CommunicationStep<'a> {
+    /// In seconds.
+    pub size: f64,
+    /// Tolerance that the host wants: that of an [error-controlled](Integration::ErrorControlled) model if it is smaller than the model's own.
+    pub tolerance: Option<f64>,
+    /// Derivatives of the states at the beginning, if they are known, with which an evaluation is saved.
+    pub derivatives: Option<&'a [f64]>,
+}
+
+impl CommunicationStep<'_> {
+    /// One of so many seconds.
+    pub fn of(size: f64) -> Self {
+        Self { size, ..Self::default() }
+    }
+}
 
 /// Why a step of the solver was not made; the states are as before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +108,20 @@ pub enum StepError {
         /// Since the beginning of the step.
         after: f64,
     },
+    /// A state is farther from zero than its [`Scale::limit`].
+    Implausible {
+        /// Position among the states.
+        state: usize,
+        /// What it is.
+        value: f64,
+        /// Since the beginning of the step, in seconds.
+        after: f64,
+    },
+    /// No step is short enough for the tolerance.
+    Underflow {
+        /// Since the beginning of the step, in seconds.
+        after: f64,
+    },
     /// More steps of the solver than [`MAX_SOLVER_STEPS`].
     TooManySteps,
 }
@@ -18,7 +129,10 @@ pub enum StepError {
 /// Steps of the solver in one communication step at most.
 pub const MAX_SOLVER_STEPS: f64 = 1e7;
 
-/// Stages of the adaptive method.
+/// Part of a communication step that no step of the solver is shorter than.
+const SHORTEST: f64 = 1e-14;
+
+/// Stages of the error-controlled method. The last one is the first of the next step.
 const STAGES: usize = 7;
 
 /// How inputs go on during a step, and what is clamped on the way.
@@ -66,6 +180,7 @@ const DORMAND_PRINCE_ERROR: [f64; 7] =
 pub(super) struct Solver {
     inputs: Range<usize>,
     states: Range<usize>,
+    scales: Vec<Scale>,
     /// The states before the step.
     before: Vec<f64>,
     /// Columns at a stage, and the rates of the states at each stage.
@@ -74,36 +189,40 @@ pub(super) struct Solver {
 }
 
 impl Solver {
-    /// For points whose last columns are the states, and those before them the inputs.
-    pub(super) fn new(columns: usize, inputs: usize, states: usize) -> Self {
+    /// For points whose last columns are the states, which have these scales, and those before them the inputs.
+    pub(super) fn new(columns: usize, inputs: usize, scales: Vec<Scale>) -> Self {
+        let states = scales.len();
         let first = columns - states;
         Self {
             inputs: first - inputs..first,
             states: first..columns,
+            scales,
             before: vec![0.0; states],
             stage: vec![0.0; columns],
             rates: vec![vec![0.0; states]; STAGES],
         }
     }
 
-    /// Integrates the states of `point` over `size` seconds: in equal steps of the classical Runge-Kutta method, none longer than
-    /// `longest`, or, with a tolerance, in steps of the method of Dormand and Prince, whose local error is at most the tolerance
-    /// relative to each state's magnitude and to `nominals`. `respond` gives the rates of the states at a point. Does not allocate.
+    /// Integrates the states of `point` over a communication step. `respond` gives the rates of the states at a point. Returns how many steps
+    /// were tried. Does not allocate.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
     pub(super) fn advance(
         &mut self,
         point: &mut [f64],
-        longest: f64,
-        (size, tolerance, nominals): (f64, Option<f64>, &[f64]),
+        integration: Integration,
+        step: CommunicationStep,
         drive: Drive,
         respond: impl FnMut(&[f64], &mut [f64]),
-    ) -> Result<(), StepError> {
+    ) -> Result<u32, StepError> {
         self.before.copy_from_slice(&point[self.states.clone()]);
-        let result = match tolerance {
-            None => self.fixed(point, (size, longest), drive, respond),
-            Some(tolerance) => self.adaptive(point, (size, longest), (tolerance, nominals), drive, respond),
+        let result = match integration.tolerance() {
+            None => self.fixed(point, integration, step.size, drive, respond),
+            Some(own) => {
+                let tolerance = step.tolerance.map_or(own, |tolerance| tolerance.min(own));
+                self.error_controlled(point, (integration, tolerance), step, drive, respond)
+            }
         };
         if result.is_err() {
             point[self.states.clone()].copy_from_slice(&self.before);
@@ -114,84 +233,126 @@ impl Solver {
     fn fixed(
         &mut self,
         point: &mut [f64],
-        (size, longest): (f64, f64),
+        integration: Integration,
+        size: f64,
         drive: Drive,
         mut respond: impl FnMut(&[f64], &mut [f64]),
-    ) -> Result<(), StepError> {
-        // rounding of the size does not cost a step
-        let steps = (size / longest * (1.0 - 1e-9)).ceil().max(1.0);
+    ) -> Result<u32, StepError> {
+        let steps = integration.parts(size);
         if steps > MAX_SOLVER_STEPS {
             return Err(StepError::TooManySteps);
         }
         let h = size / steps;
         for step in 0..steps as u32 {
             let since = f64::from(step) * h;
-            self.stages(&CLASSICAL, point, (since, h), drive, &mut respond);
+            self.begin(point);
+            self.stages(&CLASSICAL, 0, point, (since, h), drive, &mut respond);
             for (k, state) in point[self.states.clone()].iter_mut().enumerate() {
                 *state += h * weighted(CLASSICAL.result, &self.rates, k);
             }
-            expect_finite_states(&point[self.states.clone()], since + h)?;
+            self.expect_plausible(&point[self.states.clone()], since + h)?;
         }
-        Ok(())
+        Ok(steps as u32)
     }
 
-    fn adaptive(
+    fn error_controlled(
         &mut self,
         point: &mut [f64],
-        (size, longest): (f64, f64),
-        (tolerance, nominals): (f64, &[f64]),
+        (integration, tolerance): (Integration, f64),
+        CommunicationStep { size, derivatives, .. }: CommunicationStep,
         drive: Drive,
         mut respond: impl FnMut(&[f64], &mut [f64]),
-    ) -> Result<(), StepError> {
-        let (mut since, mut h) = (0.0, size.min(longest));
-        let mut steps = 0.0;
+    ) -> Result<u32, StepError> {
+        let parts = integration.parts(size);
+        if parts > MAX_SOLVER_STEPS {
+            return Err(StepError::TooManySteps);
+        }
+        let longest = size / parts;
+        let (mut since, mut h, mut steps) = (0.0, longest, 0);
+        self.begin(point);
+        match derivatives {
+            Some(known) => self.rates[0].copy_from_slice(known),
+            None => self.first_stage(point, drive, &mut respond),
+        }
         // what is left by rounding is no step
-        while size - since > 1e-14 * size {
-            steps += 1.0;
-            if steps > MAX_SOLVER_STEPS {
+        while size - since > SHORTEST * size {
+            steps += 1;
+            if f64::from(steps) > MAX_SOLVER_STEPS {
                 return Err(StepError::TooManySteps);
             }
             let rest = size - since;
             // no sliver at the end
             h = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
-            self.stages(&DORMAND_PRINCE, point, (since, h), drive, &mut respond);
-            let states = &mut point[self.states.clone()];
-            let mut error = 0.0f64;
-            for (k, state) in states.iter().enumerate() {
-                let scale = tolerance * state.abs().max(nominals[k]);
-                let found = (h * weighted(&DORMAND_PRINCE_ERROR, &self.rates, k)).abs() / scale;
-                // a maximum would leave out what is not a number
-                error = if found > error || found.is_nan() { found } else { error };
-            }
+            self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
+            let error = self.error(&point[self.states.clone()], h) / tolerance;
             if error <= 1.0 {
-                for (k, state) in states.iter_mut().enumerate() {
-                    *state += h * weighted(DORMAND_PRINCE.result, &self.rates, k);
-                }
+                // the last stage is the end of the step
+                point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
+                self.rates.swap(0, STAGES - 1);
                 since += h;
-                expect_finite_states(states, since)?;
+                self.expect_plausible(&point[self.states.clone()], since)?;
             }
             // nan: the shortest
             let factor = if error.is_nan() { 0.1 } else { (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.1, 5.0) };
-            h *= factor;
-            if h < 1e-14 * size {
-                return Err(StepError::NotFinite { after: since });
+            h = longest.min(h * factor);
+            if h < SHORTEST * size {
+                let after = since;
+                return Err(if error.is_nan() {
+                    StepError::NotFinite { after }
+                } else {
+                    StepError::Underflow { after }
+                });
+            }
+        }
+        Ok(steps)
+    }
+
+    /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
+    fn error(&self, states: &[f64], h: f64) -> f64 {
+        let mut largest = 0.0f64;
+        for ((k, state), scale) in states.iter().enumerate().zip(&self.scales) {
+            let error = (h * weighted(&DORMAND_PRINCE_ERROR, &self.rates, k)).abs() / scale.of(*state);
+            // a maximum would leave out what is not a number
+            largest = if error > largest || error.is_nan() { error } else { largest };
+        }
+        largest
+    }
+
+    fn expect_plausible(&self, states: &[f64], after: f64) -> Result<(), StepError> {
+        for ((state, &value), scale) in states.iter().enumerate().zip(&self.scales) {
+            if !value.is_finite() {
+                return Err(StepError::NotFinite { after });
+            }
+            if value.abs() > scale.limit {
+                return Err(StepError::Implausible { state, value, after });
             }
         }
         Ok(())
     }
 
-    /// Rates of the states at the stages of a step of size `h`, `since` seconds after the beginning.
+    /// Begins a step at a point: columns that are neither inputs nor states stay what they are.
+    fn begin(&mut self, point: &[f64]) {
+        self.stage.copy_from_slice(point);
+    }
+
+    /// Rates of the states at a point at the beginning of a communication step.
+    fn first_stage(&mut self, point: &[f64], drive: Drive, respond: &mut impl FnMut(&[f64], &mut [f64])) {
+        let begin = Tableau { stages: &DORMAND_PRINCE.stages[..1], ..DORMAND_PRINCE };
+        self.stages(&begin, 0, point, (0.0, 0.0), drive, respond);
+    }
+
+    /// Rates of the states at the stages, from one on, of a step of size `h`, `since` seconds after the beginning.
     fn stages(
         &mut self,
         tableau: &Tableau,
+        first: usize,
         point: &[f64],
         (since, h): (f64, f64),
         drive: Drive,
         respond: &mut impl FnMut(&[f64], &mut [f64]),
     ) {
         let Self { inputs, states, stage, rates, .. } = self;
-        stage.copy_from_slice(point);
-        for (index, (time, weights)) in tableau.stages.iter().enumerate() {
+        for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for column in inputs.clone() {
                 let value = point[column] + later * (drive.rates[0][column] + 0.5 * later * drive.rates[1][column]);
@@ -207,8 +368,4 @@ impl Solver {
 
 fn weighted(weights: &[f64], rates: &[Vec<f64>], state: usize) -> f64 {
     weights.iter().zip(rates).map(|(weight, rates)| weight * rates[state]).sum()
-}
-
-fn expect_finite_states(states: &[f64], after: f64) -> Result<(), StepError> {
-    if states.iter().all(|state| state.is_finite()) { Ok(()) } else { Err(StepError::NotFinite { after }) }
 }

@@ -19,8 +19,8 @@
 
 use super::{
     adjoint::ByDirections,
-    expect_roles, expect_step,
-    solver::{Drive, Solver, StepError},
+    expect_roles,
+    solver::{CommunicationStep, Drive, Integration, Scale, Solver, StepError},
 };
 use crate::{
     Encoder, Encoding, FormatError, Input, Map, Precision, State,
@@ -45,8 +45,8 @@ pub struct StateSpace {
     pub map: Option<Map>,
     /// What the outputs are, then what the derivatives are.
     pub results: Vec<Given>,
-    /// Largest step of the Runge-Kutta method, in seconds.
-    pub step: f64,
+    /// How the states are integrated.
+    pub integration: Integration,
 }
 
 /// What an output or a derivative is.
@@ -66,6 +66,11 @@ impl StateSpace {
 
     fn columns(&self) -> usize {
         self.width() + self.counts[2]
+    }
+
+    /// Whether whole turns of a state change nothing but it.
+    pub(super) fn is_angle(&self, state: usize) -> bool {
+        self.functions.factors().nth(self.counts[0] + self.counts[1] + state) == Some(Factor::Angle)
     }
 
     /// Column of the input that gives each state at the start, in order.
@@ -118,7 +123,7 @@ impl StateSpace {
             Some(map) => map.check(self.encoder().width(), self.functions.outputs())?,
             None => {}
         }
-        expect_step(self.step)
+        self.integration.check()
     }
 }
 
@@ -177,7 +182,7 @@ impl PreparedStateSpace {
         Self { map: space.map.as_ref().map(prepared), space: space.clone(), simd: Simd::detect() }
     }
 
-    pub(super) fn scratch(&self) -> StateSpaceScratch {
+    pub(super) fn scratch(&self, scales: &[Scale]) -> StateSpaceScratch {
         let Self { space, map, .. } = self;
         let map = map.as_ref().map(|(map, encoder)| MapWork {
             columns: vec![0.0; encoder.width()],
@@ -186,12 +191,17 @@ impl PreparedStateSpace {
             results: std::array::from_fn(|_| vec![0.0; space.functions.outputs()]),
             scratch: map.scratch(),
         });
-        let [_, inputs, states] = space.counts;
+        let [_, inputs, _] = space.counts;
         StateSpaceScratch {
             work: Work { plain: space.work(), series: space.work(), map },
             by_directions: ByDirections::new(space.columns(), space.results.len()),
-            solver: Solver::new(space.columns(), inputs, states),
+            solver: Solver::new(space.columns(), inputs, scales.to_vec()),
         }
+    }
+
+    /// Another integration of the states.
+    pub(super) fn integrate_by(&mut self, integration: Integration) {
+        self.space.integration = integration;
     }
 
     /// Number of states.
@@ -252,13 +262,13 @@ impl PreparedStateSpace {
     pub(super) fn advance(
         &self,
         point: &mut [f64],
-        method: (f64, Option<f64>, &[f64]),
+        step: CommunicationStep,
         drive: Drive,
         scratch: &mut StateSpaceScratch,
-    ) -> Result<(), StepError> {
+    ) -> Result<u32, StepError> {
         let StateSpaceScratch { work, solver, .. } = scratch;
         let derivatives = &self.space.results[self.space.results.len() - self.states()..];
-        solver.advance(point, self.space.step, method, drive, |point, rates| {
+        solver.advance(point, self.space.integration, step, drive, |point, rates| {
             self.compute(point, work);
             let values = &work.plain.values;
             rates.iter_mut().zip(derivatives).for_each(|(to, given)| *to = self.given(*given, point, values));
@@ -338,7 +348,7 @@ impl StateSpace {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Drive, Evaluator, example};
+    use crate::{CommunicationStep, Drive, Evaluator, Integration, example};
 
     /// mu, starts, force, states.
     const POINT: [f64; 6] = [1.2, 0.0, 0.0, 0.3, 0.8, -0.5];
@@ -389,16 +399,16 @@ mod tests {
 
     #[test]
     fn both_methods_reach_the_same_state() {
-        let evaluator = Evaluator::new(&example::oscillator(None));
-        let mut scratch = evaluator.scratch();
         let none = [0.0; 6];
-        let mut reach = |tolerance: Option<f64>| {
+        let reach = |integration: Integration| {
+            let evaluator = Evaluator::new(&example::integrated(&example::oscillator(None), integration));
             let mut point = POINT;
             let drive = Drive { rates: [&none, &none], clamp: None };
-            evaluator.advance(&mut point, (1.5, tolerance, &[1.0, 1.0]), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(1.5), drive, &mut evaluator.scratch()).unwrap();
             point
         };
-        let (fixed, adaptive) = (reach(None), reach(Some(1e-12)));
+        let fixed = reach(Integration::Fixed { step: 0.005 });
+        let adaptive = reach(Integration::ErrorControlled { tolerance: 1e-12, longest: 1.0 });
         assert!(
             (4..6).all(|k| (fixed[k] - adaptive[k]).abs() < 1e-9 && fixed[k] != POINT[k]),
             "{fixed:?} {adaptive:?}"

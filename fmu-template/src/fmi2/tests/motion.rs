@@ -1,7 +1,7 @@
 //! A surrogate with states: the crane of [`example::crane`].
 
 use super::*;
-use metafmu_runtime::{Drive, Evaluator};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Integration};
 
 const ROPE: u32 = 0;
 const STARTS: [u32; 4] = [1, 2, 3, 4];
@@ -43,8 +43,8 @@ fn derivatives(host: &Host) -> [f64; 4] {
 }
 
 /// States after one step of the solver, from the state of [`stepping`].
-fn advanced(force: f64, rates: [f64; 2], size: f64, tolerance: Option<f64>) -> [f64; 4] {
-    let evaluator = Evaluator::new(&example::crane());
+fn advanced(of: &Surrogate, force: f64, rates: [f64; 2], size: f64, tolerance: Option<f64>) -> [f64; 4] {
+    let evaluator = Evaluator::new(of);
     let mut point = [1.5, 0.1, 0.5, -0.2, 0.3, force, 0.1, 0.5, -0.2, 0.3];
     let of_input = rates.map(|rate| {
         let mut rates = [0.0; 10];
@@ -52,7 +52,8 @@ fn advanced(force: f64, rates: [f64; 2], size: f64, tolerance: Option<f64>) -> [
         rates
     });
     let drive = Drive { rates: [&of_input[0], &of_input[1]], clamp: None };
-    evaluator.advance(&mut point, (size, tolerance, &[1.0; 4]), drive, &mut evaluator.scratch()).unwrap();
+    let step = CommunicationStep { tolerance, ..CommunicationStep::of(size) };
+    evaluator.advance(&mut point, step, drive, &mut evaluator.scratch()).unwrap();
     std::array::from_fn(|k| point[6 + k])
 }
 
@@ -79,18 +80,43 @@ fn a_step_integrates_with_the_inputs_as_they_change() {
         |order: c_int, value: f64| unsafe { fmi2SetRealInputDerivatives(host.c, &FORCE, 1, &order, &value) };
     assert_eq!((set_rates(1, 3.0), set_rates(2, -4.0)), (Status::Ok, Status::Ok));
     assert_eq!(host.step(0.0, 0.05), Status::Ok);
-    assert_eq!(host.try_get(STATES), Ok(advanced(2.0, [3.0, -4.0], 0.05, None)));
+    assert_eq!(host.try_get(STATES), Ok(advanced(&example::crane(), 2.0, [3.0, -4.0], 0.05, None)));
     assert_eq!(host.try_get([FORCE]), Ok([2.0 + 0.05 * (3.0 - 0.5 * 0.05 * 4.0)]));
-    // a tolerance asks for the other method
-    let host = Host::of(&example::crane());
-    assert_eq!(host.set(&STARTS, &[0.1, 0.5, -0.2, 0.3]), Status::Ok);
-    assert_eq!(unsafe { fmi2SetupExperiment(host.c, 1, 1e-9, 0.0, 0, 0.0) }, Status::Ok);
-    assert_eq!((host.enter(), host.exit(), host.step(0.0, 0.5)), (Status::Ok, Status::Ok, Status::Ok));
-    assert_eq!(host.try_get(STATES), Ok(advanced(0.0, [0.0; 2], 0.5, Some(1e-9))));
+    // the host's tolerance counts where it is smaller than the model's, and where steps are not fixed
+    let own = Integration::ErrorControlled { tolerance: 1e-6, longest: 0.1 };
+    for integration in [own, Integration::Fixed { step: 0.005 }] {
+        let crane = example::integrated(&example::crane(), integration);
+        let reached = |tolerance: f64| {
+            let host = Host::of(&crane);
+            assert_eq!(host.set(&STARTS, &[0.1, 0.5, -0.2, 0.3]), Status::Ok);
+            assert_eq!(unsafe { fmi2SetupExperiment(host.c, 1, tolerance, 0.0, 0, 0.0) }, Status::Ok);
+            assert_eq!((host.enter(), host.exit(), host.step(0.0, 0.5)), (Status::Ok, Status::Ok, Status::Ok));
+            host.try_get(STATES).unwrap()
+        };
+        let [none, tight] = [None, Some(1e-9)].map(|tolerance| advanced(&crane, 0.0, [0.0; 2], 0.5, tolerance));
+        assert_eq!([reached(1e-3), reached(1e-9)], [none, tight]);
+        assert_eq!(none == tight, integration != own);
+    }
     for tolerance in [-1.0, f64::NAN] {
         let host = Host::of(&example::crane());
         assert_eq!(unsafe { fmi2SetupExperiment(host.c, 1, tolerance, 0.0, 0, 0.0) }, Status::Error);
         assert!(host.message().contains("is negative or not finite"));
+    }
+}
+
+#[test]
+fn a_state_beyond_every_plausible_value_ends_the_step_with_an_error_that_names_it() {
+    let limit = example::crane().states()[0].limit();
+    for integration in
+        [Integration::Fixed { step: 0.005 }, Integration::ErrorControlled { tolerance: 1e-6, longest: 0.1 }]
+    {
+        let host = Host::of(&example::integrated(&example::crane(), integration));
+        assert_eq!(host.set(&STARTS, &[limit - 0.1, 0.5, 2.0, 0.3]), Status::Ok);
+        assert_eq!((host.enter(), host.exit()), (Status::Ok, Status::Ok));
+        assert_eq!(host.step(0.0, 0.2), Status::Error);
+        let message = host.message();
+        assert!(message.contains("s after the beginning of the step, state `trolley.position` is "), "{message}");
+        assert!(message.contains("which is not plausible: expected the training range from "), "{message}");
     }
 }
 

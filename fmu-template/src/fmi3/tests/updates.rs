@@ -1,5 +1,6 @@
 use super::*;
 use crate::component::UpdateCallback;
+use metafmu_runtime::Integration;
 
 // value references of the crane
 const ROPE: u32 = 0;
@@ -9,6 +10,13 @@ const POSITION: u32 = 13;
 
 /// The longest step of the crane's solver.
 const STEP: f64 = 0.005;
+
+/// The crane, whose steps are fixed, or, with a tolerance, error-controlled.
+fn crane(tolerance: Option<f64>) -> Surrogate {
+    let controlled = |tolerance| Integration::ErrorControlled { tolerance, longest: STEP };
+    let integration = tolerance.map_or(Integration::Fixed { step: STEP }, controlled);
+    example::integrated(&example::crane(), integration)
+}
 
 /// What the callback was told, and what it does.
 struct Watcher {
@@ -58,7 +66,7 @@ impl Crane {
         let mut watcher =
             Box::new(Watcher { instance, told: Vec::with_capacity(999), act, x: Vec::with_capacity(999) });
         watcher.instance =
-            instantiate(&example::crane(), &mut watcher, early_return, &[X, POSITION, FORCE], Some(update));
+            instantiate(&crane(tolerance), &mut watcher, early_return, &[X, POSITION, FORCE], Some(update));
         assert!(!watcher.instance.is_null());
         let tolerance = (tolerance.is_some().into(), tolerance.unwrap_or(0.0));
         unsafe {
@@ -147,7 +155,7 @@ fn close(found: &[f64], expected: &[f64]) -> bool {
 
 /// The states after a step from one second on without a callback, of half a solver's step at a time if the force changes.
 fn alone(size: f64, tolerance: Option<f64>) -> [f64; 4] {
-    let host = Host::of(&example::crane(), Use::Steps);
+    let host = Host::of(&crane(tolerance), Use::Steps);
     let (defined, tolerance) = (tolerance.is_some().into(), tolerance.unwrap_or(0.0));
     unsafe { assert_eq!(fmi3EnterInitializationMode(host.instance, defined, tolerance, 1.0, 0, 0.0), Status::Ok) };
     assert_eq!((host.exit(), push(host.instance, 5.0), host.step(1.0, size)), (Status::Ok, Status::Ok, Status::Ok));
@@ -167,12 +175,24 @@ fn the_host_sees_the_outputs_after_each_step_of_the_solver() {
     assert!(close(&crane.states(), &alone(0.0175, None)));
     assert_eq!(crane.step(1.0175, 0.002), (Status::Ok, false, 1.0195));
     assert_eq!(crane.0.told.len(), 5);
-    // with a tolerance the solver begins anew at each of them
+    // with error control the solver begins anew at each of them
     let mut crane = Crane::new(false, Some(1e-9), nothing);
     assert_eq!(crane.step(1.0, 0.5), (Status::Ok, false, 1.5));
     assert_eq!((crane.0.told.len(), crane.0.told[7].1), (100, [1, 1, 1, 0]));
     let expected = alone(0.5, Some(1e-12));
     assert!(crane.states().iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-8));
+}
+
+#[test]
+fn a_state_beyond_every_plausible_value_discards_the_step() {
+    let far = example::crane().states()[0].limit() - 0.1;
+    for tolerance in [None, Some(1e-6)] {
+        let host = Host::of(&crane(tolerance), Use::Steps);
+        let (starts, values) = ([1, 2, 3, 4], [far, 0.5, 2.0, 0.3]);
+        unsafe { assert_eq!(fmi3SetFloat64(host.instance, starts.as_ptr(), 4, values.as_ptr(), 4), Status::Ok) };
+        assert_eq!((host.enter(1.0), host.exit(), host.step(1.0, 0.2)), (Status::Ok, Status::Ok, Status::Discard));
+        assert_eq!(states(host.instance), values, "as before");
+    }
 }
 
 #[test]

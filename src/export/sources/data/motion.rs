@@ -28,8 +28,8 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
     let networks = networks(motion);
     let width = width(networks.iter().flatten());
     let (of_law, of_forces) = (Cost::of(networks[0].as_ref(), n), Cost::of(networks[2].as_ref(), 0));
-    let sub_steps = states::sub_steps(surrogate, motion.step);
-    let stages = |count: usize| 4.0 * sub_steps * count as f64;
+    let sub_steps = states::sub_steps(surrogate, motion.integration);
+    let stages = |count: usize| states::stages(sub_steps, motion.integration) * count as f64;
     let atoms = [&law, &positions, &reactions].map(Laid::atoms).into_iter().fold(1, usize::max);
     Part {
         header: "motion.h",
@@ -46,12 +46,18 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             ("REACTION_SIZE", reactions.outputs.max(each), "number of functions of the reactions, of one at least"),
         ],
         remark: remark(
-            states::operations(sub_steps, stage(&law, n, m) + of_law.operations + of_forces.operations, 2 * n, m),
+            states::operations(
+                sub_steps,
+                motion.integration,
+                stage(&law, n, m) + of_law.operations + of_forces.operations,
+                2 * n,
+                m,
+            ),
             stages(2 * (law.angles() + of_law.angles + of_forces.angles)),
             stages(of_law.activations + of_forces.activations),
             "motion.c",
         ),
-        data: data(motion, [("law", &law), ("positions", &positions), ("reactions", &reactions)], &networks),
+        data: data(surrogate, motion, [("law", &law), ("positions", &positions), ("reactions", &reactions)], &networks),
     }
 }
 
@@ -68,8 +74,13 @@ fn reactions(motion: &Motion) -> Dictionary {
     motion.reactions.as_ref().map_or_else(none, |reactions| reactions.functions().clone())
 }
 
-fn data(motion: &Motion, dictionaries: [(&str, &Laid); 3], networks: &[Option<Term>; 3]) -> String {
-    let mut text = states::data(motion.step);
+fn data(
+    surrogate: &Surrogate,
+    motion: &Motion,
+    dictionaries: [(&str, &Laid); 3],
+    networks: &[Option<Term>; 3],
+) -> String {
+    let mut text = states::data(surrogate, motion.integration);
     dictionaries.iter().for_each(|(name, dictionary)| dictionary.write(&mut text, name));
     for (name, term) in ["law", "positions", "forces"].into_iter().zip(networks) {
         write_network(&mut text, name, term.as_ref());
@@ -122,6 +133,12 @@ mod tests {
         assert_eq!(found, stage);
         // a step of 0.01 s has two of 0.005 s, of four stages, with 30 operations for each of four states and 20 for the input
         let expected = 2 * (4 * stage + 120 + 20 + 9) + 3;
-        assert_eq!(states::operations(states::sub_steps(&crane, motion.step), stage, 4, 1), expected as f64);
+        let sub_steps = states::sub_steps(&crane, motion.integration);
+        assert_eq!(states::operations(sub_steps, motion.integration, stage, 4, 1), expected as f64);
+        // of a state: six stages with one to six weights, 2 + ... + 12 and 2 each; seven weights of the error and 4; six of the result and 2
+        let of_state = 42 + 12 + 14 + 4 + 12 + 2;
+        let expected = 2 * (6 * stage + 4 * of_state + 30 + 24) + stage + 8 + 5 + 3;
+        let controlled = metafmu_runtime::Integration::ErrorControlled { tolerance: 1e-9, longest: 0.005 };
+        assert_eq!(states::operations(sub_steps, controlled, stage, 4, 1), expected as f64);
     }
 }

@@ -32,9 +32,9 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
     let remark = if states == 0 {
         of_stage.remark("The outputs after a step take", "state_space.c has")
     } else {
-        let sub_steps = states::sub_steps(surrogate, space.step);
-        let arithmetic = states::operations(sub_steps, of_stage.arithmetic as usize, states, driven);
-        let of_step = of_stage.times(4.0 * sub_steps, Operations::default());
+        let sub_steps = states::sub_steps(surrogate, space.integration);
+        let arithmetic = states::operations(sub_steps, space.integration, of_stage.arithmetic as usize, states, driven);
+        let of_step = of_stage.times(states::stages(sub_steps, space.integration), Operations::default());
         Operations { arithmetic, ..of_step }.remark("A step of model_time_step takes", "state_space.c has")
     };
     Part {
@@ -54,7 +54,7 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
         ]
         .concat(),
         remark,
-        data: data(space, &functions, network.as_ref()) + &graph.data,
+        data: data(surrogate, space, &functions, network.as_ref()) + &graph.data,
     }
 }
 
@@ -82,8 +82,8 @@ fn network(space: &StateSpace) -> Option<Term<'_>> {
     })
 }
 
-fn data(space: &StateSpace, functions: &Laid, network: Option<&Term>) -> String {
-    let mut text = states::data(space.step);
+fn data(surrogate: &Surrogate, space: &StateSpace, functions: &Laid, network: Option<&Term>) -> String {
+    let mut text = states::data(surrogate, space.integration);
     functions.write(&mut text, "functions");
     write_network(&mut text, "functions", network);
     let given = space.results.iter().map(|given| match given {
@@ -99,6 +99,10 @@ mod tests {
     use super::*;
     use metafmu_runtime::{Model, example};
 
+    fn space_of_fixed_steps() -> metafmu_runtime::Integration {
+        metafmu_runtime::Integration::Fixed { step: 0.005 }
+    }
+
     #[test]
     fn operations_are_those_of_a_count_by_hand() {
         for (surrogate, of_network) in [
@@ -113,6 +117,6 @@ mod tests {
             assert_eq!(stage(space, &laid, &Cost::of(network.as_ref(), 0)), functions + of_network);
         }
         // two steps of four stages, two states, a force
-        assert_eq!(states::operations(2.0, 100, 2, 1), f64::from(2 * (400 + 60 + 20 + 9) + 3));
+        assert_eq!(states::operations(2.0, space_of_fixed_steps(), 100, 2, 1), f64::from(2 * (400 + 60 + 20 + 9) + 3));
     }
 }

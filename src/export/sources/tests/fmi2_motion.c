@@ -154,12 +154,12 @@ static void steps(void)
         double first[COLUMN_COUNT] = {0.0};
         double second[COLUMN_COUNT] = {0.0};
         double found[4];
-        double after;
+        Failure failure;
         static Scratch scratch;
         first[FORCE] = rates[0];
         second[FORCE] = rates[1];
-        const Step step = {0.05, i == 0 ? 0.0 : 1e-9, first, second, false};
-        check(model_advance(&scratch, expected, &step, &after) == ADVANCE_DONE, __LINE__);
+        const Step step = {0.05, i == 0 ? 0.0 : 1e-9, NULL, first, second, false};
+        check(model_advance(&scratch, expected, &step, &failure) == ADVANCE_DONE, __LINE__);
         check(set(c, force, 2.0) == STATUS_OK, __LINE__);
         check(fmi2SetRealInputDerivatives(c, forces, 2, orders, rates) == STATUS_OK, __LINE__);
         check(fmi2DoStep(c, 0.0, 0.05, 1) == STATUS_OK && get_four(c, STATES, found) == STATUS_OK, __LINE__);

@@ -63,13 +63,14 @@ static void tolerances(void)
 {
     double angles[3];
     for (int i = 0; i < 3; i++) {
-        void *instance = stepping(i > 0, i == 1 ? 1e-3 : 1e-12);
+        void *instance = stepping(i > 0, i == 1 ? 1e-3 : 1e-14);
         check(step(instance, 0.0, 0.5) == STATUS_OK, __LINE__);
         angles[i] = get(instance, STATES + 1);
         fmi3FreeInstance(instance);
     }
+    /* a tolerance can only tighten the model's own, 1e-5 */
     check(fabs(angles[0] - angles[2]) < 1e-8 && fabs(angles[0] - angles[2]) > 0.0, __LINE__);
-    check(fabs(angles[1] - angles[2]) > 1e-9 && fabs(angles[1] - angles[2]) < 1e-2, __LINE__);
+    check(!(fabs(angles[1] - angles[0]) > 0.0), __LINE__);
     void *instance = fmi3InstantiateModelExchange("crane", model_token, NULL, false, false, NULL, logger);
     check(fmi3EnterInitializationMode(instance, true, -1.0, 0.0, false, 0.0) == STATUS_ERROR, __LINE__);
     check(strstr(last_message, "tolerance -1 is negative or not finite") != NULL, __LINE__);

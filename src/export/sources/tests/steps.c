@@ -18,7 +18,7 @@ int main(void)
         double size;
         double tolerance;
         double clamp;
-        double after = 0.0;
+        Failure failure = {0.0, 0, 0.0};
         for (size_t i = 0; i < COLUMN_COUNT; i++) {
             if (scanf("%lf", &point[i]) != 1) {
                 return 1;
@@ -31,9 +31,10 @@ int main(void)
                   &second_rates[FIRST_DRIVEN]) != 5) {
             return 1;
         }
-        const Step step = {size, tolerance, rates, second_rates, clamp > 0.0};
-        const Advance result = model_advance(&scratch, point, &step, &after);
-        printf("%d %.17g", (int)result, result == ADVANCE_NOT_FINITE ? after : 0.0);
+        const Step step = {size, tolerance, NULL, rates, second_rates, clamp > 0.0};
+        const Advance result = model_advance(&scratch, point, &step, &failure);
+        const bool came = result != ADVANCE_DONE && result != ADVANCE_TOO_MANY_STEPS;
+        printf("%d %.17g", (int)result, came ? failure.after : 0.0);
         for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
             rest[i] = point[i];
             printf(" %.17g", rest[i]);

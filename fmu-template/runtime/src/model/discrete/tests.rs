@@ -1,4 +1,4 @@
-use crate::{Domain, Drive, Evaluator, Map, Model, StepError, example, graph::Step};
+use crate::{CommunicationStep, Domain, Drive, Evaluator, Map, Model, StepError, example, graph::Step};
 
 /// Mass, starts of output and force, force; then the memory.
 fn point(evaluator: &Evaluator, start: f64, force: f64) -> Vec<f64> {
@@ -52,7 +52,9 @@ fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples()
         for (k, force) in FORCES.iter().enumerate() {
             point[3] = *force;
             for part in 1..=parts {
-                evaluator.advance(&mut point, (size, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+                evaluator
+                    .advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut scratch)
+                    .unwrap();
                 // linear between samples; what the input is there does not count
                 point[3] = 100.0;
                 let share = f64::from(part) / f64::from(parts);
@@ -65,7 +67,7 @@ fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples()
     // one step over all samples with an input that is held
     let mut point = point(&evaluator, 0.4, 1.0);
     let held = super::tests::expected(0.4, &[1.0; 6]);
-    evaluator.advance(&mut point, (0.6, None, &[]), drive([&none, &none]), &mut evaluator.scratch()).unwrap();
+    evaluator.advance(&mut point, CommunicationStep::of(0.6), drive([&none, &none]), &mut evaluator.scratch()).unwrap();
     assert!((output(&evaluator, &point) - held[6]).abs() < 1e-12);
 }
 
@@ -82,7 +84,7 @@ fn inputs_follow_their_derivatives_at_samples_within_a_step_and_are_clamped() {
         point[3] = -0.2;
         let forces = [0.0, 0.1, 0.2, 0.3].map(|time| clamp.map_or(at(time), |domain| domain.clamp(3, at(time))));
         let with = Drive { rates: [&first, &second], clamp };
-        evaluator.advance(&mut point, (0.4, None, &[]), with, &mut evaluator.scratch()).unwrap();
+        evaluator.advance(&mut point, CommunicationStep::of(0.4), with, &mut evaluator.scratch()).unwrap();
         let expected = expected(0.0, &forces);
         assert!((output(&evaluator, &point) - expected[4]).abs() < 1e-12);
     }
@@ -96,7 +98,9 @@ fn steps_that_miss_samples_a_little_do_not_add_up() {
     let mut point = point(&evaluator, 0.4, 1.0);
     // ten million samples late by a tenth of a millionth each are a whole sample: a hundred are a hundred thousandth of one
     for _ in 0..100 {
-        evaluator.advance(&mut point, (0.1 * (1.0 + 1e-7), None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+        evaluator
+            .advance(&mut point, CommunicationStep::of(0.1 * (1.0 + 1e-7)), drive([&none, &none]), &mut scratch)
+            .unwrap();
     }
     let phase = *point.last().unwrap();
     assert!((phase - 1e-5).abs() < 1e-10, "{phase}");
@@ -108,7 +112,7 @@ fn derivatives_are_those_of_the_line_between_samples() {
     let none = vec![0.0; evaluator.columns()];
     let mut scratch = evaluator.scratch();
     let mut point = point(&evaluator, 0.4, 1.0);
-    evaluator.advance(&mut point, (0.125, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+    evaluator.advance(&mut point, CommunicationStep::of(0.125), drive([&none, &none]), &mut scratch).unwrap();
     let direction: Vec<f64> =
         (0..point.len()).map(|k| if k + 1 < point.len() { 1.0 + k as f64 } else { 0.0 }).collect();
     let mut along = [0.0];
@@ -132,8 +136,9 @@ fn outputs_that_diverge_are_an_error_and_the_memory_stays() {
     let none = vec![0.0; evaluator.columns()];
     let mut point = point(&evaluator, 0.4, 1.0);
     let before = point.clone();
-    let mut advance =
-        |size| evaluator.advance(&mut point, (size, None, &[]), drive([&none, &none]), &mut evaluator.scratch());
+    let mut advance = |size| {
+        evaluator.advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut evaluator.scratch())
+    };
     assert!(matches!(advance(1.0), Err(StepError::NotFinite { after }) if (after - 0.2).abs() < 1e-12));
     assert!(matches!(advance(2e6), Err(StepError::TooManySteps)));
     assert_eq!(point, before);
@@ -162,7 +167,7 @@ fn hidden_states_go_on_as_outputs_do() {
         let (gates, candidates) = (affine(0, &x), affine(2, &x));
         let new = |k: usize| candidates[k].tanh();
         s = std::array::from_fn(|k| new(k) + (s[k] - new(k)) / (1.0 + (-gates[k]).exp()));
-        evaluator.advance(&mut point, (0.1, None, &[]), drive([&none, &none]), &mut scratch).unwrap();
+        evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
         let found = output(&evaluator, &point);
         assert!((found - s[0]).abs() < 1e-13, "{found} {}", s[0]);
     }

@@ -1,0 +1,201 @@
+"""Checks surrogates with states at corners of their domain against independent integrations: ends of parameters, constant inputs, largest speeds.
+
+For each mechanism file (those of examples/dynamics/ unless given) `metafmu new NAME --mechanism FILE --structure dynamics` writes a study,
+`metafmu build` makes the FMU, and fmpy steps it in co-simulation. The truth is the mechanism itself, integrated in redundant coordinates with a
+tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equations nor the solver with the FMU.
+
+What the FMU states is the error of a start: `wanted` of the solver in training.json, and the error of the equations. The bound of an output at a
+time is what a start of the truth that is off by so much has changed in it up to there, at least so much of the output's range in training. For
+each corner the script prints the largest error over this bound while `in_domain` is true, and for how long it is. It exits with 1 if an error
+passes the bound there, or if a step inside the domain fails.
+
+Usage: .venv/bin/python scripts/check-corners.py [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
+"""
+
+import argparse
+import contextlib
+import csv
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+
+ROOT = Path(__file__).resolve().parent.parent
+METAFMU = ROOT / "target" / "release" / "metafmu"
+MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank"]
+TOLERANCE = 1e-12
+# by how much a start is off with which the sensitivity of the truth is found
+OFF = 1e-6
+
+
+def run(folder, *arguments):
+    """Runs the command, which must succeed."""
+    done = subprocess.run([METAFMU, *arguments], cwd=folder, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise SystemExit(f"metafmu {' '.join(map(str, arguments))} ended with {done.returncode}:\n{done.stderr[-2000:]}")
+
+
+def header(model):
+    """The metadata of a model file."""
+    with open(model, "rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        return json.loads(json.loads(file.read(length))["__metadata__"]["metafmu"])
+
+
+def corners(study, states, drivers, count):
+    """Some of all combinations of ends: values of parameters, of inputs, and of the states at the start."""
+    parameters = {name: (range_["min"], range_["max"]) for name, range_ in study.get("parameters", {}).items()}
+    n = len(states) // 2
+    begin = [low + 0.3 * (high - low) for low, high in (start(study["states"][state["name"]]) for state in states[:n])]
+    speeds = [[0.0] * n, *([0.8 * state["range"][end] for state in states[n:]] for end in (1, 0))]
+    inputs = [{name: value(*range_) for name, range_ in drivers.items()} for value in (min, max, lambda low, high: min(max(0.0, low), high))]
+    ends = [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
+    every = [(p, u, begin + v) for v in speeds for u in (inputs if drivers else [{}]) for p in ends]
+    return [every[index * len(every) // min(count, len(every))] for index in range(min(count, len(every)))]
+
+
+def start(options):
+    """Where the study's runs start."""
+    middle, tenth = 0.5 * (options["min"] + options["max"]), 0.1 * (options["max"] - options["min"])
+    return options.get("start", [middle - tenth, middle + tenth])
+
+
+def text_of(value):
+    """A value in TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f'"{key}" = {text_of(item)}' for key, item in value.items()) + " }"
+    return json.dumps(value)
+
+
+def truth(folder, study, mechanism, corner, times):
+    """Outputs of the mechanism itself at these times, row by row."""
+    parameters, inputs, states = corner
+    n = len(states) // 2
+    source = {"mechanism": str(mechanism), "constants": {**study["source"].get("constants", {}), **parameters}, "tolerance": TOLERANCE}
+    coordinates = {}
+    for k, (name, options) in enumerate(study["states"].items()):
+        low, high = options["min"], options["max"]
+        # runs differ, by much less than the errors that are looked for
+        begin = [states[k], states[k] + 1e-12]
+        coordinates[name] = {"min": low, "max": high, "start": begin, "velocity": [states[n + k]] * 2}
+    driven = {}
+    for name, value in inputs.items():
+        (folder / f"{name}.csv").write_text(f"time,{name}\n0,{value!r}\n{2 * times[-1]!r},{value!r}\n")
+        driven[name] = {"recording": f"{name}.csv"}
+    sections = {
+        "source": source,
+        "time": {"stop": times[-1], "step": times[1] - times[0]},
+        "states": coordinates,
+        "inputs": driven,
+        "outputs": study["outputs"],
+        "sampling": {"runs": 2, "test_runs": 1},
+    }
+    lines = ['name = "truth"', 'structure = "dynamics"']
+    for section, content in sections.items():
+        lines += [f"[{section}]", *(f'"{key}" = {text_of(value)}' for key, value in content.items())]
+    (folder / "truth.toml").write_text("\n".join(lines) + "\n")
+    run(folder, "sample", "truth.toml")
+    with open(folder / "out" / "truth" / "test.csv", newline="") as file:
+        rows = list(csv.reader(file))
+    names = [name.split(" ")[0] for name in rows[0]]
+    columns = [names.index(name) for name in study["outputs"]]
+    values = np.array([[float(row[column]) for column in columns] for row in rows[1:]])
+    assert len(values) == len(times), (len(values), len(times))
+    return values
+
+
+def stepped(fmu, description, study, corner, states, times):
+    """Outputs of the FMU, and how many rows it is in its domain."""
+    parameters, inputs, begin = corner
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    slave = FMU2Slave(
+        guid=description.guid,
+        unzipDirectory=fmu,
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="corner",
+    )
+    slave.instantiate()
+    values = {**parameters, **inputs, **{f"{state['name']}_start": value for state, value in zip(states, begin)}}
+    outputs = [references[name] for name in study["outputs"]]
+    found = []
+    with contextlib.redirect_stdout(None):
+        slave.setupExperiment(startTime=0.0)
+        slave.setReal([references[name] for name in values], list(values.values()))
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+        for now, then in zip(times, [*times[1:], None]):
+            if not slave.getBoolean([references["in_domain"]])[0]:
+                break
+            found.append(slave.getReal(outputs))
+            if then is None:
+                break
+            slave.doStep(currentCommunicationPoint=now, communicationStepSize=then - now)
+    slave.freeInstance()
+    return np.array(found).reshape(len(found), len(outputs))
+
+
+def check(mechanism, options, folder):
+    """Prints a line for each corner; returns whether all errors are below their bounds."""
+    name = mechanism.stem
+    run(folder, "new", name, "--mechanism", mechanism, "--structure", "dynamics")
+    study = tomllib.loads((folder / f"{name}.toml").read_text())
+    run(folder, "build", f"{name}.toml")
+    out = folder / "out" / name
+    training = json.loads((out / "training.json").read_text())["motion"]
+    solver, model = training["solver"], header(out / f"{name}.safetensors")
+    states = model["states"]
+    stated = solver["wanted"] + training["error"]
+    ranges = np.array([output["max"] - output["min"] for output in model["outputs"]])
+    step = study["time"]["step"] * options.every
+    times = [step * row for row in range(round((options.stop or study["time"]["stop"]) / step) + 1)]
+    drivers = {of["name"]: (of["min"], of["max"]) for of in model["inputs"] if of["role"]["causality"] == "input"}
+    how = f"tolerance {solver['tolerance']:.0e}" if solver.get("tolerance") else f"fixed steps of {solver['step']} s"
+    print(f"{name}: {how}, stated error of a start {stated:.1e}", flush=True)
+    fmu = fmpy.extract(out / f"{name}.fmu", unzipdir=folder / "unzipped" / name)
+    description = fmpy.read_model_description(fmu)
+    good = True
+    for corner in corners(study, states, drivers, options.corners):
+        found = stepped(fmu, description, study, corner, states, times)
+        # the truth is needed only for as long as the surrogate claims to be valid
+        rows = max(len(found), 2)
+        exact = truth(folder, study, mechanism, corner, times[:rows])[: len(found)]
+        parameters, inputs, begin = corner
+        moved = (parameters, inputs, [value + OFF for value in begin])
+        changed = truth(folder, study, mechanism, moved, times[:rows])[: len(found)]
+        by_start = np.maximum.accumulate(np.abs(changed - exact), axis=0) * stated / OFF
+        # the truth has an error as well
+        bound = np.maximum(by_start, stated * ranges) + 1e-10 * ranges
+        share = (np.abs(found - exact) / bound).max(initial=0.0)
+        is_good = bool(share <= 1.0)
+        good &= is_good
+        text = ", ".join(f"{name} {value:.3g}" for name, value in [*parameters.items(), *inputs.items()])
+        velocities = ", ".join(f"{value:.3g}" for value in begin[len(begin) // 2 :])
+        verdict = "" if is_good else "  PASSED ITS BOUND"
+        print(f"  {share:9.2e} of the bound, in the domain for {times[max(len(found) - 1, 0)]:.3g} of {times[-1]:.3g} s: {text}, speeds {velocities}{verdict}", flush=True)
+    return good
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("mechanisms", nargs="*", type=Path, help="mechanism files")
+    parser.add_argument("--corners", type=int, default=12, help="of each mechanism, at most")
+    parser.add_argument("--stop", type=float, help="length of the runs, in s; that of the study unless given")
+    parser.add_argument("--every", type=int, default=1, help="communication steps, in rows of the study")
+    options = parser.parse_args()
+    mechanisms = options.mechanisms or [ROOT / "examples" / "dynamics" / f"{name}.toml" for name in MECHANISMS]
+    good = True
+    for mechanism in mechanisms:
+        with tempfile.TemporaryDirectory() as folder:
+            good &= check(mechanism.resolve(), options, Path(folder))
+    sys.exit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()

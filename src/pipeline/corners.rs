@@ -1,0 +1,111 @@
+//! Runs in which an integration is hardest: ends of parameters and inputs, largest velocities.
+
+use crate::{dataset::Run, source::driven::Driven, study::Study};
+
+/// A run along which an integration is measured.
+#[derive(Clone, Debug)]
+pub(super) struct Trial {
+    /// Its outputs are not used.
+    pub run: Run,
+    /// What is special about it.
+    pub name: String,
+}
+
+/// Runs at corners at most.
+const MOST_CORNERS: usize = 48;
+/// Of more parameters than these not all combinations of ends are tried.
+const ALL_COMBINATIONS: usize = 4;
+const COMBINATIONS: usize = 16;
+
+/// Values of the inputs all along a run.
+const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at their upper ends", "inputs zero"];
+
+/// Velocities at the start of a run: as drawn, at one end of their ranges, at the other, and at alternating ones.
+const SPEEDS: usize = 4;
+
+/// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and starts as those of the
+/// training runs or at the ends of the velocities' ranges. `velocities`: of each state its range, if it is a velocity with one.
+pub(super) fn corners(study: &Study, driven: &Driven, runs: &[Run], velocities: &[Option<[f64; 2]>]) -> Vec<Trial> {
+    let Some(first) = runs.first() else { return Vec::new() };
+    let ranges: Vec<(&String, [f64; 2])> =
+        study.parameters.iter().map(|(name, range)| (name, [range.min, range.max])).collect();
+    let combinations = if ranges.len() <= ALL_COMBINATIONS { 1 << ranges.len() } else { COMBINATIONS };
+    let inputs = if driven.drivers().is_empty() { 1 } else { INPUTS.len() };
+    let moving = velocities.iter().flatten().count();
+    let speeds = match moving {
+        0 => 1,
+        1 => SPEEDS - 1,
+        _ => SPEEDS,
+    };
+    let total = combinations * inputs * speeds;
+    let count = total.min(MOST_CORNERS);
+    // every part of the whole has its share, whatever is left out
+    let index = |corner: usize| corner * total / count;
+    let corner = |corner: usize| {
+        let index = index(corner);
+        let (speed, input, combination) = (index % speeds, index / speeds % inputs, index / speeds / inputs);
+        let base = &runs[corner % runs.len()];
+        let mut names = Vec::new();
+        let mut parameters = base.parameters.clone();
+        for (column, (name, ends)) in ranges.iter().enumerate() {
+            parameters[column] = ends[usize::from(is_upper(combination, column, ranges.len()))];
+            names.push(format!("{name} = {}", parameters[column]));
+        }
+        let starts = parameters.len() - velocities.len();
+        let mut upper = speed == 1;
+        for (state, [low, high]) in velocities.iter().enumerate().filter_map(|(state, range)| Some((state, (*range)?)))
+        {
+            if speed > 0 {
+                parameters[starts + state] = if upper { high } else { low };
+            }
+            upper ^= speed == SPEEDS - 1;
+        }
+        if driven.drivers().is_empty() {
+            names.extend((names.is_empty() && speed == 0).then(|| "a start as drawn".to_owned()));
+        } else {
+            names.push(INPUTS[input].to_owned());
+        }
+        if speed > 0 {
+            names.push("starting at the largest velocities".to_owned());
+        }
+        let values = driven.drivers().iter().map(|driver| match input {
+            0 => driver.min,
+            1 => driver.max,
+            _ => 0f64.clamp(driver.min, driver.max),
+        });
+        let values: Vec<f64> = values.collect();
+        let inputs = first.times.iter().flat_map(|_| values.iter().copied()).collect();
+        let run = Run { parameters, times: first.times.clone(), inputs, outputs: Vec::new() };
+        Trial { run, name: names.join(", ") }
+    };
+    (0..count).map(corner).collect()
+}
+
+/// Whether a parameter is at its upper end in a combination: all combinations of few parameters, of many the rows of a Hadamard matrix, in
+/// which each pair of parameters has all four combinations, and each row has its opposite.
+fn is_upper(combination: usize, parameter: usize, parameters: usize) -> bool {
+    if parameters <= ALL_COMBINATIONS {
+        return combination >> parameter & 1 == 1;
+    }
+    let half = COMBINATIONS / 2;
+    let row = (combination % half) & (1 + parameter % (half - 1));
+    (row.count_ones() % 2 == 1) ^ (combination >= half)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_pair_of_up_to_seven_parameters_is_at_all_four_combinations_of_ends() {
+        for parameters in 1..=7 {
+            let combinations = if parameters <= ALL_COMBINATIONS { 1 << parameters } else { COMBINATIONS };
+            for (one, other) in (0..parameters).flat_map(|one| (0..one).map(move |other| (one, other))) {
+                let ends = (0..combinations)
+                    .map(|combination| [one, other].map(|parameter| is_upper(combination, parameter, parameters)));
+                let found: std::collections::HashSet<[bool; 2]> = ends.collect();
+                assert_eq!(found.len(), 4, "{one} and {other} of {parameters}");
+            }
+        }
+    }
+}

@@ -1,0 +1,379 @@
+//! Chooses how the solver inside the FMU integrates states, and measures its error where the integration is hardest.
+
+use super::{
+    corners::{Trial, corners},
+    project::Project,
+};
+use crate::{
+    Result,
+    dataset::{Dataset, Run},
+    evaluation::{OFF, RollOut},
+    source::driven::Driven,
+    surrogate,
+};
+use metafmu_runtime::{Domain, Evaluator, Integration, Metadata, Output, StepError, Surrogate};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// How the solver integrates, and how well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverRecord {
+    /// Largest error of a step, relative to the states' nominal values; none if all steps are equal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Longest step, in seconds.
+    pub step: f64,
+    /// Error of a start, in all states, that changes the outputs of a run as much as the solver does: the largest of all runs, up to where
+    /// they leave the domain.
+    pub error: f64,
+    /// What it was to be: a tenth of the error of the equations, within limits.
+    pub wanted: f64,
+    /// Number of training runs and of corners that it was measured in.
+    pub runs: [usize; 2],
+    /// Where it is largest.
+    pub worst: String,
+    /// Steps of the solver in a second of simulated time: median of the training runs, and the most in any run.
+    pub steps_per_second: [f64; 2],
+    /// Where they are most.
+    pub slowest: String,
+}
+
+/// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as the solver does, where the equations are
+/// exact, and at most.
+const LEAST_ERROR: f64 = 3e-8;
+const LARGEST_ERROR: f64 = 1e-5;
+/// Part of the error of the equations that the solver may add.
+const PART: f64 = 0.1;
+/// Such an error of fixed steps that is refused.
+const POOR: f64 = 1e-3;
+/// Tolerances that are tried: the first one, the last one, and the one that the others are compared with.
+const FIRST: f64 = 1e-6;
+const LAST: f64 = 1e-12;
+const REFERENCE: f64 = 1e-13;
+/// By how much a tolerance is reduced at once, at most.
+const BY_ONE_ROUND: f64 = 1e-3;
+/// Steps of the solver in a run at most; what comes later is not compared.
+const MOST_STEPS: u64 = 100_000;
+/// How often the longest step is halved, at most, for fewer steps that are repeated.
+const HALVINGS: i32 = 6;
+/// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
+const SLOWEST: f64 = 1e-3;
+/// How much farther than in the training runs velocities may go.
+const MARGIN: f64 = 1.5;
+
+impl SolverRecord {
+    /// Of equations that are so poor that no solver helps.
+    pub(super) fn unmeasured(step: f64) -> Self {
+        Self {
+            tolerance: Some(FIRST),
+            step,
+            error: f64::MAX,
+            wanted: LARGEST_ERROR,
+            runs: [0; 2],
+            worst: String::new(),
+            steps_per_second: [0.0; 2],
+            slowest: String::new(),
+        }
+    }
+
+    /// How it integrates.
+    pub(super) fn integration(&self) -> Integration {
+        let Self { tolerance, step, .. } = *self;
+        match tolerance {
+            Some(tolerance) => Integration::ErrorControlled { tolerance, longest: step },
+            None => Integration::Fixed { step },
+        }
+    }
+
+    /// How it went, as text.
+    pub(super) fn describe(&self) -> String {
+        let Self { tolerance, step, error, runs: [training, corners], worst, steps_per_second, slowest, .. } = self;
+        let how = match tolerance {
+            Some(tolerance) => format!("solver with a tolerance of {tolerance:.0e}, steps of at most {step} s"),
+            None => format!("solver with fixed steps of {step} s"),
+        };
+        if training + corners == 0 {
+            return how;
+        }
+        let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
+        format!(
+            "{how}, which is as a start off by {error:.1e} in {training} training runs and at {corners} corners of the domain (most at {worst}); \
+             {median} steps a second, at most {most} (at {slowest})"
+        )
+    }
+}
+
+/// A roll-out along a run.
+struct Path {
+    outputs: Vec<f64>,
+    /// Rows up to where a state leaves the domain, or the motion cannot be computed.
+    rows: usize,
+    steps: u64,
+    /// Simulated time, in seconds.
+    seconds: f64,
+    failure: Option<StepError>,
+}
+
+/// What solvers are compared with.
+struct Reference {
+    path: Path,
+    /// Largest change up to each row by a start that is off by [`OFF`], at least that.
+    by_start: Vec<f64>,
+}
+
+/// Ranges of velocities, of the columns `velocities` of the states: what they reach in the training runs, in either direction, and half as
+/// much more, and all that starts are drawn from.
+pub(super) fn velocity_ranges(
+    project: &Project,
+    surrogate: &Surrogate,
+    runs: &[Run],
+    velocities: std::ops::Range<usize>,
+) -> Vec<[f64; 2]> {
+    let evaluator = Evaluator::new(surrogate);
+    let first = surrogate.inputs().len();
+    let reached = runs.par_iter().map(|run| {
+        let mut roll_out = RollOut::along(surrogate, &evaluator, run);
+        let mut largest = vec![0.0f64; velocities.len()];
+        for row in 0..run.times.len() {
+            let Some((point, _)) = roll_out.at(row) else { break };
+            let values = &point[first..][velocities.clone()];
+            largest.iter_mut().zip(values).for_each(|(largest, value)| *largest = largest.max(value.abs()));
+        }
+        largest
+    });
+    let reached: Vec<Vec<f64>> = reached.collect();
+    let options = project.study.states.values();
+    let range = |(k, state): (usize, &crate::study::StateOptions)| {
+        let largest = reached.iter().map(|largest| MARGIN * largest[k]).fold(SLOWEST, f64::max);
+        let [min, max] = state.velocity_range.unwrap_or([-largest, largest]);
+        let [low, high] = state.velocity.unwrap_or([min, max]);
+        [min.min(low), max.max(high)]
+    };
+    options.enumerate().map(range).collect()
+}
+
+/// The surrogate with the integration that the study wants: fixed steps, or the largest tolerance whose error, in the training runs and at
+/// the corners, is below a tenth of what the equations are off by. `assemble` makes the surrogate with an integration; `velocities`: of each
+/// state its range, if it is a velocity with one.
+pub(super) fn choose(
+    project: &Project,
+    dataset: &Dataset,
+    (driven, velocities): (&Driven, &[Option<[f64; 2]>]),
+    of_equations: f64,
+    assemble: impl Fn(Integration) -> Result<Surrogate>,
+) -> Result<(Surrogate, SolverRecord)> {
+    let study = &project.study;
+    let wanted = (PART * of_equations).clamp(LEAST_ERROR, LARGEST_ERROR);
+    let largest = study.time.step;
+    let reference = assemble(Integration::ErrorControlled { tolerance: REFERENCE, longest: largest })?;
+    let training = dataset.runs.iter().enumerate();
+    let training = training.map(|(index, run)| Trial { run: run.clone(), name: format!("training run {index}") });
+    let mut trials: Vec<Trial> = training.collect();
+    trials.extend(corners(study, driven, &dataset.runs, velocities));
+    let measure = Measure::new(&reference, trials, dataset.runs.len());
+    let record = match study.dynamics.solver_step {
+        Some(step) => {
+            let record = measure.record(Integration::Fixed { step }, wanted);
+            if let Some(message) = measure.problem_of_steps(step, &record) {
+                return Err(study.refusal("dynamics.solver_step", message));
+            }
+            record
+        }
+        None => measure.record(measure.chosen(largest, wanted), wanted),
+    };
+    let model = reference.model().clone().with_integration(record.integration());
+    let metadata = Metadata { solver_error: Some(record.error), ..reference.metadata().clone() };
+    let surrogate = Surrogate::new(metadata, model);
+    let surrogate = surrogate::seal(surrogate.map_err(|source| crate::Error::Surrogate { source })?)?;
+    Ok((surrogate, record))
+}
+
+/// Compares integrations.
+struct Measure<'a> {
+    surrogate: &'a Surrogate,
+    evaluator: Evaluator,
+    domain: Domain,
+    trials: Vec<Trial>,
+    /// Number of those that are training runs, which come first.
+    training: usize,
+    references: Vec<Reference>,
+}
+
+impl<'a> Measure<'a> {
+    fn new(surrogate: &'a Surrogate, trials: Vec<Trial>, training: usize) -> Self {
+        let mut measure = Self {
+            surrogate,
+            evaluator: Evaluator::new(surrogate),
+            domain: Domain::of(surrogate.metadata()),
+            trials,
+            training,
+            references: Vec::new(),
+        };
+        let reference = |trial: &Trial| {
+            let along = || RollOut::along(surrogate, &measure.evaluator, &trial.run);
+            let path = measure.follow(along(), &trial.run, trial.run.times.len());
+            let off = measure.follow(along().off(), &trial.run, path.rows);
+            let mut largest = OFF;
+            let changes = changes(surrogate, &path.outputs, &off.outputs).into_iter();
+            let by_start = changes.map(|change| {
+                largest = if change.is_finite() { largest.max(change) } else { largest };
+                largest
+            });
+            Reference { by_start: by_start.collect(), path }
+        };
+        measure.references = measure.trials.par_iter().map(reference).collect();
+        measure
+    }
+
+    /// Follows a run up to a row, or to where it leaves the domain.
+    fn follow(&self, mut roll_out: RollOut, run: &Run, rows: usize) -> Path {
+        let (first, width) = (self.surrogate.inputs().len(), self.surrogate.outputs().len());
+        let (mut outputs, mut found) = (vec![f64::NAN; rows * width], 0);
+        for row in 0..rows {
+            if roll_out.steps() > MOST_STEPS {
+                break;
+            }
+            let Some((point, results)) = roll_out.at(row) else { break };
+            if !(first..point.len()).all(|column| self.domain.contains(column, point[column])) {
+                break;
+            }
+            outputs[row * width..][..width].copy_from_slice(&results[..width]);
+            found = row + 1;
+        }
+        let seconds = found.checked_sub(1).map_or(0.0, |row| run.times[row] - run.times[0]);
+        Path { outputs, rows: found, steps: roll_out.steps(), seconds, failure: roll_out.failure() }
+    }
+
+    /// All runs with an integration, up to where those they are compared with end.
+    fn paths(&self, integration: Integration, trials: usize) -> Vec<Path> {
+        let evaluator = self.evaluator.with_integration(integration);
+        let pairs = self.trials[..trials].par_iter().zip(&self.references);
+        pairs
+            .map(|(trial, reference)| {
+                let along = RollOut::along(self.surrogate, &evaluator, &trial.run);
+                self.follow(along, &trial.run, reference.path.rows)
+            })
+            .collect()
+    }
+
+    /// The error of a start that changes the outputs of a run as much as this integration does: the largest, over the rows, of their change
+    /// over the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges.
+    fn error(&self, trial: usize, path: &Path) -> f64 {
+        let Reference { path: reference, by_start } = &self.references[trial];
+        let width = self.surrogate.outputs().len();
+        let rows = reference.rows.saturating_sub(1).min(path.rows);
+        // a path that leaves the domain one row earlier is compared up to there
+        if path.rows + 1 < reference.rows && path.failure.is_some() {
+            return f64::INFINITY;
+        }
+        let changes = changes(self.surrogate, &reference.outputs[..rows * width], &path.outputs[..rows * width]);
+        let errors = changes.iter().zip(by_start).map(|(change, by_start)| OFF * change / by_start);
+        // a maximum would leave out what is not a number
+        errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
+    }
+
+    fn errors(&self, paths: &[Path]) -> Vec<f64> {
+        paths.par_iter().enumerate().map(|(trial, path)| self.error(trial, path)).collect()
+    }
+
+    /// The largest tolerance that is good enough, and the longest step with which the training runs take the fewest evaluations.
+    fn chosen(&self, largest: f64, wanted: f64) -> Integration {
+        let mut tolerance = FIRST;
+        loop {
+            let paths = self.paths(Integration::ErrorControlled { tolerance, longest: largest }, self.trials.len());
+            let error = self.errors(&paths).into_iter().fold(0.0, f64::max);
+            if error <= wanted || tolerance <= LAST {
+                break;
+            }
+            // the error is about proportional to it
+            tolerance = rounded((tolerance * (wanted / error).max(BY_ONE_ROUND)).min(0.5 * tolerance)).max(LAST);
+        }
+        let evaluations = |longest: f64| -> u64 {
+            let paths = self.paths(Integration::ErrorControlled { tolerance, longest }, self.training);
+            paths.iter().map(|path| 6 * path.steps + path.rows as u64).sum()
+        };
+        let longest = (0..=HALVINGS).map(|halvings| largest * 0.5f64.powi(halvings));
+        let longest =
+            longest.map(|longest| (evaluations(longest), longest)).min_by_key(|(evaluations, _)| *evaluations);
+        Integration::ErrorControlled { tolerance, longest: longest.map_or(largest, |(_, longest)| longest) }
+    }
+
+    fn record(&self, integration: Integration, wanted: f64) -> SolverRecord {
+        let paths = self.paths(integration, self.trials.len());
+        let errors = self.errors(&paths);
+        let rates: Vec<f64> = paths.iter().map(|path| path.steps as f64 / path.seconds).collect();
+        let name_of = |values: &[f64]| {
+            let finite = values.iter().enumerate().filter(|(_, value)| !value.is_nan());
+            let most = finite.max_by(|a, b| a.1.total_cmp(b.1)).map(|(trial, value)| (*value, trial));
+            most.map_or((0.0, String::new()), |(value, trial)| (value, self.trials[trial].name.clone()))
+        };
+        let mut of_training: Vec<f64> =
+            rates[..self.training].iter().copied().filter(|rate| rate.is_finite()).collect();
+        of_training.sort_by(f64::total_cmp);
+        let median = of_training.get(of_training.len() / 2).copied().unwrap_or(0.0);
+        // a run that leaves the domain at once says nothing
+        let rates: Vec<f64> = rates.into_iter().map(|rate| if rate.is_finite() { rate } else { f64::NAN }).collect();
+        let ((error, worst), (most, slowest)) = (name_of(&errors), name_of(&rates));
+        SolverRecord {
+            tolerance: integration.tolerance(),
+            step: integration.longest(),
+            error: error.min(f64::MAX),
+            wanted,
+            runs: [self.training, self.trials.len() - self.training],
+            worst,
+            steps_per_second: [median, most],
+            slowest,
+        }
+    }
+
+    /// What is wrong with fixed steps.
+    fn problem_of_steps(&self, step: f64, record: &SolverRecord) -> Option<String> {
+        if record.error <= POOR {
+            return None;
+        }
+        let paths = self.paths(Integration::Fixed { step }, self.trials.len());
+        let trial = self.trials.iter().position(|trial| trial.name == record.worst)?;
+        let why = match paths[trial].failure {
+            Some(StepError::Implausible { state, value, after: _ }) => {
+                format!("is unstable: {} comes to {value:.1e}", self.surrogate.states()[state].name)
+            }
+            Some(_) => "is unstable".into(),
+            None => format!("is as a start off by {:.1e}, expected at most {POOR}", record.error),
+        };
+        Some(format!(
+            "{step} s {why}, in a run with {}; take a shorter step, or leave it out for error control",
+            record.worst
+        ))
+    }
+}
+
+/// A tolerance of one or three in the first digit that is not larger.
+fn rounded(tolerance: f64) -> f64 {
+    let exponent = (tolerance * (1.0 + 1e-9)).log10().floor();
+    let parsed = |digit: u8| format!("{digit}e{exponent}").parse().unwrap_or(tolerance);
+    let three: f64 = parsed(3);
+    if three <= tolerance * (1.0 + 1e-9) { three } else { parsed(1) }
+}
+
+/// Largest difference of any output at each row, relative to its range; infinite if it is not a number.
+fn changes(surrogate: &Surrogate, one: &[f64], other: &[f64]) -> Vec<f64> {
+    let range = |output: &Output| (output.max - output.min).max(f64::MIN_POSITIVE);
+    let ranges: Vec<f64> = surrogate.outputs().iter().map(range).collect();
+    let at_row = |(one, other): (&[f64], &[f64])| {
+        let changes = one.iter().zip(other).zip(&ranges).map(|((one, other), range)| (one - other).abs() / range);
+        changes.fold(0.0, |largest, change| if change.is_nan() { f64::INFINITY } else { change.max(largest) })
+    };
+    one.chunks(ranges.len()).zip(other.chunks(ranges.len())).map(at_row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tolerances_are_rounded_down_to_one_or_three() {
+        for (tolerance, expected) in [(1e-6, 1e-6), (2.9e-8, 1e-8), (3e-8, 3e-8), (9.9e-10, 3e-10), (1e-12, 1e-12)] {
+            assert_eq!(rounded(tolerance), expected);
+        }
+    }
+}
