@@ -62,12 +62,12 @@ pub struct Partition {
 }
 
 impl Formulation {
-    /// The model's formulation, from a state on the constraints.
+    /// A formulation, from a state on the constraints.
     ///
     /// # Errors
     /// Names the constraint that is singular there.
-    pub fn new(model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
-        Ok(match model.formulation {
+    pub fn new(kind: FormulationKind, model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+        Ok(match kind {
             FormulationKind::Augmented => Self::Augmented,
             FormulationKind::Embedding => Self::Embedding(Partition::new(model, t, q)?),
         })
@@ -213,11 +213,11 @@ impl Partition {
             return Err(model.constraints.name_singular(t, &transposed));
         }
         let mut scaled = transposed.transpose();
-        // lengths in lever arms: the pivots do not depend on the unit
-        let lever_arm = model.constraints.lever_arm(&transposed);
+        // lengths in parts of the mechanism's size: the pivots do not depend on the unit
+        let length = model.length(&transposed);
         for (constraint, mut row) in model.constraints.0.iter().zip(scaled.row_iter_mut()) {
             if !constraint.coordinate.is_angle() {
-                row.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= lever_arm);
+                row.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= length);
             }
         }
         let mut order = DMatrix::from_fn(1, n, |_, column| column);

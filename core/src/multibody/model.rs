@@ -232,6 +232,14 @@ impl Model {
         let svd = rows.svd(false, true);
         let free = svd.v_t.iter().flat_map(|v_t| v_t.row_iter()).zip(&svd.singular_values);
         let free = free.filter(|(_, value)| **value < 1e-9);
+    /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
+    /// Lever arms alone vanish where a body passes the pivot that it turns about.
+    pub fn length(&self, transposed: &DMatrix<f64>) -> f64 {
+        let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
+        let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
+        self.constraints.lever_arm(transposed).max(longest)
+    }
+
         let mut found: Vec<usize> = free.map(|(motion, _)| motion.transpose().iamax()).collect();
         found.sort_unstable();
         found.dedup();

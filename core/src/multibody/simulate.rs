@@ -54,7 +54,7 @@ pub fn simulate_from(
     if model.degrees_of_freedom() == 0 {
         return kinematics::follow(model, times, q, budget);
     }
-    let formulation = Formulation::new(model, start, &q)?;
+    let formulation = Formulation::new(model.formulation, model, start, &q)?;
     let mut samples = vec![sample(model, &formulation, start, q, v)?];
     // signals with kinks have them at the rows: beginning anew there is faster than finding them
     let has_kinks = model.inputs.iter().any(|input| input.signal.has_knots());
@@ -62,11 +62,19 @@ pub fn simulate_from(
     while samples.len() < times.len() {
         let from = &samples[samples.len() - 1];
         let ahead = &times[samples.len() - 1..];
-        let next = match stretch(model, from, &ahead[..rows.min(ahead.len())], budget) {
+        let ahead = &ahead[..rows.min(ahead.len())];
+        let next = match stretch(model.formulation, model, from, ahead, budget) {
             Ok(next) => next,
-            // with other independent coordinates on the way it may succeed
+            // with other independent coordinates on the way it may succeed, and else with all coordinates
             Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
-                vec![bridge(model, from, times[samples.len()], 5, budget)?]
+                match bridge(model, from, ahead[1], 5, budget) {
+                    Ok(sample) => vec![sample],
+                    Err(message) if budget.is_over() => return Err(message),
+                    Err(message) => {
+                        let all = stretch(FormulationKind::Augmented, model, from, &ahead[..2], budget);
+                        all.map_err(|_| message)?
+                    }
+                }
             }
             Err(message) => return Err(message),
         };
@@ -77,7 +85,7 @@ pub fn simulate_from(
 
 /// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
 fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
-    match stretch(model, from, &[from.t, t], budget) {
+    match stretch(model.formulation, model, from, &[from.t, t], budget) {
         Ok(mut samples) => Ok(samples.swap_remove(0)),
         Err(message) if halvings == 0 || budget.is_over() => Err(message),
         Err(_) => {
@@ -88,8 +96,14 @@ fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) 
 }
 
 /// The samples after one, as far as a formulation's choices last; at least one.
-fn stretch(model: &Model, from: &Sample, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
-    let formulation = Formulation::new(model, from.t, &from.q)?;
+fn stretch(
+    kind: FormulationKind,
+    model: &Model,
+    from: &Sample,
+    times: &[f64],
+    budget: &Budget,
+) -> Result<Vec<Sample>, String> {
+    let formulation = Formulation::new(kind, model, from.t, &from.q)?;
     let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
     let stretch = Stretch { model, formulation, guess, budget, undefined };
     let states = stretch.integrate(from, times)?;

@@ -110,6 +110,19 @@ const BEAD: &str = r#"
     outputs.r = { measure = "slide.position" }
     outputs.v = { measure = "slide.velocity" }
 "#;
+/// A bead that a spring pulls through the pivot of the arm that it slides on.
+const BEAD_THROUGH_PIVOT: &str = r#"
+    bodies.arm = { mass = 1, inertia = 0.08, points = { o = [0, 0] } }
+    bodies.bead = { mass = 0.2, inertia = 1e-4, position = [0.1, 0], points = { c = [0, 0] } }
+    joints.pivot = { type = "revolute", between = ["ground", "arm.o"] }
+    joints.wire = { type = "prismatic", between = ["arm.o", "bead.c"], axis = [1, 0] }
+    springs.k = { coordinate = "wire.position", stiffness = 20 }
+    parameters.speed = { default = 3 }
+    parameters.r0 = { default = 0.1 }
+    initial.arm = { angle = 0, angular_velocity = "speed" }
+    initial.wire = { position = "r0", velocity = 0 }
+    outputs.r = { measure = "wire.position" }
+"#;
 const FREE_CRANK: &str = r#"
     parameters.omega = { default = 100 }
     bodies.crank = { mass = 1, inertia = 0.01, position = [0.05, 0], points = { left = [-0.05, 0], right = [0.05, 0] } }
@@ -394,6 +407,20 @@ fn rockers_of_driven_four_bar_linkages_are_the_closed_form_whatever_the_rows() {
                     assert!((found - psi).abs() < 1e-12, "{omega} {t}: {found} {psi}");
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn a_bead_passes_the_pivot_of_its_arm_with_independent_coordinates_only() {
+    let times = grid(2.0, 40);
+    let [augmented, embedding] = both_formulations(BEAD_THROUGH_PIVOT);
+    for (speed, r0) in [(3.0, 0.1), (0.0, 0.1), (-8.0, 0.3), (0.5, 1e-3), (3.0, 1e-9)] {
+        let set = [("speed", speed), ("r0", r0)];
+        let [(_, expected), (_, found)] = [&augmented, &embedding].map(|mechanism| run(mechanism, &set, &times));
+        for (expected, found) in expected.iter().zip(&found) {
+            let error = (&expected.q - &found.q).amax().max((&expected.v - &found.v).amax());
+            assert!(error < 1e-8, "{error:e} at {} s with {set:?}", expected.t);
         }
     }
 }
