@@ -138,9 +138,11 @@ pub fn assemble_discrete(
     let before = &dataset.parameters[study.parameters.len()..];
     let (of_outputs, of_inputs) = before.split_at(widths[1]);
     for (column, (of, output)) in of_outputs.iter().zip(&metadata.outputs).enumerate() {
-        let first = dataset.runs.iter().map(|run| run.outputs[column]);
-        let mean = first.sum::<f64>() / dataset.runs.len().max(1) as f64;
-        metadata.inputs.push(variable(of, Role::Start, (output.min, output.max), mean));
+        // a state that occurred: means over several runs are none
+        let start = dataset.runs.first().map_or(0.0, |run| run.outputs[column]);
+        let description = format!("{}; unless set, that of the first training run", of.description);
+        let of = Variable::new(&of.name, &of.unit, &description);
+        metadata.inputs.push(variable(&of, Role::Start, (output.min, output.max), start));
     }
     // of a single past sample the inputs before the start do not count
     let past_starts = if let Model::Discrete(discrete) = &model { discrete.past_starts() } else { 0 };
