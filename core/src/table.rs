@@ -7,6 +7,7 @@
 mod csv;
 mod parquet;
 pub mod runs;
+pub mod stamps;
 pub mod writer;
 
 use crate::{
@@ -182,6 +183,11 @@ impl Table {
     /// A mistake in the row, or at the end of the table.
     pub fn mistake(&self, message: &str) -> Error {
         wrong(&self.path, self.place(), message.into())
+    }
+
+    /// A mistake in another row.
+    pub fn mistake_at(&self, place: Place, message: &str) -> Error {
+        wrong(&self.path, place, message.into())
     }
 
     /// A mistake in the header.

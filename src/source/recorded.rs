@@ -47,6 +47,7 @@ pub struct Recorded {
     /// Each parameter's range or values in the study.
     options: Vec<ParameterOptions>,
     stop: f64,
+    step: f64,
     /// Of runs with inputs, the time between two rows, and how many of them before the start a run has unless it has none.
     samples: Option<(f64, usize)>,
     test_runs: usize,
@@ -120,6 +121,7 @@ impl Recorded {
             outputs: Vec::new(),
             options: study.parameters.values().cloned().collect(),
             stop: study.time.stop,
+            step: study.time.step,
             samples: study.is_discrete().then(|| (study.time.step, study.discrete.longest())),
             test_runs: study.sampling.test_runs,
             calibration_runs: study.calibration_runs(),

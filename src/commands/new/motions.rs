@@ -2,7 +2,7 @@
 
 use super::{
     Target, key, quoted,
-    table::{Column, Survey, survey},
+    table::{Column, Survey, shortest, survey},
 };
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{Result, dynamics::trajectory::differences, table::Table};
@@ -60,7 +60,8 @@ pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
     } else {
         format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
     };
-    let (stop, rows) = (runs.stop, (runs.stop / runs.step).round().max(1.0));
+    let (stop, step) = (runs.step * (runs.stop / runs.step).round().max(1.0), runs.step);
+    let stop = shortest(stop);
     let (name, file) = (target.name, target.path_from(file));
     let mut text = format!(
         "# Made by `metafmu new {name} --table {file} --structure dynamics`; build it with `metafmu build {name}.toml`.
@@ -81,7 +82,7 @@ step = {:?}                 # s
 ",
         quoted(&file),
         runs.count,
-        stop / rows,
+        step,
     );
     // writing to a string does not fail
     for (column, rate) in &states {

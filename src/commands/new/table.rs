@@ -2,7 +2,10 @@
 
 use super::{DISCRETE, Target, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
-use metafmu::{Result, table::Table};
+use metafmu::{
+    Result,
+    table::{Table, stamps},
+};
 use metafmu_runtime::BuiltIn;
 use std::{collections::HashSet, fmt::Write, path::Path};
 
@@ -56,9 +59,11 @@ pub(super) struct Runs {
     pub(super) count: usize,
     label: String,
     last_time: f64,
-    /// End of the shortest run, and the first step of the first run.
+    /// End of the shortest run, and the time between two rows of the first run.
     pub(super) stop: f64,
     pub(super) step: f64,
+    /// Times of the first run's rows.
+    times: Vec<f64>,
 }
 
 /// What a table has, its time and its label of runs by their names there.
@@ -213,8 +218,8 @@ fn read(
         if begins && runs.count > 0 {
             runs.stop = runs.stop.min(runs.last_time);
         }
-        if !begins && runs.step == 0.0 {
-            runs.step = now - runs.last_time;
+        if runs.count + usize::from(begins) == 1 {
+            runs.times.push(now);
         }
         for (column, &position) in columns.iter_mut().zip(positions) {
             column.see(table, position, begins, runs.count)?;
@@ -222,6 +227,12 @@ fn read(
         (runs.count, runs.label, runs.last_time) = (runs.count + usize::from(begins), name, now);
     }
     runs.stop = runs.stop.min(runs.last_time);
+    // rows that are not equally far apart are where they are
+    let first = runs.times.get(1).map_or(0.0, |second| second - runs.times[0]);
+    runs.step = stamps::period(&runs.times).unwrap_or_else(|| {
+        let steps = (runs.stop / first).round().max(1.0);
+        shortest(runs.stop / steps)
+    });
     let expected = "expected runs that begin at 0 s and have more than one row";
     if !(runs.stop > 0.0 && runs.step > 0.0) {
         return Err(table.mistake(&format!("{} runs, the shortest ends at {} s: {expected}", runs.count, runs.stop)));
@@ -277,8 +288,16 @@ fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'
     Roles { time, label, varied, inputs: Vec::new(), outputs, others }
 }
 
+/// Runs into which a record of so many rows is cut: enough to train, to choose and to test with.
+fn pieces(rows: f64) -> f64 {
+    const FEWEST: f64 = 4.0;
+    const MOST: f64 = 10.0;
+    const LONG: f64 = 150.0;
+    if rows < 10.0 * FEWEST { 1.0 } else { (rows / LONG).floor().clamp(FEWEST, MOST) }
+}
+
 /// The number with the fewest digits that is this one, but for rounding: 0.05 instead of 19.95 / 399.
-fn shortest(number: f64) -> f64 {
+pub(super) fn shortest(number: f64) -> f64 {
     let rounded = |digits: usize| format!("{number:.digits$e}").parse().unwrap_or(number);
     (0..16).map(rounded).find(|other: &f64| (other - number).abs() <= 1e-12 * number.abs()).unwrap_or(number)
 }
@@ -297,8 +316,20 @@ fn text(target: &Target, file: &Path, runs: &Runs, roles: &Roles) -> String {
     } else {
         format!("columns = {{ {} }}    # names in the table\n", names.join(", "))
     };
-    let step = shortest(runs.stop / (runs.stop / runs.step).round().max(1.0));
     let is_discrete = !inputs.is_empty();
+    let rows = (runs.stop / runs.step).round().max(1.0);
+    let pieces = if is_discrete && runs.count == 1 { pieces(rows) } else { 1.0 };
+    let (step, stop) = match is_discrete {
+        true => (runs.step, shortest(runs.step * (rows / pieces).floor())),
+        false => (shortest(runs.stop / rows), runs.stop),
+    };
+    let cut = match pieces {
+        1.0 => "runs begin at 0 and are cut off at `stop`, where the shortest ends".into(),
+        _ => format!("the run is cut into {pieces} of this length, each with the samples before it"),
+    };
+    let count = if runs.count == 1 { "1 run".into() } else { format!("{} runs", runs.count) };
+    // of a single run that is cut
+    let run_count = runs.count.max(pieces as usize);
     let (structure, option) = match is_discrete {
         true => (
             "structure = \"discrete\"      # goes on from sample to sample, driven by the inputs\n",
@@ -317,15 +348,13 @@ name = \"{name}\"    # names the outputs and the FMU
 {structure}seed = 1                    # everything random follows from it
 
 [source]
-table = {}    # {} runs; relative to this file
+table = {}    # {count}; relative to this file
 {columns}
-[time]                      # runs begin at 0 and are cut off at `stop`, where the shortest ends
-stop = {:?}                  # s
+[time]                      # {cut}
+stop = {stop:?}                  # s
 step = {step:?}                 # s; {steps}
 ",
         quoted(&file),
-        runs.count,
-        runs.stop,
     );
     let unit = |unit: &str| if unit.is_empty() { String::new() } else { format!("unit = {}", quoted(unit)) };
     if !varied.is_empty() {
@@ -352,7 +381,7 @@ step = {step:?}                 # s; {steps}
             let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
         }
     }
-    let test_runs = (runs.count / 10).max(1);
+    let test_runs = if pieces > 1.0 { run_count / 5 } else { run_count / 10 }.max(1);
     let _ = write!(
         text,
         "\n[sampling]\ntest_runs = {test_runs}              # chosen at random, never part of training\n\n"
@@ -360,7 +389,7 @@ step = {step:?}                 # s; {steps}
     if is_discrete {
         return text + DISCRETE;
     }
-    text + &rest(runs.count - test_runs.min(runs.count), runs.stop / step)
+    text + &rest(run_count - test_runs.min(run_count), stop / step)
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use crate::{
     table::{
         Table,
         runs::{Labels, check_time, named},
+        stamps::{self, Unit},
     },
 };
 use std::{
@@ -19,7 +20,7 @@ use std::{
     },
 };
 
-/// Part of a sample time by which a row may miss its time.
+/// Part of a sample time by which a row may miss its time, unless the stamps are rounded.
 const SAME_TIME: f64 = 1e-6;
 
 /// Rows on their way into runs.
@@ -33,6 +34,8 @@ pub(super) struct Runs<'a> {
     points: HashMap<Vec<u64>, Place>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
+    /// Of the stamps so far.
+    unit: Unit,
 }
 
 /// The run that is being read.
@@ -46,15 +49,23 @@ pub(super) struct Current {
     before: usize,
     /// Time of the last row, those past the end included.
     last: Option<f64>,
+    /// Where the rows of a motion are in the table.
+    places: Vec<Place>,
 }
-
-/// Part of the time between two rows of a motion by which it may differ from that of the run's first two.
-const UNIFORM: f64 = 1e-6;
 
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
         let (labels, points) = (Labels::default(), HashMap::new());
-        Self { recorded, stop, finished: Vec::new(), current: None, labels, points, shared_times: Arc::new([]) }
+        Self {
+            recorded,
+            stop,
+            finished: Vec::new(),
+            current: None,
+            labels,
+            points,
+            shared_times: Arc::new([]),
+            unit: Unit::default(),
+        }
     }
 
     /// Begins a run at the row of a table.
@@ -74,8 +85,8 @@ impl<'a> Runs<'a> {
             return Err(table.mistake(&message));
         }
         let times = Vec::with_capacity(self.shared_times.len());
-        let (inputs, outputs) = (Vec::new(), Vec::new());
-        self.current = Some(Current { label, parameters, times, inputs, outputs, before: 0, last: None });
+        let (inputs, outputs, places) = (Vec::new(), Vec::new(), Vec::new());
+        self.current = Some(Current { label, parameters, times, inputs, outputs, before: 0, last: None, places });
         Ok(())
     }
 
@@ -84,6 +95,8 @@ impl<'a> Runs<'a> {
         let t = table.number(time)?;
         let Some(current) = &mut self.current else { return Ok(()) };
         let stop = self.recorded.stop;
+        self.unit.see(t);
+        let rounding = self.unit.tolerance(self.recorded.step, 0.0).max(1e-9 * stop);
         match current.last {
             None if t < 0.0 && self.recorded.samples.is_some() => {
                 let (step, least) = self.recorded.samples.unwrap_or_default();
@@ -100,16 +113,9 @@ impl<'a> Runs<'a> {
             None => {}
             Some(last) => check_time(table, &current.label, last, t)?,
         }
-        if self.recorded.is_motion
-            && let ([first, second, ..], Some(last)) = (current.times.as_slice(), current.last)
-            && ((t - last) - (second - first)).abs() > UNIFORM * (second - first)
-        {
-            let expected = format!("expected {} s: rows are to be equally far apart in time", last + second - first);
-            return Err(table.mistake(&format!("time {t} s after {last} s in {}, {expected}", named(&current.label))));
-        }
         current.last = Some(t);
         // a single run is cut into several
-        let is_within = t <= stop * (1.0 + 1e-9) || self.recorded.samples.is_some() && self.finished.is_empty();
+        let is_within = t <= stop + rounding || self.recorded.samples.is_some() && self.finished.is_empty();
         let inputs = self.recorded.inputs.len();
         for (index, &column) in values.iter().enumerate() {
             let value = table.number(column)?;
@@ -128,32 +134,39 @@ impl<'a> Runs<'a> {
             let mut time = t.clamp(0.0, stop);
             if let Some((step, _)) = self.recorded.samples {
                 let expected = step * (current.times.len() as f64 - current.before as f64);
-                if (t - expected).abs() > SAME_TIME * step {
+                if (t - expected).abs() > self.unit.tolerance(step, SAME_TIME) {
                     let message = format!("time {t} s, expected {expected} s: rows are {step} s apart (time.step)");
                     return Err(table.mistake(&message));
                 }
                 time = expected;
             }
             current.times.push(time);
+            if self.recorded.is_motion {
+                current.places.push(table.place());
+            }
         }
         Ok(())
     }
 
     /// Ends the run before the row of a table, or at its end.
     pub(super) fn finish(&mut self, table: &Table) -> Result<()> {
-        let Some(Current { label, mut parameters, times, inputs, outputs, last, .. }) = self.current.take() else {
+        let Some(Current { label, mut parameters, mut times, inputs, outputs, last, places, .. }) = self.current.take()
+        else {
             return Ok(());
         };
         let stop = self.recorded.stop;
         let run = named(&label);
         match last {
             None => return Err(table.mistake(&format!("{run} has no rows"))),
-            Some(last) if last < stop * (1.0 - 1e-9) => {
+            Some(last) if last < stop - self.unit.tolerance(self.recorded.step, 0.0).max(1e-9 * stop) => {
                 let here = table.place().unit();
                 let expected = format!("expected {stop} s, the study's `time.stop`");
                 return Err(table.mistake(&format!("{run} ends before this {here} at {last} s, {expected}")));
             }
             _ => {}
+        }
+        if self.recorded.is_motion {
+            even_out(table, &run, &mut times, &places)?;
         }
         if *self.shared_times != *times {
             self.shared_times = times.into();
@@ -188,4 +201,22 @@ impl<'a> Runs<'a> {
         let cut: Vec<Run> = (0..pieces).map(piece).collect();
         self.finished.splice(..1, cut);
     }
+}
+
+/// Makes the times of a motion's rows those of rows that are equally far apart, which they are but for rounding.
+fn even_out(table: &Table, run: &str, times: &mut [f64], places: &[Place]) -> Result<()> {
+    if times.len() < 3 {
+        return Ok(());
+    }
+    if let Some(step) = stamps::period(times) {
+        times.iter_mut().enumerate().for_each(|(row, time)| *time = step * row as f64);
+        return Ok(());
+    }
+    // stamps that drift have no single row
+    let (row, expected) = stamps::uneven(times).unwrap_or((times.len() - 1, f64::NAN));
+    let (time, before) = (times[row], times[row - 1]);
+    let expected = if expected.is_nan() { String::new() } else { format!("expected {expected} s: ") };
+    let message =
+        format!("time {time} s after {before} s in {run}, {expected}rows are to be equally far apart in time");
+    Err(table.mistake_at(places[row].clone(), &message))
 }

@@ -1,0 +1,125 @@
+//! Time stamps that a recorder has rounded: to milliseconds, say.
+
+/// Most decimals of a stamp that was rounded; with more of them a number is taken as it is.
+const MOST_DECIMALS: i32 = 9;
+
+/// Share of the time between two rows by which a row is never off, however coarse the stamps are.
+const NEAREST: f64 = 0.49;
+
+/// The unit of the last decimal of stamps.
+#[derive(Clone, Copy, Debug)]
+pub struct Unit(f64);
+
+impl Default for Unit {
+    fn default() -> Self {
+        Self(f64::INFINITY)
+    }
+}
+
+impl Unit {
+    /// The unit of some stamps, in seconds.
+    pub fn of(stamps: &[f64]) -> Self {
+        let mut unit = Self::default();
+        stamps.iter().for_each(|stamp| unit.see(*stamp));
+        unit
+    }
+
+    /// Takes a further stamp: the unit is that of the one with the most decimals.
+    pub fn see(&mut self, stamp: f64) {
+        let is_multiple = |decimals: &i32| {
+            let power = 10f64.powi(*decimals);
+            (stamp * power).round() / power == stamp
+        };
+        let unit = (0..=MOST_DECIMALS).find(is_multiple).map_or(0.0, |decimals| 10f64.powi(-decimals));
+        self.0 = self.0.min(unit);
+    }
+
+    /// By how much a stamp may be off in rows that are `step` apart: half a unit, or the share `exact` of the step.
+    pub fn tolerance(self, step: f64, exact: f64) -> f64 {
+        (0.5 * self.0 * (1.0 + 1e-6)).min(NEAREST * step).max(exact * step)
+    }
+}
+
+/// The time between two rows, in seconds, if the stamps are those of rows that are equally far apart, but for rounding: that of least
+/// squares over all rows, or the number with the fewest digits that gives the same stamps.
+pub fn period(stamps: &[f64]) -> Option<f64> {
+    let count = stamps.len();
+    let &[first, _, ..] = stamps else { return None };
+    let middle = 0.5 * (count - 1) as f64;
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (row, stamp) in stamps.iter().enumerate() {
+        let from_middle = row as f64 - middle;
+        sum += from_middle * (stamp - first);
+        squares += from_middle * from_middle;
+    }
+    let slope = sum / squares;
+    if !(slope.is_finite() && slope > 0.0) {
+        return None;
+    }
+    let unit = Unit::of(stamps);
+    let fits = |period: f64, exact: f64| {
+        let tolerance = unit.tolerance(period, exact);
+        stamps.iter().enumerate().all(|(row, stamp)| (stamp - first - period * row as f64).abs() <= tolerance)
+    };
+    let rounded = (0..16).map(|digits: usize| format!("{slope:.digits$e}").parse().unwrap_or(slope));
+    rounded.into_iter().find(|period: &f64| fits(*period, 1e-9)).or_else(|| fits(slope, 1e-6).then_some(slope))
+}
+
+/// The first row that is not where the rows before it lead to, and where that is, in seconds: no period gives the stamps up to one of the
+/// next two rows.
+pub fn uneven(stamps: &[f64]) -> Option<(usize, f64)> {
+    let (&first, &last) = (stamps.first()?, stamps.last()?);
+    let tolerance = Unit::of(stamps).tolerance((last - first) / (stamps.len() - 1).max(1) as f64, 1e-6);
+    // periods that give the stamps so far
+    let (mut least, mut most) = (0.0, f64::INFINITY);
+    let mut middles = vec![f64::NAN];
+    for (row, stamp) in stamps.iter().enumerate().skip(1) {
+        let [low, high] = [-tolerance, tolerance].map(|off| (stamp - first + off) / row as f64);
+        if low > most || high < least {
+            let expected = |row: usize| first + middles[row - 1] * row as f64;
+            let is_off = |row: &usize| (stamps[*row] - expected(*row)).abs() > tolerance;
+            let found = (row.saturating_sub(2).max(2)..row).find(is_off).unwrap_or(row);
+            return Some((found, (expected(found) * 1e9).round() / 1e9));
+        }
+        (least, most) = (least.max(low), most.min(high));
+        middles.push(0.5 * (least + most));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rounded(step: f64, decimals: i32, rows: usize) -> Vec<f64> {
+        let power = 10f64.powi(decimals);
+        (0..rows).map(|row| (step * row as f64 * power).round() / power).collect()
+    }
+
+    #[test]
+    fn the_period_of_rounded_stamps_is_that_of_the_recorder() {
+        // the silver box is sampled with 10 MHz / 2^14
+        for (step, decimals) in [(0.001_638_4, 3), (0.001_638_4, 6), (1.0 / 610.35, 6), (0.05, 2), (1.0 / 3.0, 3)] {
+            let found = period(&rounded(step, decimals, 20_000)).unwrap();
+            assert!((found - step).abs() < 1e-7 * step, "{step} {decimals}: {found}");
+        }
+        assert_eq!(period(&rounded(0.001_638_4, 6, 131_072)), Some(0.001_638_4));
+        assert_eq!(period(&[0.0, 0.1, 0.2, 0.3]), Some(0.1));
+        assert_eq!(period(&[0.0, 0.1, 0.25, 0.3]), None);
+        assert_eq!(period(&[0.0]), None);
+    }
+
+    #[test]
+    fn a_row_that_is_missing_is_found() {
+        let mut stamps = rounded(0.001_638_4, 6, 1000);
+        assert!(uneven(&stamps).is_none());
+        stamps.remove(700);
+        assert_eq!(period(&stamps), None);
+        let (row, expected) = uneven(&stamps).unwrap();
+        assert!(row == 700 && (expected - 700.0 * 0.001_638_4).abs() < 2e-6, "{row} {expected}");
+        let mut stamps = rounded(0.1, 1, 100);
+        stamps[50] = 5.01;
+        let (row, expected) = uneven(&stamps).unwrap();
+        assert!(row == 50 && (expected - 5.0).abs() < 1e-9, "{row} {expected}");
+    }
+}
