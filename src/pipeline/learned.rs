@@ -3,7 +3,7 @@
 use super::{
     per_instant::without_constants,
     project::Project,
-    train::{Follower, at_least_one_epoch},
+    train::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
 };
 use crate::{
     Error, Result,
@@ -151,8 +151,13 @@ fn scaling_of(examples: &Examples) -> Scaling {
     Scaling { input_mean, input_scale, output_mean, output_scale }
 }
 
-/// Trains a network as the study says, on examples that are seen; the best epoch is that of those that are not.
-pub(super) fn train(project: &Project, seen: &Examples, unseen: &Examples) -> Result<(ScaledNetwork, Outcome)> {
+/// Trains a network as the study says, on examples that are seen; the best epoch is that of those that are not. Continues from its
+/// checkpoint, if there is one.
+pub(super) fn train(
+    project: &Project,
+    [seen, unseen]: [&Examples; 2],
+    checkpoints: &Checkpoints,
+) -> Result<(ScaledNetwork, Outcome)> {
     let study = &project.study;
     let scaling = scaling_of(seen);
     let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
@@ -170,9 +175,14 @@ pub(super) fn train(project: &Project, seen: &Examples, unseen: &Examples) -> Re
     };
     let (training_rows, validation_rows) = (rows(seen)?, rows(unseen)?);
     let network = Network::new(inputs, outputs, &study.network, study.seed)?;
-    let mut follower = Follower::new(project, training_rows.len()).without_checkpoints();
-    let options = &study.training;
-    let outcome = training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?;
+    let (path, kept) = checkpoints.next()?;
+    let mut follower = Follower::new(project, training_rows.len()).with_checkpoint(path.clone());
+    let (options, seed, rows) = (&study.training, study.seed, [&training_rows, &validation_rows]);
+    let outcome = match kept {
+        None => training::train(network, rows[0], rows[1], options, seed, &mut follower)?,
+        Some(bytes) => training::resume(&bytes, network, rows[0], rows[1], options, seed, &mut follower)
+            .map_err(|error| unusable_checkpoint(path, error))?,
+    };
     let outcome = at_least_one_epoch(project, outcome)?;
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     project.control().stop.store(false, Ordering::Relaxed);

@@ -5,7 +5,7 @@ use super::{
     motion_networks::{Learned, learn},
     project::Project,
     solver::{self, SolverRecord},
-    train::{Trained, TrainingRecord},
+    train::{Checkpoints, Trained, TrainingRecord},
 };
 use crate::{
     Result,
@@ -139,7 +139,7 @@ impl MotionRecord {
 const ROUGH: f64 = 1e-8;
 
 /// Learns the equations of motion, and chooses how the solver integrates them.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
+pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations of motion"));
@@ -149,7 +149,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     };
     let region = driven.region().ok_or_else(|| study.refusal("source", "expected a mechanism"))?;
     let began = Instant::now();
-    let learned = learn(project, dataset, (mechanism, driven, region))?;
+    let learned = learn(project, dataset, (mechanism, driven, region), checkpoints)?;
     for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.dynamics.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }

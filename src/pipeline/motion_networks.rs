@@ -7,6 +7,7 @@ use super::{
     },
     observer::{Event, Work},
     project::Project,
+    train::Checkpoints,
 };
 use crate::{
     Error, Result,
@@ -69,6 +70,7 @@ pub(super) fn learn(
     project: &Project,
     dataset: &Dataset,
     (mechanism, driven, region): (&Mechanism, &Driven, &Region),
+    checkpoints: &Checkpoints,
 ) -> Result<Learned> {
     let study = &project.study;
     let began = Instant::now();
@@ -101,7 +103,7 @@ pub(super) fn learn(
         fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
     }
     let equations = Equations::new(mechanism, &region).map_err(refuse)?;
-    let asked = Asked::new(project, &equations)?;
+    let asked = Asked::new(project, &equations, checkpoints)?;
     let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
     let forces = fitted.has_other_forces.then(|| asked.forces(&mut last)).transpose()?;
     let (forces, force_error) = forces.unzip();
@@ -154,6 +156,7 @@ pub(super) fn learn(
 /// The equations at sampled states, and the trainings so far.
 struct Asked<'a> {
     project: &'a Project<'a>,
+    checkpoints: &'a Checkpoints<'a>,
     equations: &'a Equations<'a>,
     factors: Vec<Factor>,
     seen: OfEquations,
@@ -174,7 +177,7 @@ struct Last {
 }
 
 impl<'a> Asked<'a> {
-    fn new(project: &'a Project<'a>, equations: &'a Equations<'a>) -> Result<Self> {
+    fn new(project: &'a Project<'a>, equations: &'a Equations<'a>, checkpoints: &'a Checkpoints<'a>) -> Result<Self> {
         let study = &project.study;
         let refuse = |message: String| study.refusal("states", message);
         let (count, seed) = (learned::states(study), study.seed ^ 0x4e45_5457);
@@ -186,6 +189,7 @@ impl<'a> Asked<'a> {
         project.event(Event::End);
         Ok(Self {
             project,
+            checkpoints,
             equations,
             factors: equations.factors(),
             scales: equations.scales(&all.samples),
@@ -377,7 +381,7 @@ impl<'a> Asked<'a> {
         [seen, unseen]: [&Examples; 2],
         last: &mut Last,
     ) -> Result<NetworkTerm> {
-        let (network, outcome) = learned::train(self.project, seen, unseen)?;
+        let (network, outcome) = learned::train(self.project, [seen, unseen], self.checkpoints)?;
         *last = Last { history: outcome.history, best_epoch: outcome.best_epoch, stopped: outcome.reason };
         NetworkTerm::new(columns, outputs, network).map_err(invalid)
     }

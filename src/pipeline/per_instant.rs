@@ -21,7 +21,7 @@ use metafmu_runtime::{Model, ScaledNetwork};
 use std::{
     ops::ControlFlow,
     sync::atomic::{AtomicUsize, Ordering},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 /// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
@@ -233,7 +233,7 @@ impl<'a> Finished<'a> {
         values.resize(2 + 4 * self.epochs, f64::NAN);
         values.extend(network.parameters().iter().copied().map(f64::from));
         if self.journal.get(&[instant as f64]).is_none() {
-            self.journal.keep(&[instant as f64], &values)?;
+            self.journal.keep(&[instant as f64], &values, Duration::MAX)?;
         }
         Ok(())
     }

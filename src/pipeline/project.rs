@@ -222,6 +222,25 @@ impl<'a> Project<'a> {
         self.folder.join("checkpoint.safetensors")
     }
 
+    /// The same of a training that is one of several, counted from 1.
+    pub(super) fn checkpoint_of(&self, number: usize) -> PathBuf {
+        self.folder.join(format!("checkpoint-{number}.safetensors"))
+    }
+
+    /// Whether a training is under way or was stopped.
+    pub(super) fn is_unfinished(&self) -> bool {
+        [self.checkpoint(), self.checkpoint_of(1), self.unfinished_networks()].iter().any(|path| path.exists())
+    }
+
+    /// Removes what a training continues from.
+    pub(super) fn remove_checkpoints(&self) -> Result<()> {
+        files::remove(&self.checkpoint())?;
+        let count = (1..).take_while(|number| self.checkpoint_of(*number).exists()).count();
+        // the first one shows that there are others
+        (1..=count).rev().try_for_each(|number| files::remove(&self.checkpoint_of(number)))?;
+        files::remove(&self.unfinished_networks())
+    }
+
     /// Networks of a training that is under way or was stopped, where there is one for each instant.
     pub(super) fn unfinished_networks(&self) -> PathBuf {
         self.folder.join("unfinished-networks.bin")

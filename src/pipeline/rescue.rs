@@ -36,8 +36,7 @@ pub fn write(project: &Project, write: impl Fn(&Project) -> Result<()>) -> Resul
             done => return done,
         }
     }
-    let unfinished = project.checkpoint().exists() || project.unfinished_networks().exists();
-    let left = if unfinished { ": --resume continues from the last checkpoint" } else { "" };
+    let left = if project.is_unfinished() { ": --resume continues from the last checkpoint" } else { "" };
     Err(beside(error, &format!("the trained network is lost{left}")))
 }
 

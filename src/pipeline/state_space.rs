@@ -5,7 +5,7 @@ use super::{
     observer::{Event, Work},
     project::Project,
     solver::{self, SolverRecord},
-    train::{Trained, TrainingRecord},
+    train::{Checkpoints, Trained, TrainingRecord},
 };
 use crate::{
     Result,
@@ -81,7 +81,7 @@ impl StateSpaceRecord {
 }
 
 /// Asks the FMU for its equations, learns them, chooses how the solver integrates them.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
+pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
@@ -93,7 +93,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let space = Space::new(project, driven);
     let samples = space.ask(project, fmu)?;
     let (given, samples) = recognise(samples, &space.counts);
-    let mut learned = space.learn(project, &samples)?;
+    let mut learned = space.learn(project, &samples, checkpoints)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
     let (Candidate { name, error, .. }, dictionary, network) = learned.candidates.swap_remove(best);
     let ranges: Vec<Option<[f64; 2]>> = (study.states.iter().enumerate())
@@ -200,7 +200,7 @@ impl Space {
         Ok(Samples { points, labels })
     }
 
-    fn learn(&self, project: &Project, samples: &Samples) -> Result<Learned> {
+    fn learn(&self, project: &Project, samples: &Samples, checkpoints: &Checkpoints) -> Result<Learned> {
         let study = &project.study;
         let held_out = held_out(samples.points.len());
         let part = |range: std::ops::Range<usize>| Samples {
@@ -235,7 +235,7 @@ impl Space {
                 // what the highest order leaves over oscillates, and no network learns that
                 let base = if name == NETWORK { nothing.clone() } else { fit(true)?.dictionary };
                 let began = Instant::now();
-                let trained = self.train(project, &base, [&seen, &unseen]);
+                let trained = self.train((project, checkpoints), &base, [&seen, &unseen]);
                 let has_earlier = !learned.history.is_empty();
                 let Some((network, outcome)) = learned::unless_interrupted(project, trained, has_earlier)? else {
                     learned.stopped = StopReason::Interrupted;
@@ -254,7 +254,7 @@ impl Space {
     /// A network for what a dictionary leaves over.
     fn train(
         &self,
-        project: &Project,
+        (project, checkpoints): (&Project, &Checkpoints),
         base: &Dictionary,
         [seen, unseen]: [&Samples; 2],
     ) -> Result<(ScaledNetwork, Outcome)> {
@@ -263,7 +263,7 @@ impl Space {
             outputs: residuals(base, samples),
             tangents: None,
         });
-        learned::train(project, &seen, &unseen)
+        learned::train(project, [&seen, &unseen], checkpoints)
     }
 
     fn encoder(&self) -> Encoder {

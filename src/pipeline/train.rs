@@ -29,7 +29,8 @@ use serde::{Deserialize, Serialize};
 use std::{
     fmt,
     ops::ControlFlow,
-    sync::atomic::Ordering,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicUsize, Ordering},
     time::{Duration, Instant},
 };
 
@@ -160,9 +161,11 @@ pub(super) fn once(
     }
     let study = &project.study;
     let Trained { surrogate, history, record } = match study.structure {
-        StudyStructure::Dynamics if study.source.fmu.is_some() => state_space::train(project, dataset)?,
+        StudyStructure::Dynamics if study.source.fmu.is_some() => {
+            state_space::train(project, dataset, &Checkpoints::new(project, resume)?)?
+        }
         StudyStructure::Dynamics if study.source.is_recorded() => trajectories::train(project, dataset)?,
-        StudyStructure::Dynamics => motion::train(project, dataset)?,
+        StudyStructure::Dynamics => motion::train(project, dataset, &Checkpoints::new(project, resume)?)?,
         StudyStructure::Discrete => discrete::train(project, dataset)?,
         StudyStructure::Response => match study.network.structure {
             Structure::Full => train(project, dataset, added, start, resume)?,
@@ -181,8 +184,7 @@ pub(super) fn once(
         files::write_json(&project.training_record(), &record)
     })?;
     if !record.was_interrupted() {
-        files::remove(&project.checkpoint())?;
-        files::remove(&project.unfinished_networks())?;
+        project.remove_checkpoints()?;
     }
     Ok((surrogate, record))
 }
@@ -209,12 +211,12 @@ fn train(
     let outcome = match load_checkpoint(project, resume)? {
         None => {
             // of any earlier training: this one starts from scratch
-            files::remove(&project.checkpoint())?;
+            project.remove_checkpoints()?;
             training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?
         }
         Some(bytes) => {
             training::resume(&bytes, network, &training_rows, &validation_rows, options, study.seed, &mut follower)
-                .map_err(|error| unusable_checkpoint(project, error))?
+                .map_err(|error| unusable_checkpoint(project.checkpoint(), error))?
         }
     };
     let outcome = at_least_one_epoch(project, outcome)?;
@@ -270,8 +272,7 @@ pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, s
 
 /// The surrogate of a training of this study that came to its end.
 pub(super) fn finished(project: &Project) -> Result<Option<(Surrogate, TrainingRecord)>> {
-    let unfinished = project.checkpoint().exists() || project.unfinished_networks().exists();
-    if unfinished || !project.training_record().exists() {
+    if project.is_unfinished() || !project.training_record().exists() {
         return Ok(None);
     }
     let Ok(surrogate) = project.load_model() else { return Ok(None) };
@@ -295,13 +296,42 @@ fn load_checkpoint(project: &Project, resume: bool) -> Result<Option<Vec<u8>>> {
     std::fs::read(&path).map(Some).map_err(Error::io(&path, "read"))
 }
 
-fn unusable_checkpoint(project: &Project, error: TrainingError) -> Error {
+pub(super) fn unusable_checkpoint(path: PathBuf, error: TrainingError) -> Error {
     match error {
         TrainingError::Checkpoint { problem } => {
             let message = format!("{problem}: train without --resume to start from scratch");
-            Error::Stale { path: project.checkpoint(), message }
+            Error::Stale { path, message }
         }
         other => other.into(),
+    }
+}
+
+/// Where the trainings of several networks, one after the other, continue from: a checkpoint each, also of those that have come to their end.
+pub(super) struct Checkpoints<'a> {
+    project: &'a Project<'a>,
+    resume: bool,
+    /// Trainings so far.
+    count: AtomicUsize,
+}
+
+impl<'a> Checkpoints<'a> {
+    /// Those of a training that is resumed, or of one that starts from scratch.
+    pub(super) fn new(project: &'a Project<'a>, resume: bool) -> Result<Self> {
+        if !resume {
+            project.remove_checkpoints()?;
+        }
+        Ok(Self { project, resume, count: AtomicUsize::new(0) })
+    }
+
+    /// The file of the next training, and its content if that is resumed.
+    pub(super) fn next(&self) -> Result<(PathBuf, Option<Vec<u8>>)> {
+        let path = self.project.checkpoint_of(self.count.fetch_add(1, Ordering::Relaxed) + 1);
+        let bytes = if self.resume && path.exists() {
+            Some(std::fs::read(&path).map_err(Error::io(&path, "read"))?)
+        } else {
+            None
+        };
+        Ok((path, bytes))
     }
 }
 
@@ -316,7 +346,8 @@ pub(super) struct Follower<'a> {
     began: Option<(f64, Instant)>,
     /// When the last checkpoint was complete, and how long it took.
     written: Option<(Instant, Duration)>,
-    keeps_checkpoints: bool,
+    /// Where checkpoints go, if they are kept, and whether that is also one of the last epoch.
+    checkpoints: Option<(PathBuf, bool)>,
 }
 
 impl<'a> Follower<'a> {
@@ -334,13 +365,18 @@ impl<'a> Follower<'a> {
             history: Vec::new(),
             began: None,
             written: None,
-            keeps_checkpoints: true,
+            checkpoints: Some((project.checkpoint(), false)),
         }
     }
 
     /// For a network that is one of several.
     pub(super) fn without_checkpoints(self) -> Self {
-        Self { keeps_checkpoints: false, ..self }
+        Self { checkpoints: None, ..self }
+    }
+
+    /// For a network that is one of several, and whose checkpoints go to a file of its own.
+    pub(super) fn with_checkpoint(self, path: PathBuf) -> Self {
+        Self { checkpoints: Some((path, true)), ..self }
     }
 
     fn speed(&mut self, done: f64) -> Speed {
@@ -350,12 +386,15 @@ impl<'a> Follower<'a> {
 
     fn write_checkpoint(
         &mut self,
+        path: &Path,
         make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>,
     ) -> Result<()> {
         let began = Instant::now();
         let bytes = make()?;
-        files::write_whole(&self.project.checkpoint(), &bytes)?;
-        write_history(&self.project.history(), &self.history)?;
+        files::write_whole(path, &bytes)?;
+        if path == self.project.checkpoint() {
+            write_history(&self.project.history(), &self.history)?;
+        }
         self.written = Some((Instant::now(), began.elapsed()));
         Ok(())
     }
@@ -388,12 +427,13 @@ impl Observer for Follower<'_> {
     }
 
     fn checkpoint(&mut self, epoch: usize, make: &mut dyn FnMut() -> std::result::Result<Vec<u8>, TrainingError>) {
+        let Some((path, keeps_last)) = self.checkpoints.clone() else { return };
         let due = self.written.is_none_or(|(at, took)| at.elapsed().mul_f64(CHECKPOINT_SHARE) >= took);
-        if !self.keeps_checkpoints || !due || epoch == self.epochs {
+        if if epoch == self.epochs { !keeps_last } else { !due } {
             return;
         }
         // a full disk must not cost the training
-        if let Err(error) = self.write_checkpoint(make) {
+        if let Err(error) = self.write_checkpoint(&path, make) {
             self.project.warn(format_args!("no checkpoint: {error}"));
         }
     }

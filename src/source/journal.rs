@@ -1,8 +1,8 @@
 //! Runs of a sampling that is not finished: after a crash, a kill or Ctrl-C the next sampling of the study continues from them.
 //!
-//! One file, appended to by a single write for each run: 32 bytes that name study and version, then records of one size:
-//! parameters, outputs, and 8 bytes of their SHA-256, numbers as little-endian doubles. What a dying process left of a last
-//! record is cut off. Runs that are repeated faster than they are read back are not kept.
+//! One file, appended to by a single write for each run, or for all that ended within some milliseconds if they are short: 32 bytes that name
+//! study and version, then records of one size: parameters, outputs, and 8 bytes of their SHA-256, numbers as little-endian doubles. What a
+//! dying process left of a last record is cut off.
 
 use crate::{
     Error, Result,
@@ -16,11 +16,11 @@ use std::{
     io::{Read, Write},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
-/// Runs that take less time are not worth a record.
-pub const WORTH_KEEPING: Duration = Duration::from_millis(10);
+/// A run that takes longer is written at once; shorter ones wait until so much time has passed.
+const INTERVAL: Duration = Duration::from_millis(10);
 
 const CHECKSUM: usize = 8;
 
@@ -31,8 +31,18 @@ pub struct Journal {
     header: [u8; 32],
     /// Outputs of the runs of earlier attempts, by the bits of their parameters.
     finished: HashMap<Vec<u64>, Vec<f64>>,
+    kept: Mutex<Kept>,
+}
+
+/// Runs of this attempt.
+#[derive(Debug)]
+struct Kept {
     /// There is none until a run is kept.
-    file: Mutex<Option<File>>,
+    file: Option<File>,
+    /// Records that are not written yet.
+    waiting: Vec<u8>,
+    /// When the last ones were.
+    written: Instant,
 }
 
 impl Journal {
@@ -43,7 +53,8 @@ impl Journal {
     pub fn open(path: &Path, study_digest: &str, parameters: usize, outputs: usize) -> Result<Self> {
         let name = format!("metafmu {} {study_digest} {parameters} {outputs}", env!("CARGO_PKG_VERSION"));
         let header = Sha256::digest(name).into();
-        let mut journal = Self { path: path.to_owned(), header, finished: HashMap::new(), file: Mutex::new(None) };
+        let kept = Kept { file: None, waiting: Vec::new(), written: Instant::now() };
+        let mut journal = Self { path: path.to_owned(), header, finished: HashMap::new(), kept: Mutex::new(kept) };
         if !path.exists() {
             return Ok(journal);
         }
@@ -67,7 +78,7 @@ impl Journal {
         if length == 0 {
             file.write_all(&journal.header).map_err(Error::io(path, "write"))?;
         }
-        journal.file = Mutex::new(Some(file));
+        journal.kept.get_mut().unwrap_or_else(PoisonError::into_inner).file = Some(file);
         Ok(journal)
     }
 
@@ -86,16 +97,25 @@ impl Journal {
         self.finished.get(&bits(parameters)).map(Vec::as_slice)
     }
 
-    /// Keeps a run.
+    /// Keeps a run that took so long.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn keep(&self, parameters: &[f64], outputs: &[f64]) -> Result<()> {
+    pub fn keep(&self, parameters: &[f64], outputs: &[f64], took: Duration) -> Result<()> {
         let mut record: Vec<u8> = parameters.iter().chain(outputs).flat_map(|value| value.to_le_bytes()).collect();
         let checksum = Sha256::digest(&record);
         record.extend_from_slice(&checksum[..CHECKSUM]);
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let file = match &mut *file {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.waiting.append(&mut record);
+        if took > INTERVAL || kept.written.elapsed() > INTERVAL { self.write(&mut kept) } else { Ok(()) }
+    }
+
+    /// Writes the records that wait.
+    fn write(&self, kept: &mut Kept) -> Result<()> {
+        if kept.waiting.is_empty() {
+            return Ok(());
+        }
+        let file = match &mut kept.file {
             Some(file) => file,
             none => {
                 let mut new = self.lock_file()?;
@@ -103,12 +123,16 @@ impl Journal {
                 none.insert(new)
             }
         };
+        let records = &kept.waiting;
         let write = |file: &mut File| {
             let length = file.metadata()?.len();
             // nothing after an incomplete record could be read: a full disk may have room again for the next one
-            file.write_all(&record).inspect_err(|_| drop(file.set_len(length)))
+            file.write_all(records).inspect_err(|_| drop(file.set_len(length)))
         };
-        write(file).map_err(Error::io(&self.path, "write"))?;
+        let done = write(file).map_err(Error::io(&self.path, "write"));
+        kept.waiting.clear();
+        kept.written = Instant::now();
+        done?;
         reach(Moment::Appended, &self.path);
         Ok(())
     }
@@ -118,8 +142,10 @@ impl Journal {
     /// # Errors
     /// [`Error::Io`].
     pub fn remove(self) -> Result<()> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.waiting.clear();
         // closed before it goes
-        drop(self.file);
+        kept.file = None;
         files::remove(&self.path)
     }
 
@@ -134,6 +160,15 @@ impl Journal {
         });
         lock.map_err(Error::io(&self.path, "write"))?;
         Ok(file)
+    }
+}
+
+impl Drop for Journal {
+    /// Writes what waits: a sampling that Ctrl-C ends loses nothing that is finished.
+    fn drop(&mut self) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        // nothing is lost but time
+        let _ = self.write(&mut kept);
     }
 }
 
@@ -158,8 +193,10 @@ mod tests {
         let open = |digest: &str| Journal::open(&path, digest, 2, 3).unwrap();
         let first = open("study");
         assert!(first.is_empty() && !path.exists());
-        first.keep(&[1.0, -0.0], &[0.1, f64::MIN_POSITIVE, 1e300]).unwrap();
-        first.keep(&[2.0, 0.0], &[4.0, 5.0, 6.0]).unwrap();
+        first.keep(&[1.0, -0.0], &[0.1, f64::MIN_POSITIVE, 1e300], Duration::MAX).unwrap();
+        assert!(path.exists(), "a long run is written at once");
+        // a short one waits for others, or for the end
+        first.keep(&[2.0, 0.0], &[4.0, 5.0, 6.0], Duration::ZERO).unwrap();
         let message = Journal::open(&path, "study", 2, 3).unwrap_err().to_string();
         assert!(message.contains("another metafmu is at work in this folder"), "{message}");
         drop(first);
@@ -170,7 +207,7 @@ mod tests {
         assert_eq!(second.len(), 2);
         assert_eq!(second.get(&[1.0, -0.0]), Some(&[0.1, f64::MIN_POSITIVE, 1e300][..]));
         assert_eq!(second.get(&[1.0, 0.0]), None);
-        second.keep(&[3.0, 0.0], &[7.0, 8.0, 9.0]).unwrap();
+        second.keep(&[3.0, 0.0], &[7.0, 8.0, 9.0], Duration::MAX).unwrap();
         drop(second);
         assert_eq!(open("study").len(), 3, "what was appended behind the cut is whole");
 

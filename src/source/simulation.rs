@@ -4,7 +4,6 @@ use super::{
     Journal, Point, before_start,
     driven::Driven,
     fmu::{self, FmuModel},
-    journal::WORTH_KEEPING,
     kinds, list, wrong_unit,
 };
 use crate::{
@@ -267,8 +266,8 @@ impl Simulation {
             let outcome = equations.run(point, &self.times, &[stop]);
             match &outcome {
                 Err(_) if stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
-                Ok(outputs) if begin.elapsed() > WORTH_KEEPING => journal.keep(point, outputs)?,
-                _ => {}
+                Ok(outputs) => journal.keep(point, outputs, begin.elapsed())?,
+                Err(_) => {}
             }
             Ok(outcome)
         };

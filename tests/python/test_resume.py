@@ -20,6 +20,8 @@ WRITTEN = [
 MOMENTS = [
     *(f"{moment} {name}" for name in [*WRITTEN, "checkpoint.safetensors"] for moment in ("complete", "replaced")),
     "removed checkpoint.safetensors",
+    "appended unfinished-runs.bin",
+    "removed unfinished-runs.bin",
 ]
 
 
@@ -152,3 +154,62 @@ def test_a_checkpoint_of_another_training_is_refused_and_a_damaged_one_too(study
     # without --resume it does not matter
     metafmu("train", study, "--out", tmp_path)
     assert (tmp_path / "study.safetensors").read_bytes() == (undisturbed / "study.safetensors").read_bytes()
+
+
+FRICTION = """name = "study"
+structure = "dynamics"
+[source]
+mechanism = "pendulum.toml"
+[time]
+stop = 1.0
+step = 0.05
+[states]
+pivot.angle = { min = -3.141592653589793, max = 3.141592653589793, velocity = [-2.0, 2.0] }
+[inputs]
+torque = { bandwidth = 1.0 }
+[outputs]
+theta = {}
+[sampling]
+states = 600
+test_runs = 2
+[dynamics]
+compare = true
+[network]
+hidden = [8]
+[training]
+learning_rate = 0.01
+schedule = "cosine"
+batch = 128
+epochs = 6
+"""
+
+
+def test_networks_in_equations_of_motion_go_on_where_they_were(tmp_path):
+    bearing = '[springs.bearing]\ncoordinate = "pivot.angle"\ndamping = "c"\n'
+    friction = '[actuators.friction]\ncoordinate = "pivot.angle"\neffort = "-0.1 * tanh(pivot.angular_velocity / 0.2)"\n'
+    (tmp_path / "pendulum.toml").write_text(changed("dynamics/pendulum.toml", (bearing, friction)))
+    study = tmp_path / "study.toml"
+    study.write_text(FRICTION + ANY)
+    undisturbed, folder = tmp_path / "undisturbed", tmp_path / "out"
+    metafmu("build", study, "--out", undisturbed)
+    # within the second training, the first one being finished
+    abort_at("replaced checkpoint-2.safetensors", "build", study, "--out", folder)
+    kept = sorted(path.name for path in folder.glob("checkpoint*"))
+    assert kept == ["checkpoint-1.safetensors", "checkpoint-2.safetensors"]
+    resumed = metafmu("build", study, "--out", folder, "--resume")
+    assert resumed.stderr.count("continuing after epoch 6") == 1 and "continuing after epoch 1" in resumed.stderr
+    name = "study.safetensors"
+    assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()
+    assert {path.name for path in folder.iterdir()} == {path.name for path in undisturbed.iterdir()}
+    assert losses(folder) == losses(undisturbed)
+
+
+def test_short_runs_of_a_sampling_that_was_killed_are_kept(study, undisturbed, tmp_path):
+    abort_at("appended unfinished-runs.bin", "sample", study, "--out", tmp_path)
+    kept = (tmp_path / "unfinished-runs.bin").stat().st_size
+    assert kept > 32 and not (tmp_path / "train.csv").exists()
+    result = metafmu("sample", study, "--out", tmp_path)
+    assert "runs are kept from a sampling that was not finished" in result.stderr, result.stderr
+    for table in ("train.csv", "test.csv", "calibration.csv"):
+        assert (tmp_path / table).read_bytes() == (undisturbed / table).read_bytes()
+    assert not (tmp_path / "unfinished-runs.bin").exists()

@@ -7,7 +7,7 @@
 
 pub mod variables;
 
-use super::{Journal, driven::Driven, journal::WORTH_KEEPING};
+use super::{Journal, driven::Driven};
 use crate::{
     Error, Result,
     diagnostics::Problems,
@@ -276,8 +276,8 @@ impl Campaign<'_> {
             reason = match &mut status {
                 ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs) => {
                     let outputs = std::mem::take(outputs);
-                    if let Some(journal) = self.journal.filter(|_| begin.elapsed() > WORTH_KEEPING) {
-                        journal.keep(point, &outputs)?;
+                    if let Some(journal) = self.journal {
+                        journal.keep(point, &outputs, begin.elapsed())?;
                     }
                     return Ok(Some(Ok(outputs)));
                 }
