@@ -174,7 +174,7 @@ impl Space {
         let study = &project.study;
         let parameters = study.parameters.values().map(|range| ([range.min, range.max], false));
         let inputs = driven.drivers().iter().map(|driver| ([driver.min, driver.max], false));
-        let states = study.states.values().map(|state| ([state.min, state.max], state.periodic));
+        let states = study.states.values().map(|state| ([state.min, state.max], state.is_periodic()));
         let columns: Vec<([f64; 2], bool)> = parameters.chain(inputs).chain(states).collect();
         let factor = |&([min, max], is_angle): &([f64; 2], bool)| match is_angle {
             true => Factor::Angle,

@@ -11,7 +11,7 @@ use crate::{
     dataset::Dataset,
     dynamics::{
         identify::{Identified, Law, fit_accelerations, fit_motion},
-        trajectory::Trajectory,
+        trajectory::{Trajectory, disagreement},
     },
     source::{Source, driven::Driven},
     study::Study,
@@ -36,6 +36,12 @@ pub struct TrajectoriesRecord {
     pub harmonics: usize,
     /// Highest power of the other columns; of equations of motion in the mass matrix, and the potential has two more.
     pub powers: usize,
+    /// Coordinates that were found to be angles, with equations that are the same a turn later, where the study does not say.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub periodic: Vec<String>,
+    /// Columns of rates that are not the derivatives of their coordinates, and the root mean square of the difference, relative to the rate's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rate_errors: Vec<(String, f64)>,
     /// Coefficients other than zero.
     pub coefficients: usize,
     /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
@@ -72,7 +78,7 @@ impl TrajectoriesRecord {
 
     /// How it went, in words.
     pub(super) fn describe(&self) -> String {
-        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, .. } = self;
+        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
         let errors: Vec<String> =
             candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
         let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
@@ -80,6 +86,10 @@ impl TrajectoriesRecord {
             (0, powers) => format!("powers up to {powers}{of_mass}"),
             (harmonics, 0) => format!("harmonics up to {harmonics}"),
             _ => format!("harmonics up to {harmonics}, powers up to {powers}{of_mass}"),
+        };
+        let angles = match periodic.as_slice() {
+            [] => String::new(),
+            names => format!("angles: {}; ", names.join(", ")),
         };
         let ambiguous = match solutions {
             0 | 1 => String::new(),
@@ -89,7 +99,7 @@ impl TrajectoriesRecord {
         };
         format!(
             "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
-             {ambiguous}{}",
+             {angles}{ambiguous}{}",
             errors.join(", "),
             solver.describe()
         )
@@ -105,30 +115,39 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let began = Instant::now();
     let trajectories = recorded.learned();
     let rows = trajectories.iter().map(Trajectory::rows).sum();
-    let columns = Columns::new(study, &trajectories);
-    let mut found: Vec<(Candidate, Identified)> = Vec::new();
+    let rate_errors = rate_errors(project, driven, &trajectories);
+    let mut found: Vec<Found> = Vec::new();
     let mut refused = Vec::new();
     for name in [MOTION, ACCELERATIONS] {
-        if project.is_stopped() {
-            return Err(Error::Interrupted);
-        }
-        let began = Instant::now();
-        let identified = match name {
-            MOTION => fit_motion(&columns.of_motion(), &trajectories),
-            _ => fit_accelerations(&columns.of_accelerations(), &trajectories),
-        };
-        match identified {
-            Ok(identified) => {
-                let (error, seconds) = (identified.error.min(f64::MAX), began.elapsed().as_secs_f64());
-                found.push((Candidate { name: name.into(), error, seconds }, identified));
+        let mut of_name: Vec<Found> = Vec::new();
+        for angles in angles(study) {
+            if project.is_stopped() {
+                return Err(Error::Interrupted);
             }
-            Err(message) => refused.push(format!("{name}: {message}")),
+            // the equations are those of the motions: other ones are not looked for
+            if of_name.iter().any(|found| found.candidate.error <= GOOD) {
+                break;
+            }
+            let columns = Columns::new(study, &trajectories, &angles);
+            let began = Instant::now();
+            let identified = match name {
+                MOTION => fit_motion(&columns.of_motion(), &trajectories),
+                _ => fit_accelerations(&columns.of_accelerations(), &trajectories),
+            };
+            match identified {
+                Ok(identified) => {
+                    let (error, seconds) = (identified.error.min(f64::MAX), began.elapsed().as_secs_f64());
+                    let candidate = Candidate { name: name.into(), error, seconds };
+                    of_name.push(Found { candidate, identified, columns, angles });
+                }
+                Err(message) => refused.push(format!("{name}: {message}")),
+            }
         }
+        found.extend(first_of_the_best(of_name));
     }
-    // the first of those that are alike: equations of motion
-    let best = found.iter().min_by(|a, b| a.0.error.total_cmp(&b.0.error)).map(|(candidate, _)| candidate.error);
-    let is_best = |candidate: &Candidate| best.is_some_and(|best| candidate.error <= ALIKE * best);
-    let Some((candidate, identified)) = found.iter().find(|(candidate, _)| is_best(candidate)) else {
+    let candidates: Vec<Candidate> = found.iter().map(|found| found.candidate.clone()).collect();
+    let Some(Found { candidate, identified, columns, angles }) = first_of_the_best(found) else {
+        refused.dedup();
         return Err(study.refusal("source.table", refused.join("; ")));
     };
     let model = |integration| {
@@ -137,7 +156,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let n = study.states.len();
     let is_limited = columns.is_limited(&identified.law);
     let range = |state: usize, is_limited: bool| match study.states.get_index(state) {
-        Some((name, options)) => (is_limited && !options.goes_around(name)).then_some([options.min, options.max]),
+        Some((_, options)) => (is_limited && !angles[state]).then_some([options.min, options.max]),
         // beyond the rows equations of motion hold, as rates enter them as they stand, and the solver is measured half as far again
         None if is_limited => driven.range(state),
         None => driven.range(state).map(wider),
@@ -167,7 +186,12 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         powers: identified.order[1],
         coefficients: identified.coefficients,
         solutions: identified.solutions,
-        candidates: found.iter().map(|(candidate, _)| candidate.clone()).collect(),
+        periodic: (study.states.iter().zip(&angles))
+            .filter(|((_, options), is_angle)| options.periodic.is_none() && **is_angle)
+            .map(|((name, _), _)| name.clone())
+            .collect(),
+        rate_errors,
+        candidates,
         solver,
     };
     let record = TrainingRecord {
@@ -192,6 +216,61 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     Ok(Trained { surrogate, history: Vec::new(), record })
 }
 
+/// Equations that were found.
+struct Found {
+    candidate: Candidate,
+    identified: Identified,
+    columns: Columns,
+    /// Which coordinates are angles.
+    angles: Vec<bool>,
+}
+
+/// The first of those that are alike, the least error among them.
+fn first_of_the_best(found: Vec<Found>) -> Option<Found> {
+    let least = found.iter().map(|found| found.candidate.error).min_by(f64::total_cmp)?;
+    found.into_iter().find(|found| found.candidate.error <= ALIKE * least)
+}
+
+/// Error at which other equations are not looked for.
+const GOOD: f64 = 1e-6;
+
+/// Coordinates whose periodicity is not known that are tried one by one, at most.
+const MOST_ALONE: usize = 3;
+
+/// Which coordinates may be angles: as the study says, and all combinations of those of which it does not say it, or none and all of them.
+fn angles(study: &Study) -> Vec<Vec<bool>> {
+    let known: Vec<Option<bool>> = study.states.values().map(|state| state.periodic).collect();
+    let open = known.iter().filter(|known| known.is_none()).count();
+    let all = (1usize << open.min(MOST_ALONE)) - 1;
+    let choices = if open > MOST_ALONE { vec![0, usize::MAX] } else { (0..=all).collect() };
+    let with = |choice: usize| {
+        let mut number = 0..;
+        let is_angle = |known: &Option<bool>| {
+            known.unwrap_or_else(|| choice.checked_shr(number.next().unwrap_or(0)).unwrap_or(0) & 1 == 1)
+        };
+        known.iter().map(is_angle).collect()
+    };
+    choices.into_iter().map(with).collect()
+}
+
+/// Columns of rates that are not the derivatives of their coordinates, by the longest motion; tells them.
+fn rate_errors(project: &Project, driven: &Driven, trajectories: &[Trajectory]) -> Vec<(String, f64)> {
+    let Some(longest) = trajectories.iter().max_by_key(|motion| motion.rows()) else { return Vec::new() };
+    let n = longest.coordinates;
+    let mut errors = Vec::new();
+    for (k, (name, _)) in project.study.states.iter().enumerate().filter(|(_, (_, state))| state.rate.is_some()) {
+        let column = |values: &[f64]| values.iter().skip(k).step_by(n).copied().collect::<Vec<f64>>();
+        let Some([found, own]) = disagreement(&column(&longest.q), &column(&longest.v), longest.step) else { continue };
+        let rate = &driven.states()[n + k].name;
+        project.warn(format_args!(
+            "`{rate}` is not the derivative of `{name}`: they differ by {found:.1e} of its root mean square, and differences of `{name}` are \
+             good to {own:.1e}; equations are learned from `{rate}` as it is, without `rate` from differences"
+        ));
+        errors.push((rate.clone(), found));
+    }
+    errors
+}
+
 /// Factor between the errors of two candidates below which the first one is taken, whose structure holds beyond the rows.
 const ALIKE: f64 = 1.5;
 
@@ -210,7 +289,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn new(study: &Study, trajectories: &[Trajectory]) -> Self {
+    fn new(study: &Study, trajectories: &[Trajectory], angles: &[bool]) -> Self {
         let power = |min: f64, max: f64| Factor::Power { middle: 0.5 * (min + max), half: 0.5 * (max - min) };
         // about zero where the values are on both sides of it: products are those of the equations then
         let observed = |values: &dyn Fn(&Trajectory) -> &Vec<f64>, width: usize, column: usize| {
@@ -224,14 +303,14 @@ impl Columns {
             }
         };
         let (n, m) = (study.states.len(), study.inputs.len());
-        let coordinate = |(k, periodic): (usize, bool)| match periodic {
+        let coordinate = |(k, is_angle): (usize, &bool)| match is_angle {
             true => Factor::Angle,
             false => observed(&|motion| &motion.q, n, k),
         };
         Self {
             parameters: study.parameters.values().map(|range| power(range.min, range.max)).collect(),
             inputs: (0..m).map(|k| observed(&|motion| &motion.u, m, k)).collect(),
-            coordinates: study.states.values().map(|state| state.periodic).enumerate().map(coordinate).collect(),
+            coordinates: angles.iter().enumerate().map(coordinate).collect(),
             rates: (0..n).map(|k| observed(&|motion| &motion.v, n, k)).collect(),
         }
     }

@@ -82,9 +82,55 @@ pub fn differences(values: &[f64], columns: usize, column: usize, step: f64) -> 
     (0..rows).map(at).collect()
 }
 
+/// Differences of a rate and of the differences of its coordinate that are told, as a part of the rate.
+const TOLD: f64 = 1e-4;
+
+/// By how much a column that is given as the rate of a coordinate is not its derivative, and how good [`differences`] are: root mean squares,
+/// relative to that of the rate. None if the rate is as good as they are, or there are too few rows. Differences of every second row show how
+/// good they are.
+pub fn disagreement(values: &[f64], rates: &[f64], step: f64) -> Option<[f64; 2]> {
+    if values.len() < 4 * STENCIL || values.len() != rates.len() {
+        return None;
+    }
+    let fine = differences(values, 1, 0, step);
+    let (mut coarse, mut count) = (0.0, 0);
+    for phase in 0..2 {
+        let part: Vec<f64> = values.iter().skip(phase).step_by(2).copied().collect();
+        let found = differences(&part, 1, 0, 2.0 * step);
+        // differences at the ends are worse
+        for row in STENCIL / 2..found.len() - STENCIL / 2 {
+            coarse += (found[row] - fine[2 * row + phase]).powi(2);
+            count += 1;
+        }
+    }
+    let within = STENCIL / 2..values.len() - STENCIL / 2;
+    let mean = |of: &dyn Fn(usize) -> f64| within.clone().map(|row| of(row).powi(2)).sum::<f64>() / within.len() as f64;
+    let size = mean(&|row| rates[row]).sqrt();
+    let [found, own] = [mean(&|row| rates[row] - fine[row]).sqrt(), (coarse / f64::from(count.max(1))).sqrt()]
+        .map(|error| error / size);
+    (found > TOLD && found > 2.0 * own).then_some([found, own])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_rate_that_is_not_the_derivative_is_noticed_and_noise_of_the_coordinate_is_not() {
+        let step = 0.01;
+        let of = |value: &dyn Fn(f64) -> f64| (0..400).map(|row| value(step * f64::from(row))).collect::<Vec<f64>>();
+        let values = of(&|t| (3.0 * t).sin());
+        let rate = of(&|t| 3.0 * (3.0 * t).cos());
+        assert_eq!(disagreement(&values, &rate, step), None);
+        // half a step late: 3 * 0.005 of the amplitude
+        let late = of(&|t| 3.0 * (3.0 * (t - 0.5 * step)).cos());
+        let [found, own] = disagreement(&values, &late, step).unwrap();
+        assert!((found - 0.015).abs() < 5e-4 && own < 1e-6, "{found} {own}");
+        let noisy: Vec<f64> =
+            values.iter().zip(0..).map(|(value, row)| value + 1e-3 * f64::from(row * row % 7 - 3)).collect();
+        assert_eq!(disagreement(&noisy, &rate, step), None);
+        assert_eq!(disagreement(&values[..20], &late[..20], step), None);
+    }
 
     #[test]
     fn differences_are_exact_for_polynomials_of_degree_six_and_of_order_six() {

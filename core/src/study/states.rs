@@ -42,9 +42,10 @@ pub struct StateOptions {
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity_range: Option<[f64; 2]>,
     /// Of an FMU or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU the range then is a
-    /// turn; of a table an angle is not wound back into a turn, and has no range.
-    #[serde(default)]
-    pub periodic: bool,
+    /// turn; of a table an angle is not wound back into a turn, and has no range, and both are tried unless given: what continues rows better
+    /// that were held out is taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub periodic: Option<bool>,
     /// Of a table: the column of the coordinate's derivative with respect to time. Without it the derivative is found by differences and
     /// called `NAME_rate`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -78,7 +79,12 @@ pub fn is_angle(coordinate: &str) -> bool {
 impl StateOptions {
     /// Whether the coordinate is an angle whose range is a full turn: every number is a good value of it.
     pub fn goes_around(&self, name: &str) -> bool {
-        self.periodic || is_angle(name) && self.max - self.min > TAU - 1e-6
+        self.is_periodic() || is_angle(name) && self.max - self.min > TAU - 1e-6
+    }
+
+    /// Whether the study says that it is an angle.
+    pub fn is_periodic(&self) -> bool {
+        self.periodic.unwrap_or(false)
     }
 
     /// The name of the derivative of a coordinate of a table.
@@ -182,7 +188,7 @@ pub(super) fn problems(study: &Study) -> Problems {
             problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
             continue;
         }
-        if *periodic && !of_table && (max - min - TAU).abs() > 1e-6 {
+        if *periodic == Some(true) && !of_table && (max - min - TAU).abs() > 1e-6 {
             problems.add(format!("{key}.periodic"), format!("the range from {min} to {max} is not a turn of 2 pi"));
         }
         for (field, range) in [("start", start), ("velocity", velocity), ("velocity_range", velocity_range)] {
@@ -245,7 +251,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
         } else {
             let message = "belongs to FMUs: an angle of a mechanism is periodic";
-            problems.expect_absent(state.periodic, format!("{key}.periodic"), message);
+            problems.expect_absent(state.is_periodic(), format!("{key}.periodic"), message);
         }
     }
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {

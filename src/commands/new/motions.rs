@@ -5,7 +5,11 @@ use super::{
     table::{Column, Survey, shortest, survey},
 };
 use crate::{cli::NewArgs, commands::say};
-use metafmu::{Result, dynamics::trajectory::differences, table::Table};
+use metafmu::{
+    Result,
+    dynamics::trajectory::{differences, disagreement},
+    table::Table,
+};
 use std::{fmt::Write, path::Path};
 
 /// Largest root mean square difference between a column and the differences of another one, relative to its values, if it is its rate.
@@ -29,11 +33,21 @@ pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
     }
     let rates = rates(file, &time, &moving, runs.step)?;
     let mut states: Vec<(&Column, Option<&Column>)> = Vec::new();
-    let mut inputs = Vec::new();
+    let (mut inputs, mut wrong) = (Vec::new(), Vec::new());
+    let is_rate = |index: usize| rates.iter().flatten().any(|rate| rate.column == index);
     for (index, column) in moving.iter().enumerate() {
-        match rates[index] {
-            Some(rate) => states.push((column, Some(moving[rate]))),
-            None if rates.contains(&Some(index)) => {}
+        match &rates[index] {
+            Some(Rate { column: rate, error: None }) => states.push((column, Some(moving[*rate]))),
+            Some(Rate { column: rate, error: Some(error) }) => {
+                states.push((column, None));
+                let message = format!(
+                    "differs from the derivative of `{}` by {error:.1e} of its root mean square: rates come from differences",
+                    column.title
+                );
+                say(format_args!("column `{}`: {message}", moving[*rate].title));
+                wrong.push((moving[*rate], message));
+            }
+            None if is_rate(index) => {}
             None => inputs.push(*column),
         }
     }
@@ -89,8 +103,12 @@ step = {:?}                 # s
         let periodic = (column.unit == "rad").then(|| "periodic = true".to_owned());
         let rate = rate.map(|rate| format!("rate = {}", quoted(&rate.name)));
         let options: Vec<String> = periodic.into_iter().chain(rate).collect();
-        let hint = if column.unit.is_empty() { "    # without a unit: periodic = true if it is an angle" } else { "" };
+        let hint =
+            if column.unit.is_empty() { "    # without a unit: tried as an angle and as another quantity" } else { "" };
         let _ = writeln!(text, "{} = {{ {} }}{hint}", key(&column.name), options.join(", "));
+    }
+    for (column, message) in &wrong {
+        let _ = writeln!(text, "# {}: {message}", column.title.replace(char::is_control, " "));
     }
     for (title, columns) in [("inputs", &inputs), ("parameters", &parameters)] {
         if !columns.is_empty() {
@@ -118,8 +136,14 @@ step = {:?}                 # s
     Ok(text)
 }
 
+/// The column of a derivative, and by how much it is off if differences are better.
+struct Rate {
+    column: usize,
+    error: Option<f64>,
+}
+
 /// Of each column the one that has its derivative, by the differences in the first run.
-fn rates(file: &Path, time: &str, columns: &[&Column], step: f64) -> Result<Vec<Option<usize>>> {
+fn rates(file: &Path, time: &str, columns: &[&Column], step: f64) -> Result<Vec<Option<Rate>>> {
     let mut table = Table::open(file)?;
     let positions: Vec<usize> = columns.iter().map(|column| table.column(&column.title)).collect::<Result<_>>()?;
     let time = table.column(time)?;
@@ -143,10 +167,12 @@ fn rates(file: &Path, time: &str, columns: &[&Column], step: f64) -> Result<Vec<
             let given = || values.iter().skip(*other).step_by(n).copied();
             size(&mut given().zip(&found).map(|(given, found)| given - found)) / size(&mut given())
         };
-        (0..n)
-            .filter(|other| *other != column)
-            .min_by(|a, b| error(a).total_cmp(&error(b)))
-            .filter(|other| error(other) < RATE)
+        let best = (0..n).filter(|other| *other != column).min_by(|a, b| error(a).total_cmp(&error(b)));
+        best.filter(|other| error(other) < RATE).map(|other| {
+            let of = |column: usize| values.iter().skip(column).step_by(n).copied().collect::<Vec<f64>>();
+            let error = disagreement(&of(column), &of(other), step).map(|[error, _]| error);
+            Rate { column: other, error }
+        })
     };
     Ok((0..n).map(of).collect())
 }

@@ -200,7 +200,7 @@ impl Resolver<'_> {
                 }
                 Some(position) => {
                     let unit = description.unit_of(known[position]).unwrap_or_default();
-                    if options.periodic && !matches!(unit, "rad" | "") {
+                    if options.is_periodic() && !matches!(unit, "rad" | "") {
                         problems
                             .add(format!("{key}.periodic"), format!("belongs to angles in rad; its unit is `{unit}`"));
                     }

@@ -134,7 +134,7 @@ impl Columns {
         };
         let (mut coordinates, mut velocities, mut rates) = (Vec::new(), Vec::new(), Vec::new());
         for (name, state) in &study.states {
-            let otherwise = if state.periodic { "rad" } else { "" };
+            let otherwise = if state.is_periodic() { "rad" } else { "" };
             let coordinate = variable(name, unit_there(name)?, otherwise.into(), format!("coordinate {name}"));
             let unit = match &state.rate {
                 Some(rate) => unit_there(rate)?,
