@@ -156,6 +156,33 @@ def discrete_fmu(*changes, fmu_of=None):
     return {"study.toml": text, "model.fmu": {"modelDescription.xml": description, **BINARY}}
 
 
+# a crank of 1 m and a rod of 0.8 m
+SHORT_ROD = """[bodies]
+crank = { mass = 1, inertia = 0.1, position = [0.5, 0], points = { pin = [-0.5, 0], tip = [0.5, 0] } }
+rod = { mass = 1, inertia = 0.1, position = [1.4, 0], points = { a = [-0.4, 0], b = [0.4, 0] } }
+slider = { mass = 1, position = [1.8, 0] }
+[joints]
+A = { type = "revolute", between = ["ground", "crank.pin"] }
+B = { type = "revolute", between = ["crank.tip", "rod.a"] }
+C = { type = "revolute", between = ["rod.b", "slider"] }
+guide = { type = "prismatic", between = ["ground", "slider"], axis = [1, 0] }
+[outputs]
+x = { measure = "guide.position" }
+"""
+SHORT_STUDY = """name = "s"
+structure = "dynamics"
+[source]
+mechanism = "m.toml"
+[time]
+stop = 1
+step = 0.1
+[states]
+A.angle = { min = -0.9, max = 1.0 }
+[outputs]
+x = {}
+"""
+
+
 def dynamics(*changes, more="", **of_mechanism):
     """A study with states, some lines changed, and of its mechanism."""
     texts = {"study.toml": DYNAMICS + more, "crane.toml": TROLLEY}
@@ -401,7 +428,7 @@ SECTIONS = {
         "a driver's acceleration of what it has not": driver('coordinate = "rail.position"', 'acceleration = "forse"'),
         "a driver's acceleration of another acceleration": driver('coordinate = "rail.position"', 'acceleration = "load.ax"'),
         "a driver's acceleration that depends on time": driver('coordinate = "rail.position"', 'acceleration = "force * sin(time)"'),
-        "a driver's acceleration that is not linear in the input": driver('coordinate = "rail.position"', 'acceleration = "tanh(force)"'),
+        "a driver's acceleration that is not finite": driver('coordinate = "rail.position"', 'acceleration = "sqrt(force)"'),
         "a driver of a coordinate that is not among the states": driver('coordinate = "load.x"', 'acceleration = "force"'),
         "a driver of a velocity": driver('coordinate = "rail.velocity"', 'acceleration = "force"'),
         "two drivers of one motion": driver(
@@ -415,6 +442,7 @@ SECTIONS = {
             ("theta = {}", "tension = {}"),
             trolley=[('[initial]', '[forces.wind]\npoint = "load"\nforce = ["-load.vx * abs(load.vx)", 0]\n[initial]'), ("[outputs]", '[outputs]\ntension = { measure = "rope.fx" }')],
         ),
+        "a range with singular positions": {"study.toml": SHORT_STUDY, "m.toml": SHORT_ROD},
         "a force that depends on time": dynamics(trolley=[('effort = "force"', 'effort = "force + sin(time)"')]),
         "mistakes in five sections": dynamics(
             ("step = 0.05", "step = 0.03"),

@@ -5,14 +5,17 @@ mod fmu;
 mod motions;
 mod table;
 
-use super::{Outcome, print, terminal::control};
+use super::{Outcome, print, say, terminal::control};
 use crate::cli::NewArgs;
 use metafmu::{
     Error, Result,
     diagnostics::Problems,
     files,
     multibody::Mechanism,
-    pipeline::project::describe,
+    pipeline::{
+        project::describe,
+        trial::{self, Trial},
+    },
     study::Study,
     systems::{SYSTEMS, System},
 };
@@ -35,20 +38,41 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         return Err(Error::Stale { path, message });
     }
     let target = &Target { name, folder };
-    let text = match (&args.mechanism, &args.fmu, &args.table) {
+    let Proposal { text, trial } = match (&args.mechanism, &args.fmu, &args.table) {
         (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(target, file)?,
-        (Some(file), _, _) => of_mechanism(target, file)?,
-        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(target, file)?,
-        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(target, file)?,
-        (None, Some(file), _) => fmu::study(target, file)?,
-        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(target, file, args)?,
-        (None, None, Some(file)) => table::study(target, file, args)?,
-        (None, None, None) => of_system(name, args)?,
+        (Some(file), _, _) => of_mechanism(target, file)?.into(),
+        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(target, file)?.into(),
+        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(target, file)?.into(),
+        (None, Some(file), _) => fmu::study(target, file)?.into(),
+        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(target, file, args)?.into(),
+        (None, None, Some(file)) => table::study(target, file, args)?.into(),
+        (None, None, None) => of_system(target, args)?,
     };
-    Study::parse(&text, &path)?;
+    let study = Study::parse(&text, &path)?;
     files::write_whole(&path, text.as_bytes())?;
+    // what is proposed is tried; a file that is refused is there to be changed
+    let trial = trial.unwrap_or_else(|| trial::attempt(&study, control()?));
+    let Trial { runs, failures } = trial.inspect_err(|_| {
+        say(format_args!("{} is written, and has to be changed before it can be built", path.display()));
+    })?;
+    if let Some(failure) = failures.first() {
+        let count = failures.len();
+        say(format_args!("{count} of {runs} runs that were tried fail, narrower ranges are needed: {failure}"));
+    }
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(Outcome::Fine)
+}
+
+/// A study to be written, and how it was tried, if it was.
+struct Proposal {
+    text: String,
+    trial: Option<Result<Trial>>,
+}
+
+impl From<String> for Proposal {
+    fn from(text: String) -> Self {
+        Self { text, trial: None }
+    }
 }
 
 /// What a study is called, and the folder of its file.
@@ -58,6 +82,11 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
+    /// Its file.
+    fn file(&self) -> PathBuf {
+        self.folder.join(format!("{}.toml", self.name))
+    }
+
     /// A file as the study names it: relative to the study's folder, unless its whole path was given.
     fn path_from(&self, file: &Path) -> String {
         let is_here = self.folder.as_os_str().is_empty();
@@ -72,19 +101,19 @@ impl Target<'_> {
     }
 }
 
-fn of_system(name: &str, args: &NewArgs) -> Result<String> {
+fn of_system(target: &Target, args: &NewArgs) -> Result<Proposal> {
     // the arguments have the name of one
     let system = args.system.as_deref().and_then(System::of).unwrap_or(SYSTEMS[0]);
     if args.structure == "dynamics" {
-        return dynamics::of_system(name, system);
+        return dynamics::of_system(target, system);
     }
-    let known = system.name;
+    let (known, name) = (system.name, target.name);
     let text = system
         .study
         .replacen(&format!("metafmu new {known}"), &format!("metafmu new {name}"), 1)
         .replacen(&format!("{known}.toml"), &format!("{name}.toml"), 1)
         .replacen(&format!("name = \"{known}\""), &format!("name = \"{name}\""), 1);
-    Ok(text)
+    Ok(text.into())
 }
 
 /// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.

@@ -31,6 +31,7 @@ pub mod speed;
 pub mod state_space;
 pub mod train;
 pub mod trajectories;
+pub mod trial;
 
 pub use build::{Built, build};
 pub use compare::compare;

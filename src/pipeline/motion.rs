@@ -14,7 +14,7 @@ use crate::{
     source::{Source, driven::Driven},
     surrogate,
 };
-use metafmu_runtime::{Integration, Model, Motion, Surrogate};
+use metafmu_runtime::{Integration, Model, Motion, Surrogate, dictionary::Factor};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -224,8 +224,11 @@ fn assemble(
         outputs: fitted.outputs.clone(),
         integration,
     };
+    let factors: Vec<Factor> = dynamics.law().dictionary().factors().collect();
     let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
-        let is_limited = motion.depends_on(column) && !options.goes_around(name);
+        // the torque of a spring on a joint is another one a turn later
+        let is_periodic = factors[column] == Factor::Angle && options.goes_around(name);
+        let is_limited = motion.depends_on(column) && !is_periodic;
         is_limited.then_some([options.min, options.max])
     });
     let ranges: Vec<Option<[f64; 2]>> = ranges.chain(velocities.iter().copied().map(Some)).collect();

@@ -4,7 +4,7 @@ use super::{kinds::Kinds, wrong_unit};
 use crate::{
     dataset::Run,
     diagnostics::{Problems, names::expected_one_of},
-    dynamics::{self, Range, Region},
+    dynamics::{self, Checked, Range, Region},
     evaluation::SignalKind,
     integrate::Budget,
     multibody::Mechanism,
@@ -138,24 +138,44 @@ impl Driven {
         }
         let names: Vec<&str> = study.states.keys().map(String::as_str).collect();
         let mut start = Vec::new();
+        let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
+        // what is wrong with a part of the mechanism is told with its line
+        let is_of_part =
+            |message: &str| ["`forces.", "`actuators.", "`drivers."].iter().any(|part| message.contains(part));
         match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
             Ok(Ok(reduced)) => start.extend(reduced.start().0.iter().chain(reduced.start().1)),
+            Ok(Err(message)) if is_of_part(&message) => {
+                problems.add(source, mechanism.located(&message).to_string());
+            }
             Ok(Err(message)) => problems.add("states", message),
             Err(found) => problems.add_section("states", found),
         }
-        for ((name, state), start) in study.states.iter().zip(&start) {
-            if !state.goes_around(name) && state.min < state.max && !(state.min..=state.max).contains(start) {
-                let (min, max) = (state.min, state.max);
-                let message =
-                    format!("the mechanism starts at {start}, which is outside the range from {min} to {max}");
-                problems.add(format!("states.{name}"), message);
+        let starts_outside = |is_good: &dyn Fn(usize, &String, &StateOptions) -> bool| {
+            let mut problems = Problems::default();
+            for (k, ((name, state), start)) in study.states.iter().zip(&start).enumerate() {
+                if !is_good(k, name, state) && state.min < state.max && !(state.min..=state.max).contains(start) {
+                    let (min, max) = (state.min, state.max);
+                    let message =
+                        format!("the mechanism starts at {start}, which is outside the range from {min} to {max}");
+                    problems.add(format!("states.{name}"), message);
+                }
             }
-        }
+            problems
+        };
+        problems.extend(starts_outside(&|_, name, state| state.goes_around(name)));
         let region = region(study, mechanism, values);
         let mut ranges = region.coordinates.iter().chain(&region.parameters);
         if problems.is_empty() && names_are_known && ranges.all(|range| range.min < range.max) {
+            let is_singular =
+                |message: &String| ["singular", "do not decide"].iter().any(|words| message.contains(words));
+            if let Some(message) = dynamics::reach(mechanism, &region, false, study.seed).err().filter(is_singular) {
+                let expected = "expected ranges without singular positions: narrow them, or those of `parameters`";
+                problems.add("states", format!("{message}, {expected}"));
+                return Err(problems);
+            }
             match dynamics::check(mechanism, &region, study.seed) {
-                Ok(idle) => {
+                Ok(Checked { idle, is_periodic }) => {
+                    problems.extend(starts_outside(&|k, name, state| !state.goes_around(name) || is_periodic[k]));
                     for name in idle {
                         let message = "acts neither on the equations of motion nor on an output; states have parameters of their \
                                        own for their values at the start";
@@ -166,7 +186,6 @@ impl Driven {
                     let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
                     let is_force = message.contains("force") || message.contains("drivers.");
                     let key = output.map(|name| format!("outputs.{name}"));
-                    let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
                     let other = if is_force { source } else { "states" };
                     problems.add(key.unwrap_or_else(|| other.into()), message);
                 }

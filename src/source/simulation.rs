@@ -187,6 +187,20 @@ impl Simulation {
         }
     }
 
+    /// Tries a run of a system or mechanism: why it fails, if that takes no longer than `limit`; none of an FMU.
+    pub fn attempt(
+        &self,
+        point: &[f64],
+        limit: Duration,
+        stop: &AtomicBool,
+    ) -> Option<std::result::Result<(), String>> {
+        let Model::Equations(equations) = &self.model else { return None };
+        let limited = Equations { time_limit: Some(limit), ..(**equations).clone() };
+        let begin = Instant::now();
+        let outcome = limited.run(point, &self.times, &[stop]).map(|_| ());
+        Some(if begin.elapsed() < limit { outcome } else { Ok(()) })
+    }
+
     fn failure(&self, system: &str, parameters: &[f64], message: String) -> Error {
         Error::Run { system: system.into(), values: self.values(parameters), message }
     }

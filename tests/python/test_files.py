@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -10,11 +11,22 @@ import stat
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from conftest import ALL_EPOCHS, ANY, METAFMU, abort_at, changed, metafmu
 
 TABLES = ("train", "test", "calibration")
+ROOT = Path(__file__).parents[2]
+
+
+def test_no_two_examples_of_the_documentation_write_the_same_study():
+    examples = {}
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        for name, arguments in re.findall(r"metafmu new (my-\S+) ([^#`\n]+)", page.read_text()):
+            examples.setdefault(name, set()).add(" ".join(arguments.split()))
+    assert len(examples) > 8
+    assert {name: found for name, found in examples.items() if len(found) > 1} == {}
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ use crate::multibody::{
     reduced::{Reduced, Terms},
 };
 use metafmu_runtime::{Dynamics, dictionary::Factor};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
 
 /// Coordinates, then parameters.
 pub(super) type Point = Vec<f64>;
@@ -22,6 +23,9 @@ const VELOCITIES: [f64; 2] = [-1.0, 1.0];
 /// A length that is one: less is rounding, in m.
 const SHORTEST: f64 = 1e-9;
 
+/// Distances from the start, in rad, at which forces are compared with those a turn later.
+const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
+
 /// A mechanism whose equations are asked for in a region.
 pub(super) struct Labels<'a> {
     mechanism: &'a Mechanism,
@@ -30,6 +34,8 @@ pub(super) struct Labels<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
+    /// Coordinates that are angles, with equations that are the same a turn later.
+    is_periodic: Vec<bool>,
     /// Coordinates whose accelerations are prescribed, and rows of the equations that are of one kind.
     driven: Vec<usize>,
     alike: Vec<Vec<usize>>,
@@ -44,7 +50,7 @@ pub(super) struct Label {
     pub(super) gradients: Vec<f64>,
     /// Of forces of joints and springs.
     pub(super) reactions: Forces,
-    /// Whether all forces are linear in the velocities and, apart from them, in the inputs.
+    /// Whether all forces are linear in the velocities and the inputs.
     pub(super) is_linear: bool,
 }
 
@@ -54,6 +60,8 @@ pub(super) struct Configured {
     terms: Terms,
     /// `-D`: what a unit of each velocity changes.
     damping: Vec<DVector<f64>>,
+    /// `B`: what a unit of each input changes, shape `[coordinates, inputs]`.
+    input_map: DMatrix<f64>,
 }
 
 impl<'a> Labels<'a> {
@@ -81,12 +89,14 @@ impl<'a> Labels<'a> {
             *value = if *value == range.max { range.min } else { range.max };
         }
         let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
-        let (is_angle, driven, alike) = (Vec::new(), Vec::new(), Vec::new());
-        let mut labels = Self { mechanism, region, defaults, varied, is_angle, driven, alike, outputs };
+        let (is_angle, is_periodic) = (Vec::new(), Vec::new());
+        let (driven, alike) = (Vec::new(), Vec::new());
+        let mut labels = Self { mechanism, region, defaults, varied, is_angle, is_periodic, driven, alike, outputs };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
         (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
+        labels.is_periodic = (0..labels.coordinates()).map(|k| labels.repeats(&reduced, k)).collect();
         labels.outputs.wind(&reduced)?;
         Ok(labels)
     }
@@ -118,9 +128,53 @@ impl<'a> Labels<'a> {
         &self.outputs
     }
 
-    /// Angles are periodic; everything else is a power in its range.
+    /// Returns true if a coordinate is an angle and forces are the same a turn later: the torque of a spring on a joint is not. An angle
+    /// that cannot go around counts as periodic.
+    fn repeats(&self, reduced: &Reduced, k: usize) -> bool {
+        if !self.is_angle[k] {
+            return false;
+        }
+        let (rates, inputs) = self.probe();
+        let forces = |angle: f64| {
+            let mut s = reduced.start().0.clone();
+            s[k] += angle;
+            let terms = reduced.terms(&s).ok()?;
+            let rest = reduced.force(&terms, &(0.0 * &rates), &inputs);
+            Some([rest, reduced.force(&terms, &rates, &inputs)])
+        };
+        let pairs = SHIFTS.iter().filter_map(|shift| Option::zip(forces(*shift), forces(shift + TAU)));
+        let pairs: Vec<[DVector<f64>; 2]> = pairs
+            .flat_map(|([rest, moving], after)| {
+                let [a, b] = after;
+                [[rest, a], [moving, b]]
+            })
+            .collect();
+        self.alike.iter().all(|rows| {
+            let of_rows = |forces: &DVector<f64>| forces.select_rows(rows);
+            // where forces vanish, rounding is left of them
+            let largest = pairs.iter().flatten().map(|forces| of_rows(forces).amax()).fold(0.0, f64::max);
+            pairs.iter().all(|[before, after]| {
+                let change = of_rows(before) - of_rows(after);
+                change.iter().all(|change| change.is_nan() || change.abs() <= 1e-8 * largest)
+            })
+        })
+    }
+
+    /// Whether each coordinate is an angle with equations that are the same a turn later.
+    pub(super) fn is_periodic(&self) -> &[bool] {
+        &self.is_periodic
+    }
+
+    /// Checks that the mechanism can be put together at a point.
+    pub(super) fn reach(&self, point: &[f64]) -> Result<(), String> {
+        let s = DVector::from_column_slice(&point[..self.coordinates()]);
+        let reached = self.reduced(point).and_then(|reduced| reduced.configuration(&s));
+        reached.map(|_| ()).map_err(|message| self.explain(point, &message))
+    }
+
+    /// Periodic angles are angles; everything else is a power in its range.
     pub(super) fn factors(&self) -> Vec<Factor> {
-        let is_angle = |column: usize| self.is_angle.get(column).copied().unwrap_or(false);
+        let is_angle = |column: usize| self.is_periodic.get(column).copied().unwrap_or(false);
         let power = |range: &Range| Factor::Power {
             middle: 0.5 * (range.min + range.max),
             half: 0.5 * (range.max - range.min),
@@ -188,8 +242,8 @@ impl<'a> Labels<'a> {
 
     /// The functions at a point.
     ///
-    /// Where forces are not linear in the velocities, the damping is that between the ends of each velocity's range, and
-    /// [`Configured::other_forces`] are what is left.
+    /// Where forces are not linear in the velocities or the inputs, the damping is that between the ends of each velocity's range, the map of
+    /// the inputs that between the ends of theirs, and [`Configured::other_forces`] are what is left.
     pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
         let (configured, is_linear) = self.configured(point)?;
         let n = self.coordinates();
@@ -202,7 +256,7 @@ impl<'a> Labels<'a> {
                 found.map_err(|message| self.explain(point, &message))?
             }
         };
-        let Configured { terms, damping, .. } = configured;
+        let Configured { terms, damping, input_map, .. } = configured;
         let mut functions = Vec::with_capacity(self.functions());
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
@@ -216,7 +270,7 @@ impl<'a> Labels<'a> {
             functions.extend(damping.iter().map(|column| column[row]));
         }
         for row in 0..n {
-            functions.extend(terms.input_map.row(row).iter());
+            functions.extend(input_map.row(row).iter());
         }
         let positions = self.positions(point)?;
         functions.extend(self.outputs.labels(&positions, &terms.q, &point[..n]));
@@ -245,8 +299,15 @@ impl<'a> Labels<'a> {
     /// Rates of both signs and other sizes, all at once, and inputs: where it is looked whether forces are linear.
     fn probe(&self) -> (DVector<f64>, Vec<f64>) {
         let rate = |row: usize| if row.is_multiple_of(2) { -2.5 } else { 1.75 } + 0.1 * row as f64;
-        let inputs = (0..self.inputs()).map(|index| 1.5 - 0.7 * index as f64).collect();
+        let inputs = self.input_ranges().enumerate();
+        let inputs = inputs.map(|(k, [min, max])| min + [0.8, 0.3, 0.55][k % 3] * (max - min)).collect();
         (DVector::from_fn(self.coordinates(), |row, _| rate(row)), inputs)
+    }
+
+    /// The ranges of the region, or of the mechanism file.
+    fn input_ranges(&self) -> impl Iterator<Item = [f64; 2]> {
+        let own = self.mechanism.inputs().values().map(|input| [input.min, input.max]);
+        own.enumerate().map(|(k, own)| self.region.inputs.get(k).copied().unwrap_or(own))
     }
 
     /// A message with the point that it is about.
@@ -281,8 +342,8 @@ impl<'a> Labels<'a> {
                 (&one - &other).amax() > 1e-9 * (one.amax() + other.amax() + rest.amax())
             })
         };
-        if !differ(&found, &linear) && !differ(&driven, &together) {
-            return Ok((Configured { damping: columns, reduced, terms }, true));
+        if terms.is_linear_in_inputs && !differ(&found, &linear) && !differ(&driven, &together) {
+            return Ok((Configured { damping: columns, input_map: terms.input_map.clone(), reduced, terms }, true));
         }
         let between_ends = |k: usize| {
             let [low, high] = self.region.velocities.get(k).copied().unwrap_or(VELOCITIES);
@@ -292,17 +353,29 @@ impl<'a> Labels<'a> {
         if !damping.iter().flatten().all(|value| value.is_finite()) {
             return Err(explain("a force is not a number at some velocities".into()));
         }
-        Ok((Configured { damping, reduced, terms }, false))
+        let mut input_map = terms.input_map.clone();
+        for (k, [low, high]) in self.input_ranges().enumerate().filter(|_| !terms.is_linear_in_inputs) {
+            let mut u = rest.clone();
+            let [low_force, high_force] = [low, high].map(|value| {
+                u[k] = value;
+                reduced.force(&terms, &DVector::zeros(n), &u)
+            });
+            input_map.set_column(k, &((high_force - low_force) / (high - low)));
+        }
+        if !input_map.iter().all(|value| value.is_finite()) {
+            return Err(explain("a force is not finite at the ends of an input's range".into()));
+        }
+        Ok((Configured { damping, input_map, reduced, terms }, false))
     }
 }
 
 impl Configured {
     /// The forces, or prescribed accelerations, that `F(q, p) - D(q, p) v + B(q, p) u - dV/dq` leaves out.
     pub(super) fn other_forces(&self, v: &[f64], u: &[f64]) -> Vec<f64> {
-        let Self { reduced, terms, damping } = self;
+        let Self { reduced, terms, damping, input_map } = self;
         let v = DVector::from_column_slice(v);
         let damped = damping.iter().zip(&v).fold(DVector::zeros(v.len()), |sum, (column, rate)| sum + column * *rate);
-        let known = &terms.force - damped + &terms.input_map * DVector::from_column_slice(u);
+        let known = &terms.force - damped + input_map * DVector::from_column_slice(u);
         (reduced.force(terms, &v, u) - known).iter().copied().collect()
     }
 

@@ -122,6 +122,12 @@ const UNSEEN: usize = 200;
 /// Configurations at which it is checked whether the equations can be learned.
 const CHECKED: usize = 16;
 
+/// Random configurations that are checked for singular positions.
+const REACHED: usize = 300;
+
+/// Corners of the ranges that are checked for them as well, at most.
+const MOST_CORNERS: usize = 256;
+
 /// Of them those at which it is looked for what each parameter changes.
 const COMPARED: usize = 4;
 
@@ -210,7 +216,15 @@ fn raise_order(
     first: [usize; 2],
     mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), String>,
 ) -> Result<Solution, String> {
-    let mut try_order = |order: [usize; 2]| {
+    let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
+    let (has_angles, has_powers) = (has(true), has(false));
+    let mut tried: Vec<[usize; 2]> = Vec::new();
+    let mut try_order = |[harmonics, powers]: [usize; 2]| {
+        let order = [if has_angles { harmonics } else { first[0] }, if has_powers { powers } else { first[1] }];
+        if tried.contains(&order) {
+            return Ok(None);
+        }
+        tried.push(order);
         let exponents = terms::exponents(factors, order);
         if exponents.len() > MOST_TERMS {
             return Ok(None);
@@ -224,28 +238,67 @@ fn raise_order(
         let [harmonics, powers] = best.order;
         // what limits the error is not known; neither alone may lower it
         let higher = [[2 * harmonics, powers], [harmonics, powers + 1], [2 * harmonics, powers + 1]];
-        let mut next: Option<Solution> = None;
-        for order in higher {
-            let found = try_order(order)?;
-            let is_better = |found: &Solution| next.as_ref().is_none_or(|next| found.error < WORTH_IT * next.error);
-            if let Some(found) = found.filter(is_better) {
-                next = Some(found);
+        let mut better = None;
+        // an even function gains nothing from the next power
+        for orders in [&higher[..], &[[harmonics, powers + 2]]] {
+            let mut next: Option<Solution> = None;
+            for order in orders {
+                let found = try_order(*order)?;
+                let is_better = |found: &Solution| next.as_ref().is_none_or(|next| found.error < WORTH_IT * next.error);
+                if let Some(found) = found.filter(is_better) {
+                    next = Some(found);
+                }
+            }
+            better = next.filter(|next| next.error < WORTH_IT * best.error);
+            if better.is_some() {
+                break;
             }
         }
-        match next {
-            Some(next) if next.error < WORTH_IT * best.error => best = next,
-            _ => break,
+        match better {
+            Some(next) => best = next,
+            None => break,
         }
     }
     Ok(best)
 }
 
-/// Whether the equations can be learned at all: asks for them at a few configurations. Gives the parameters on which neither they nor
-/// the outputs depend.
+/// What a few configurations say of equations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checked {
+    /// Parameters on which neither the equations nor the outputs depend.
+    pub idle: Vec<String>,
+    /// Whether each coordinate is an angle with equations that are the same a turn later.
+    pub is_periodic: Vec<bool>,
+}
+
+/// Checks that the mechanism can be put together in random configurations of a region and, with `corners`, at its ends.
+///
+/// # Errors
+/// A sentence with the first configuration that is singular, or as [`fit`].
+pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -> Result<(), String> {
+    let labels = Labels::new(mechanism, region)?;
+    let ranges: Vec<&Range> = labels.ranges().collect();
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let within = |share: &mut dyn FnMut(usize) -> f64| -> Point {
+        let values = ranges.iter().enumerate().map(|(k, range)| range.min + share(k) * (range.max - range.min));
+        values.collect()
+    };
+    let mut points: Vec<Point> = (0..REACHED).map(|_| within(&mut |_| generator.random::<f64>())).collect();
+    let all = 1usize.checked_shl(ranges.len() as u32).unwrap_or(0);
+    if corners && (1..=MOST_CORNERS).contains(&all) {
+        points.extend((0..all).map(|corner| within(&mut |k| f64::from(u8::from(corner >> k & 1 == 1)))));
+    } else if corners {
+        points.extend((0..MOST_CORNERS).map(|_| within(&mut |_| f64::from(u8::from(generator.random::<bool>())))));
+    }
+    let reached: Vec<Result<(), String>> = points.par_iter().map(|point| labels.reach(point)).collect();
+    reached.into_iter().collect()
+}
+
+/// Whether the equations can be learned at all: evaluates them at a few configurations.
 ///
 /// # Errors
 /// As [`fit`].
-pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<String>, String> {
+pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checked, String> {
     let labels = Labels::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
@@ -268,7 +321,7 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Vec<St
             idle.push(parameter.name.clone());
         }
     }
-    Ok(idle)
+    Ok(Checked { idle, is_periodic: labels.is_periodic().to_vec() })
 }
 
 /// Configurations from which so many terms are found.

@@ -95,7 +95,7 @@ fn what_cannot_be_learned_is_refused() {
     let rooted = CRANE.replace("-b * rail.velocity", "-sqrt(rail.velocity)");
     assert!(message(&rooted, &region).ends_with("a force is not a number at some velocities"));
     let rooted = CRANE.replace("effort = \"force\"", "effort = \"sqrt(force)\"");
-    assert!(message(&rooted, &region).ends_with("the forces are not linear in the input `force`"));
+    assert!(message(&rooted, &region).contains("a force is not finite with the input `force` at -"));
     let far = with(&|region| region.coordinates[0].max = 1e9);
     assert!(message(CRANE, &far).ends_with("more than 10000 rad or m from the start"));
     let unknown = with(&|region| region.parameters[0].name = "length".into());
@@ -103,8 +103,9 @@ fn what_cannot_be_learned_is_refused() {
     let empty = with(&|region| region.coordinates[0].max = -5.0);
     assert_eq!(message(CRANE, &empty), "`rail.position`: range from -5 to -5, expected an end above the beginning");
     let idle = CRANE.replace("[0, \"-l\"]", "[\"l*sin(b)\", \"-l*cos(b)\"]").replace("-b * rail", "-0.1 * rail");
-    assert_eq!(check(&parse(CRANE), &region, 1).unwrap(), [""; 0]);
-    assert_eq!(check(&parse(&idle), &region, 1).unwrap(), ["b"]);
+    let checked = |text: &str| check(&parse(text), &region, 1).unwrap();
+    assert_eq!(checked(CRANE), Checked { idle: Vec::new(), is_periodic: vec![false, true] });
+    assert_eq!(checked(&idle).idle, ["b"]);
     let few = with(&|region| region.coordinates.truncate(1));
     assert!(message(CRANE, &few).contains("1 coordinate, expected 2: one for each degree of freedom"));
 }
@@ -136,6 +137,93 @@ fn forces_that_are_not_linear_in_the_velocities_are_what_the_equations_leave_out
     assert_eq!(depends, [false, false, false, false, true, true, false, true]);
     let without = Region { velocities: Vec::new(), ..region };
     assert!(Equations::new(&mechanism, &without).is_err());
+}
+
+#[test]
+fn forces_that_are_not_linear_in_an_input_are_what_the_equations_leave_out() {
+    for (effort, of) in [("0.2 * force^2", (|u| 0.2 * u * u) as fn(f64) -> f64), ("tanh(force)", f64::tanh)] {
+        let text = CRANE.replace("effort = \"force\"", &format!("effort = \"{effort}\""));
+        let (mechanism, [low, high]) = (parse(&text), [-3.0, 20.0]);
+        let region = Region { velocities: vec![[-2.0, 2.0]; 2], inputs: vec![[low, high]], ..crane_region() };
+        let fitted = fit(&mechanism, &region, 1).unwrap();
+        assert!(fitted.has_other_forces && fitted.error < 1e-12, "{effort}: {:e}", fitted.error);
+        let equations = Equations::new(&mechanism, &region).unwrap();
+        // the map of the inputs is that between the ends of the range
+        let slope = (of(high) - of(low)) / (high - low);
+        let samples = equations.other_forces(50, 1).unwrap();
+        for (point, forces) in samples.points.iter().zip(&samples.labels) {
+            let u = point[7];
+            let expected = of(u) - slope * u;
+            assert!((forces[0] - expected).abs() < 1e-10 && forces[1].abs() < 1e-10, "{effort}: {forces:?} {expected}");
+        }
+        let depends = equations.dependencies_of_forces(&samples).unwrap();
+        assert_eq!(depends, [false, false, false, false, false, false, false, true], "{effort}");
+    }
+}
+
+/// A pendulum with a spring on its joint.
+const TORSION: &str = r#"
+    gravity = [0, -9.81]
+    parameters.m = { default = 1, min = 0.5, max = 2 }
+    inputs.torque = { min = -4, max = 4 }
+    bodies.rod = { mass = "m", inertia = "0.02*m", position = [0, -0.3], points = { o = [0, 0.3] } }
+    joints.pivot = { type = "revolute", between = ["ground", "rod.o"] }
+    actuators.motor = { coordinate = "pivot.angle", effort = "torque" }
+    springs.k = { coordinate = "pivot.angle", stiffness = 5, damping = 0.1 }
+    outputs.q = { measure = "pivot.angle" }
+"#;
+
+#[test]
+fn the_torque_of_a_spring_on_a_joint_is_another_one_a_turn_later() {
+    let region = Region {
+        coordinates: vec![Range::new("pivot.angle", -TAU / 2.0, TAU / 2.0)],
+        parameters: vec![Range::new("m", 0.5, 2.0)],
+        outputs: named(&["q"]),
+        ..Region::default()
+    };
+    assert_eq!(check(&parse(TORSION), &region, 1).unwrap().is_periodic, [false]);
+    let free = TORSION.replace("stiffness = 5, ", "");
+    assert_eq!(check(&parse(&free), &region, 1).unwrap().is_periodic, [true]);
+    let fitted = fit(&parse(TORSION), &region, 1).unwrap();
+    assert!(fitted.error < 1e-11, "{:e}, {:?}", fitted.error, fitted.order);
+    for theta in [-3.0f64, -0.4, 2.1] {
+        let (omega, torque, m) = (1.7, -2.0, 1.3);
+        let point = StatePoint { q: &[theta], v: &[omega], u: &[torque], p: &[m] };
+        let mut found = [0.0];
+        fitted.dynamics.accelerations(point, &mut found, &mut fitted.dynamics.scratch());
+        let inertia = 0.02 * m + m * 0.09;
+        let expected = (torque - 5.0 * theta - 0.1 * omega - m * 9.81 * 0.3 * theta.sin()) / inertia;
+        assert!((found[0] - expected).abs() < 1e-8 * expected.abs().max(1.0), "{theta}: {found:?} {expected}");
+    }
+}
+
+#[test]
+fn singular_positions_in_a_range_are_found() {
+    // of two arms of 1 m on pivots 1.5 m apart, joined by rods of 1 m
+    let text = r#"
+        ground.points = { a = [-0.75, 0], b = [0.75, 0] }
+        bodies.left = { mass = 1, inertia = 0.1, position = [-0.75, 0.5], angle = 1.5708, points = { a = [-0.5, 0], b = [0.5, 0] } }
+        bodies.right = { mass = 1, inertia = 0.1, position = [0.75, 0.5], angle = 1.5708, points = { a = [-0.5, 0], b = [0.5, 0] } }
+        bodies.rod = { mass = 1, inertia = 0.1, position = [-0.4, 1.3], angle = 0.7, points = { a = [-0.5, 0], b = [0.5, 0] } }
+        bodies.bar = { mass = 1, inertia = 0.1, position = [0.4, 1.3], angle = 2.4, points = { a = [-0.5, 0], b = [0.5, 0] } }
+        joints.A = { type = "revolute", between = ["ground.a", "left.a"] }
+        joints.B = { type = "revolute", between = ["ground.b", "right.a"] }
+        joints.C = { type = "revolute", between = ["left.b", "rod.a"] }
+        joints.D = { type = "revolute", between = ["right.b", "bar.a"] }
+        joints.E = { type = "revolute", between = ["rod.b", "bar.b"] }
+        initial.A.angle = 1.5708
+        initial.B.angle = 1.5708
+        outputs.x = { measure = "rod.b.x" }
+    "#;
+    let mechanism = parse(text);
+    let region = |half: f64| Region {
+        coordinates: ["A.angle", "B.angle"].map(|name| Range::new(name, 1.5708 - half, 1.5708 + half)).into(),
+        ..Region::default()
+    };
+    reach(&mechanism, &region(0.2), true, 1).unwrap();
+    // the tips are farther apart than the rods are long
+    let message = reach(&mechanism, &region(1.5), false, 1).unwrap_err();
+    assert!(message.starts_with("at A.angle = ") && message.contains("at independent coordinates"), "{message}");
 }
 
 #[test]

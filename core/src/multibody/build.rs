@@ -3,7 +3,7 @@
 use super::{
     constraint::{Constraint, Constraints, Formula, Slot, Target},
     coordinate::{Coordinate, Frame, Point},
-    description::{Description, DriverOptions, JointOptions, JointType, Vector},
+    description::{Description, DriverOptions, InputOptions, JointOptions, JointType, Vector},
     expression::{Expression, Jet},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
@@ -255,7 +255,7 @@ impl<'a> Builder<'a> {
             let key = format!("forces.{name}.force");
             let [x, y] = force.force.each_ref().map(|component| self.formula(&key, component, true));
             if let (Some(point), Some(x), Some(y)) = (point, x, y) {
-                forces.push(Force { point, components: [x, y] });
+                forces.push(Force { point, components: [x, y], owner: format!("forces.{name}") });
             }
         }
         forces
@@ -268,7 +268,7 @@ impl<'a> Builder<'a> {
             let coordinate = self.noted(&format!("actuators.{name}.coordinate"), coordinate);
             let effort = self.formula(&format!("actuators.{name}.effort"), &actuator.effort, true);
             if let (Some(coordinate), Some(effort)) = (coordinate, effort) {
-                actuators.push(Actuator { coordinate, effort });
+                actuators.push(Actuator { coordinate, effort, owner: format!("actuators.{name}") });
             }
         }
         actuators
@@ -276,7 +276,12 @@ impl<'a> Builder<'a> {
 
     fn inputs(&self) -> Vec<Input> {
         let inputs = self.description.inputs.iter();
-        inputs.map(|(name, input)| Input { name: name.clone(), signal: Signal::Constant(input.start) }).collect()
+        let input = |(name, input): (&String, &InputOptions)| Input {
+            name: name.clone(),
+            range: [input.min, input.max],
+            signal: Signal::Constant(input.start),
+        };
+        inputs.map(input).collect()
     }
 
     /// The conditions on positions and on velocities at the start.

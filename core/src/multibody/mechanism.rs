@@ -131,6 +131,24 @@ impl Mechanism {
         self.origin.refuse(problems)
     }
 
+    /// What is wrong with the equations of motion, with the line of the part that a sentence names in backticks: `forces.wind`.
+    pub fn located(&self, message: &str) -> Problem {
+        let Description { joints, drivers, springs, forces, actuators, .. } = &self.description;
+        let keys = |section: &'static str, names: Vec<&String>| {
+            names.into_iter().map(move |name| format!("{section}.{name}")).collect::<Vec<_>>()
+        };
+        let parts = [
+            keys("forces", forces.keys().collect()),
+            keys("actuators", actuators.keys().collect()),
+            keys("drivers", drivers.keys().collect()),
+            keys("springs", springs.keys().collect()),
+            keys("joints", joints.keys().collect()),
+        ];
+        let named = parts.into_iter().flatten().find(|key| message.contains(&format!("`{key}`")));
+        let problem = Problems::one(named.unwrap_or_else(|| "joints".into()), message.to_owned());
+        self.origin.locate(problem).swap_remove(0)
+    }
+
     /// The content of the file.
     pub fn description(&self) -> &Description {
         &self.description

@@ -37,6 +37,8 @@ pub struct Force {
     pub point: Point,
     /// Its components, in N.
     pub components: [Formula; 2],
+    /// Its key in the description, for messages: `forces.A`.
+    pub owner: String,
 }
 
 /// A force or torque along a coordinate.
@@ -46,6 +48,8 @@ pub struct Actuator {
     pub coordinate: Coordinate,
     /// Force or torque that acts to increase it.
     pub effort: Formula,
+    /// Its key in the description, for messages: `actuators.A`.
+    pub owner: String,
 }
 
 /// A driver that gives the acceleration of a coordinate, whose position and velocity are free at the start.
@@ -66,8 +70,25 @@ pub struct Prescribed {
 pub struct Input {
     /// Its name in the description.
     pub name: String,
+    /// Its range there.
+    pub range: [f64; 2],
     /// Its value in the course of a run.
     pub signal: Signal,
+}
+
+/// Shares of an input's range at which forces are compared; no even or odd function treats them alike.
+const PROBES: [f64; 3] = [0.93, 0.11, 0.4];
+
+impl Input {
+    /// Values in the range, none of them next to zero, at which it is checked whether forces are linear in the input.
+    pub fn probes(&self) -> [f64; 3] {
+        let [min, max] = self.range;
+        let least = 1e-3 * min.abs().max(max.abs());
+        PROBES.map(|share| {
+            let value = min + share * (max - min);
+            if value.abs() < least { value + 0.05 * (max - min) } else { value }
+        })
+    }
 }
 
 /// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
@@ -211,6 +232,14 @@ impl Model {
         DVector::from_iterator(of_constraints.len() + self.prescribed.len(), sides)
     }
 
+    /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
+    /// Lever arms alone vanish where a body passes the pivot that it turns about.
+    pub fn length(&self, transposed: &DMatrix<f64>) -> f64 {
+        let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
+        let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
+        self.constraints.lever_arm(transposed).max(longest)
+    }
+
     /// The coordinate of a multiplier.
     pub fn held_coordinate(&self, row: usize) -> &Coordinate {
         let first = self.constraints.len();
@@ -232,14 +261,6 @@ impl Model {
         let svd = rows.svd(false, true);
         let free = svd.v_t.iter().flat_map(|v_t| v_t.row_iter()).zip(&svd.singular_values);
         let free = free.filter(|(_, value)| **value < 1e-9);
-    /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
-    /// Lever arms alone vanish where a body passes the pivot that it turns about.
-    pub fn length(&self, transposed: &DMatrix<f64>) -> f64 {
-        let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
-        let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
-        self.constraints.lever_arm(transposed).max(longest)
-    }
-
         let mut found: Vec<usize> = free.map(|(motion, _)| motion.transpose().iamax()).collect();
         found.sort_unstable();
         found.dedup();

@@ -89,9 +89,11 @@ pub struct Terms {
     pub force: DVector<f64>,
     /// The part of it that gravity and springs have, `-dV/ds`.
     pub potential_force: DVector<f64>,
-    /// What each input adds to these at rest for each unit of it, shape `[n, inputs]`. They are refused unless they are linear in the
-    /// inputs.
+    /// What each input adds to these at rest for each unit of it, shape `[n, inputs]`; of forces that are not linear in an input at one
+    /// value of it.
     pub input_map: DMatrix<f64>,
+    /// `true` if these forces are linear in each input alone, within its range in the mechanism file.
+    pub is_linear_in_inputs: bool,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,
 }
@@ -188,7 +190,7 @@ impl Reduced {
     /// The functions of the configuration.
     ///
     /// # Errors
-    /// As [`Reduced::configuration`]; a force that is not finite, or not linear in the inputs.
+    /// As [`Reduced::configuration`]; a force that is not finite.
     pub fn terms(&self, s: &DVector<f64>) -> Result<Terms, String> {
         let q = self.configuration(s)?;
         let (count, n) = (q.len(), s.len());
@@ -206,7 +208,7 @@ impl Reduced {
             mass_gradient.push(&half + half.transpose());
             velocity_gradient.push(of_velocities);
         }
-        let (force, input_map) = self.forces(&q, &velocities)?;
+        let (force, input_map, is_linear_in_inputs) = self.forces(&q, &velocities)?;
         let potential = self.model.potential_energy(&q);
         let potential_force = velocities.tr_mul(&self.model.potential_forces(&q));
         Ok(Terms {
@@ -218,6 +220,7 @@ impl Reduced {
             force,
             potential_force,
             input_map,
+            is_linear_in_inputs,
             potential,
         })
     }
@@ -304,42 +307,47 @@ impl Reduced {
         solved.ok_or_else(|| "the mass matrix of the independent coordinates is not positive definite".into())
     }
 
-    /// `Q` at rest without inputs, and what each input adds.
-    fn forces(&self, q: &DVector<f64>, velocities: &DMatrix<f64>) -> Result<(DVector<f64>, DMatrix<f64>), String> {
+    /// `Q` at rest without inputs, what each input adds for each unit of it, and whether that is the same for all of its values.
+    fn forces(
+        &self,
+        q: &DVector<f64>,
+        velocities: &DMatrix<f64>,
+    ) -> Result<(DVector<f64>, DMatrix<f64>, bool), String> {
         let rest = DVector::zeros(q.len());
-        let names = &self.model.inputs;
+        let inputs = &self.model.inputs;
         let still = DVector::zeros(velocities.ncols());
         let at = |u: &[f64]| self.forces_or_accelerations(q, velocities, &still, u);
-        let force = at(&vec![0.0; names.len()]);
-        let mut input_map = DMatrix::zeros(velocities.ncols(), names.len());
-        for (index, input) in names.iter().enumerate() {
-            let mut u = vec![0.0; names.len()];
-            // two points that no even or odd function treats alike
-            let [one, other] = [1.0, -3.0].map(|value| {
-                u[index] = value;
-                (at(&u) - &force) / value
-            });
-            let differ = |rows: &Vec<usize>| {
-                let (one, other) = (one.select_rows(rows), other.select_rows(rows));
-                // a maximum leaves out what is not a number, so that is looked for first
-                let is_finite = one.iter().chain(&other).all(|value| value.is_finite());
-                !is_finite || (&one - &other).amax() > 1e-9 * one.amax().max(other.amax())
-            };
-            let differing = self.alike().iter().position(differ);
-            if let Some(kind) = differing {
-                let what = match kind.checked_sub(1).map(|driver| &self.model.prescribed[driver].owner) {
-                    Some(owner) => format!("the acceleration of `{owner}` is"),
-                    None => "the forces are".into(),
-                };
-                return Err(format!("{what} not linear in the input `{}`", input.name));
-            }
-            input_map.set_column(index, &one);
-        }
-        if force.iter().chain(input_map.iter()).any(|value| !value.is_finite()) {
+        let force = at(&vec![0.0; inputs.len()]);
+        if force.iter().any(|value| !value.is_finite()) {
             let message = self.model.undefined_force(0.0, q, &rest);
             return Err(message.unwrap_or_else(|| "a force is not finite".into()));
         }
-        Ok((force, input_map))
+        let (mut input_map, mut is_linear) = (DMatrix::zeros(velocities.ncols(), inputs.len()), true);
+        for (index, input) in inputs.iter().enumerate() {
+            let mut slopes = Vec::new();
+            for value in input.probes() {
+                let mut u = vec![0.0; inputs.len()];
+                u[index] = value;
+                let slope = (at(&u) - &force) / value;
+                if slope.iter().any(|slope| !slope.is_finite()) {
+                    return Err(format!("a force is not finite with the input `{}` at {value:.4}", input.name));
+                }
+                slopes.push((slope, value.abs()));
+            }
+            let (first, _) = &slopes[0];
+            let differ = |rows: &Vec<usize>| {
+                let [first, force] = [first, &force].map(|values| values.select_rows(rows));
+                slopes[1..].iter().any(|(slope, value)| {
+                    let slope = slope.select_rows(rows);
+                    // differences of large forces are rounded
+                    let rounding = 1e-13 * force.amax() / value;
+                    (&first - &slope).amax() > 1e-9 * first.amax().max(slope.amax()) + rounding
+                })
+            };
+            is_linear &= !self.alike().iter().any(differ);
+            input_map.set_column(index, first);
+        }
+        Ok((force, input_map, is_linear))
     }
 
     /// Rows of the equations that are of one kind: all forces, then each prescribed acceleration.
@@ -482,10 +490,10 @@ fn refuse_time(model: &Model) -> Result<(), String> {
     if let Some(Prescribed { formula, owner, .. }) = model.prescribed.iter().find(|driver| is_timed(&driver.formula)) {
         return Err(format!("the acceleration `{}` of `{owner}` depends on time", formula.expression));
     }
-    let components = model.forces.iter().flat_map(|force| &force.components);
-    let mut formulas = components.chain(model.actuators.iter().map(|actuator| &actuator.effort));
-    match formulas.find(|formula| is_timed(formula)) {
-        Some(formula) => Err(format!("the force `{}` depends on time", formula.expression)),
+    let forces = model.forces.iter().flat_map(|force| force.components.iter().map(|formula| (formula, &force.owner)));
+    let efforts = model.actuators.iter().map(|actuator| (&actuator.effort, &actuator.owner));
+    match forces.chain(efforts).find(|(formula, _)| is_timed(formula)) {
+        Some((formula, owner)) => Err(format!("the force `{}` of `{owner}` depends on time", formula.expression)),
         None => Ok(()),
     }
 }

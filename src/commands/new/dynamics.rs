@@ -1,18 +1,18 @@
 //! A study of a mechanism's equations of motion.
 
-use super::{Target, control, describe, quoted};
+use super::{Proposal, Target, control, describe, quoted, say};
 use metafmu::{
-    Error, Result,
-    diagnostics::Problems,
-    dynamics::{self, Range, Region},
+    Result,
+    dynamics::{self, Checked, Range, Region},
     multibody::{FreeCoordinate, Mechanism},
-    study::is_angle,
+    pipeline::trial,
+    study::{Study, is_angle},
     systems::System,
 };
 use std::{f64::consts::TAU, fmt::Write, path::Path};
 
 /// A study of a mechanism file.
-pub fn of_mechanism(target: &Target, file: &Path) -> Result<String> {
+pub fn of_mechanism(target: &Target, file: &Path) -> Result<Proposal> {
     let mechanism = Mechanism::load(file)?;
     let file = target.path_from(file);
     let source = format!(
@@ -20,32 +20,61 @@ pub fn of_mechanism(target: &Target, file: &Path) -> Result<String> {
 # Parameters of the mechanism that are not varied here: their defaults there, or constants = {{ NAME = VALUE }}",
         quoted(&file),
     );
-    study(target.name, &mechanism, &format!("--mechanism {file}"), &source)
+    propose(target, &mechanism, &format!("--mechanism {file}"), &source)
 }
 
 /// A study of the mechanism that describes a built-in system.
-pub fn of_system(name: &str, system: &System) -> Result<String> {
+pub fn of_system(target: &Target, system: &System) -> Result<Proposal> {
     let mechanism = Mechanism::parse(system.mechanism, Path::new(system.name))?;
     let source = format!(
         "system = {}    # built in
 # Its quantities that are not varied here: their defaults, or constants = {{ NAME = VALUE }}",
         quoted(system.name),
     );
-    study(name, &mechanism, &format!("--system {}", system.name), &source)
+    propose(target, &mechanism, &format!("--system {}", system.name), &source)
 }
 
-/// A study of all free coordinates and inputs, and of the parameters with a range and the outputs that can be learned.
-fn study(name: &str, mechanism: &Mechanism, option: &str, source: &str) -> Result<String> {
-    let coordinates = match mechanism.free_coordinates() {
-        Ok(coordinates) => coordinates,
-        Err(message) => {
-            let refused = mechanism.refuse(Problems::one("joints", message));
-            return Err(refused.err().unwrap_or(Error::Interrupted));
-        }
-    };
+/// Parts of the length of the runs that are tried until no run fails.
+const SHORTER: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
+
+/// A study of all free coordinates and inputs, and of the parameters with a range and the outputs that can be learned, whose ranges have no
+/// singular positions, and whose runs are short enough to meet none.
+fn propose(target: &Target, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
+    let coordinates = mechanism
+        .free_coordinates()
+        .map_err(|message| metafmu::Error::Study { problems: vec![mechanism.located(&message)] })?;
     describe(mechanism, control()?);
-    let learned = Learned::new(mechanism, &coordinates);
     let stop = duration(&coordinates);
+    let ranges = Ranges::new(mechanism, coordinates);
+    if let Some(why) = &ranges.narrowed {
+        say(format_args!("ranges are narrowed to positions that are not singular: {why}"));
+    }
+    let learned = Learned::new(mechanism, &ranges);
+    let study = |share: f64| study(target.name, mechanism, (&ranges, &learned), (stop, share * stop), [option, source]);
+    let mut proposal = None;
+    for share in SHORTER {
+        let text = study(share);
+        let trial = Study::parse(&text, &target.file()).and_then(|study| trial::attempt(&study, control()?));
+        let is_good = trial.as_ref().map_or(true, |trial| trial.failures.is_empty());
+        let found = Proposal { text, trial: Some(trial) };
+        if is_good {
+            return Ok(found);
+        }
+        // if shorter runs fail as well, the longest one is as good
+        proposal.get_or_insert(found);
+    }
+    Ok(proposal.unwrap_or_else(|| Proposal { text: study(1.0), trial: None }))
+}
+
+/// The text of a study. Speeds and bandwidths follow from how long runs are of which nothing is known yet.
+fn study(
+    name: &str,
+    mechanism: &Mechanism,
+    (ranges, learned): (&Ranges, &Learned),
+    (usual, stop): (f64, f64),
+    [option, source]: [&str; 2],
+) -> String {
+    let stop: f64 = format!("{stop:.3e}").parse().unwrap_or(stop);
     let mut text = format!(
         "# Made by `metafmu new {name} {option} --structure dynamics`; build it with `metafmu build {name}.toml`.
 
@@ -67,16 +96,20 @@ step = {:<20?} # s
         stop / 500.0,
     );
     // writing to a string does not fail
-    for coordinate in &coordinates {
+    for (k, coordinate) in ranges.coordinates.iter().enumerate() {
         let ([low, high], rate) = (coordinate.reach, coordinate.rate);
         let unit = if is_angle(&coordinate.name) { "rad" } else { "m" };
         let reach = 0.1 * (high - low);
         let start = [coordinate.start - reach, coordinate.start + reach].map(|end| end.clamp(low, high));
-        let spread = 0.5 * rate.abs().max(10.0 / stop);
-        let comment = if goes_around(coordinate) {
-            "a full turn: all angles".into()
-        } else {
-            format!("{unit}; the surrogate is valid there")
+        let spread = 0.5 * rate.abs().max(10.0 / usual);
+        let is_periodic = learned.is_periodic.get(k).copied().unwrap_or(is_angle(&coordinate.name));
+        let comment = match (is_periodic, goes_around(coordinate)) {
+            (true, true) => "a full turn: all angles".into(),
+            (false, true) => "rad; forces differ a turn later: the surrogate is valid there".into(),
+            _ if ranges.is_narrowed(k) => {
+                format!("{unit}; the surrogate is valid there, and beyond are singular positions")
+            }
+            _ => format!("{unit}; the surrogate is valid there"),
         };
         let _ = writeln!(
             text,
@@ -96,13 +129,12 @@ step = {:<20?} # s
         let _ = writeln!(
             text,
             "{name} = {{ min = {min:?}, max = {max:?}, bandwidth = {:?}, excitation = [\"multisine\", \"steps\", \"spline\"] }}",
-            10.0 / stop
+            10.0 / usual
         );
     }
     text += "\n[parameters]\n";
-    for (name, parameter) in mechanism.parameters() {
-        // the others are constants
-        let (Some(min), Some(max)) = (parameter.min, parameter.max) else { continue };
+    // the others are constants
+    for Range { name, min, max } in &ranges.parameters {
         if learned.is_idle(name) {
             let _ =
                 writeln!(text, "# {name}: acts on nothing but the start, for which the FMU has parameters of its own");
@@ -123,36 +155,146 @@ step = {:<20?} # s
         }
     }
     text += "\n[sampling]\ntest_runs = 20              # random starts, parameters and inputs\n";
-    Ok(text)
+    text
+}
+
+/// Ranges of a study, none of whose configurations is singular.
+struct Ranges {
+    coordinates: Vec<FreeCoordinate>,
+    parameters: Vec<Range>,
+    /// How far each coordinate can go alone.
+    alone: Vec<[f64; 2]>,
+    /// Values of all parameters that are not varied.
+    constants: Vec<(String, f64)>,
+    /// The singular position because of which they are narrower.
+    narrowed: Option<String>,
+}
+
+/// Shares of ranges from which on it is enough to narrow the coordinates, and which are the least.
+const ENOUGH: f64 = 0.1;
+const LEAST: f64 = 0.01;
+
+/// Bisections of a share, and what is left to spare.
+const BISECTIONS: u32 = 7;
+const SPARE: f64 = 0.9;
+
+impl Ranges {
+    /// The ranges in which each coordinate can go alone, narrowed about the start if positions are singular where all of them are elsewhere,
+    /// or other parameters have other values.
+    fn new(mechanism: &Mechanism, coordinates: Vec<FreeCoordinate>) -> Self {
+        let own = mechanism.parameters().iter();
+        let parameters = own.clone().filter_map(|(name, p)| Some(Range::new(name, p.min?, p.max?))).collect();
+        let constants: Vec<(String, f64)> = own.map(|(name, p)| (name.clone(), p.default)).collect();
+        let alone = coordinates.iter().map(|coordinate| coordinate.reach).collect();
+        let mut ranges = Self { coordinates, parameters, alone, constants, narrowed: None };
+        let all = vec![1.0; ranges.coordinates.len()];
+        let singular = |ranges: &Self, shares: &[f64], of_parameters: f64| {
+            dynamics::reach(mechanism, &ranges.scaled(shares, of_parameters).region(Vec::new()), true, SEED).err()
+        };
+        let Some(why) = singular(&ranges, &all, 1.0) else { return ranges };
+        let count = all.len();
+        let alike = |share: f64, of_parameters: f64| singular(&ranges, &vec![share; count], of_parameters).is_none();
+        let (mut shares, of_parameters) = match largest(|share| alike(share, 1.0)).filter(|share| *share >= ENOUGH) {
+            Some(share) => (vec![SPARE * share; count], 1.0),
+            None => match largest(|share| alike(share, share)) {
+                Some(share) => (vec![SPARE * share; count], SPARE * share),
+                // not because of the ranges: a build tells why
+                None => return ranges,
+            },
+        };
+        for k in 0..count {
+            let before = std::mem::replace(&mut shares[k], 1.0);
+            if singular(&ranges, &shares, of_parameters).is_some() {
+                shares[k] = before;
+            }
+        }
+        ranges = ranges.scaled(&shares, of_parameters);
+        ranges.narrowed = Some(why);
+        ranges
+    }
+
+    /// Shares of the ranges, about the start and the parameters' defaults.
+    fn scaled(&self, shares: &[f64], of_parameters: f64) -> Self {
+        let about = |middle: f64, [low, high]: [f64; 2], share: f64| match share {
+            1.0 => [low, high],
+            // no more digits than anybody needs
+            _ => [low, high].map(|end| {
+                let end = middle + share * (end - middle);
+                format!("{end:.3e}").parse().unwrap_or(end)
+            }),
+        };
+        let coordinates = self.coordinates.iter().zip(shares).map(|(coordinate, share)| FreeCoordinate {
+            reach: about(coordinate.start, coordinate.reach, *share),
+            ..coordinate.clone()
+        });
+        let default =
+            |name: &str| self.constants.iter().find(|(known, _)| known == name).map_or(0.0, |(_, value)| *value);
+        let parameters = self.parameters.iter().map(|Range { name, min, max }| {
+            let [min, max] = about(default(name), [*min, *max], of_parameters);
+            Range::new(name, min, max)
+        });
+        Self {
+            coordinates: coordinates.collect(),
+            parameters: parameters.collect(),
+            alone: self.alone.clone(),
+            constants: self.constants.clone(),
+            narrowed: self.narrowed.clone(),
+        }
+    }
+
+    fn is_narrowed(&self, k: usize) -> bool {
+        self.coordinates[k].reach != self.alone[k]
+    }
+
+    fn region(&self, outputs: Vec<String>) -> Region {
+        let range =
+            |coordinate: &FreeCoordinate| Range::new(&coordinate.name, coordinate.reach[0], coordinate.reach[1]);
+        Region {
+            coordinates: self.coordinates.iter().map(range).collect(),
+            parameters: self.parameters.clone(),
+            constants: self.constants.clone(),
+            outputs,
+            velocities: Vec::new(),
+            inputs: Vec::new(),
+        }
+    }
+}
+
+/// The largest share that is good, if the least one is.
+fn largest(is_good: impl Fn(f64) -> bool) -> Option<f64> {
+    if !is_good(LEAST) {
+        return None;
+    }
+    let (mut good, mut bad) = (LEAST, 1.0);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (good + bad);
+        *(if is_good(middle) { &mut good } else { &mut bad }) = middle;
+    }
+    Some(good)
 }
 
 /// What of a mechanism can be learned.
+#[derive(Default)]
 struct Learned {
     outputs: Vec<String>,
     /// Parameters on which neither the equations nor these outputs depend.
     idle: Vec<String>,
+    /// Whether each coordinate is an angle with equations that are the same a turn later; empty if that is not known.
+    is_periodic: Vec<bool>,
 }
 
 impl Learned {
     /// Asks the mechanism. What is wrong with the equations themselves is told by a build, with its place.
-    fn new(mechanism: &Mechanism, coordinates: &[FreeCoordinate]) -> Self {
-        let range = |name: &str, [min, max]: [f64; 2]| Range { name: name.into(), min, max };
-        let varied = mechanism.parameters().iter().filter_map(|(name, p)| Some(range(name, [p.min?, p.max?])));
-        let region = |outputs: Vec<String>| Region {
-            coordinates: coordinates.iter().map(|coordinate| range(&coordinate.name, coordinate.reach)).collect(),
-            parameters: varied.clone().collect(),
-            constants: mechanism.parameters().iter().map(|(name, p)| (name.clone(), p.default)).collect(),
-            outputs,
-            velocities: Vec::new(),
-            inputs: Vec::new(),
-        };
-        let check = |outputs: Vec<String>| dynamics::check(mechanism, &region(outputs), SEED);
+    fn new(mechanism: &Mechanism, ranges: &Ranges) -> Self {
+        let check = |outputs: Vec<String>| dynamics::check(mechanism, &ranges.region(outputs), SEED);
         let mut outputs: Vec<String> = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
         if check(Vec::new()).is_ok() {
             outputs.retain(|output| check(vec![output.clone()]).is_ok());
         }
-        let idle = check(outputs.clone()).unwrap_or_default();
-        Self { outputs, idle }
+        match check(outputs.clone()) {
+            Ok(Checked { idle, is_periodic }) => Self { outputs, idle, is_periodic },
+            Err(_) => Self { outputs, ..Self::default() },
+        }
     }
 
     fn is_idle(&self, parameter: &str) -> bool {

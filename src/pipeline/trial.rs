@@ -1,0 +1,53 @@
+//! A study tried before it is built: what a build checks before and at the beginning of its sampling, and a few runs.
+
+use super::Control;
+use crate::{
+    Error, Result,
+    sampling::Plan,
+    search,
+    source::{Simulation, Source},
+    study::Study,
+};
+use rayon::prelude::*;
+use std::{sync::atomic::Ordering, time::Duration};
+
+/// Runs that are tried.
+const RUNS: usize = 8;
+
+/// A run that takes longer is not waited for.
+const LIMIT: Duration = Duration::from_secs(2);
+
+/// Result of a trial.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Trial {
+    /// Runs that were tried; none of recorded runs and of FMUs.
+    pub runs: usize,
+    /// Parameters of each run that failed, and why.
+    pub failures: Vec<String>,
+}
+
+/// Finds the source of a study, reads recorded runs, and simulates a few runs of a system or mechanism.
+///
+/// # Errors
+/// What a build would refuse: those of [`Source::new`] and [`Recorded::sample`](crate::source::Recorded::sample); [`Error::Interrupted`].
+pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
+    search::check(study)?;
+    let simulation: Simulation = match Source::new(study)? {
+        Source::Simulation(simulation) => simulation,
+        Source::Recorded(recorded) => {
+            recorded.sample(control.stop)?;
+            return Ok(Trial::default());
+        }
+    };
+    let Plan { train, test, .. } = Plan::new(study);
+    let points: Vec<Vec<f64>> = train.into_iter().take(RUNS / 2).chain(test.into_iter().take(RUNS / 2)).collect();
+    let found: Vec<_> = points.par_iter().filter_map(|point| simulation.attempt(point, LIMIT, control.stop)).collect();
+    if control.stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    let failures = points.iter().zip(&found).filter_map(|(point, outcome)| {
+        let reason = outcome.as_ref().err()?;
+        Some(format!("{}: {reason}", simulation.values(point)))
+    });
+    Ok(Trial { runs: found.len(), failures: failures.collect() })
+}
