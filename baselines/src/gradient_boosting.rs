@@ -1,54 +1,244 @@
-//! Gradient boosting: trees that each correct the sum of those before.
+//! Gradient boosting: trees that each correct the sum of those before, of columns in bins.
+//!
+//! With `r = y - f` the residual of the sum `f` of the trees so far, a node with `n` rows adds `shrinkage * G / (n + L2)`, `G` the sum of `r` over its
+//! rows, and is split where `G_l^2 / (n_l + L2) + G_r^2 / (n_r + L2) - G^2 / (n + L2)` is largest, if that is positive (Chen and Guestrin, XGBoost, 2016,
+//! of squared errors). Splits lie between bins of about as many rows each, so that the sums of a histogram decide (Ke et al., LightGBM, 2017): a node's
+//! histogram minus that of its smaller child is that of the other one.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows, for_each_output, svr::matrix};
+use crate::{Baseline, Fitted, Rows, for_each_output, tree::MARGIN};
 use metafmu_core::study::baselines::GradientBoosting;
-use smartcore::{
-    linalg::basic::matrix::DenseMatrix,
-    xgboost::xgb_regressor::{XGRegressor, XGRegressorParameters},
-};
+use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
+
+/// Most bins of a column.
+const BINS: usize = 256;
+/// Penalty on the squares of the leaves, as XGBoost's default.
+const L2: f64 = 1.0;
 
 impl Baseline for GradientBoosting {
     fn most_rows(&self) -> Option<usize> {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
-        let inputs = rows.inputs;
-        let x = matrix(rows.len(), inputs, rows.x.clone())?;
-        let fitted: Vec<XGRegressor<f64, f64, DenseMatrix<f64>, Vec<f64>>> = for_each_output(rows, |output| {
-            let parameters = XGRegressorParameters::default()
-                .with_n_estimators(self.trees)
-                .with_max_depth(self.depth)
-                .with_learning_rate(self.learning_rate)
-                .with_base_score(0.0)
-                .with_seed(seed);
-            XGRegressor::fit(&x, &rows.output(output), parameters).map_err(|error| error.to_string())
-        })?;
-        let predict = move |x: &[f64]| {
-            let x = matrix(x.len() / inputs, inputs, x.to_vec())?;
-            let outputs: Result<Vec<Vec<f64>>, _> = fitted.iter().map(|regressor| regressor.predict(&x)).collect();
-            Ok(interleave(&outputs.map_err(|error| error.to_string())?))
-        };
-        // full trees, each node with two numbers, a column and two links: the library does not tell how many it has
-        let nodes = rows.outputs * self.trees * ((2 << self.depth.min(20)) - 1).min(2 * rows.len());
-        Ok(Fitted::Library(LibraryModel {
-            predict: Box::new(predict),
-            memory_bytes: (nodes * 5 * size_of::<f64>()) as u64,
-            not_exportable: "smartcore gives no access to its trees",
-        }))
+    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+        if rows.x.len() != rows.len() * rows.inputs || rows.y.len() != rows.len() * rows.outputs {
+            return Err(format!("{} numbers of outputs for {} rows", rows.y.len(), rows.len()));
+        }
+        let binned = Binned::new(rows);
+        let fitted = for_each_output(rows, |output| Ok(trees(self, &binned, rows.output(output))))?;
+        let mut forest = Forest::default();
+        for (output, trees) in (0..).zip(fitted) {
+            for tree in trees {
+                let root = u32::try_from(forest.nodes.len()).map_err(|_| "more than 4 billion nodes")?;
+                forest.trees.push(Tree { root, output });
+                let moved = |node: Node| Node {
+                    below: node.below.map(|below| if node.column == LEAF { 0 } else { root + below }),
+                    ..node
+                };
+                forest.nodes.extend(tree.into_iter().map(moved));
+            }
+        }
+        Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function: Function::Forest(forest) }))
     }
 }
 
-/// Columns as rows.
-fn interleave(columns: &[Vec<f64>]) -> Vec<f64> {
-    let rows = columns.first().map_or(0, Vec::len);
-    (0..rows).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
+/// The trees of an output, whose residual is `residual` at first.
+fn trees(options: &GradientBoosting, binned: &Binned, mut residual: Vec<f64>) -> Vec<Vec<Node>> {
+    let mut order: Vec<u32> = (0..residual.len() as u32).collect();
+    (0..options.trees).map(|_| tree(options, binned, &mut residual, &mut order)).collect()
+}
+
+/// A tree, level by level, which is taken off the residual; `order`: the rows, in any order.
+fn tree(options: &GradientBoosting, binned: &Binned, residual: &mut [f64], order: &mut [u32]) -> Vec<Node> {
+    let mut nodes = vec![LEAF_NODE];
+    let mut level = vec![Open { node: 0, first: 0, end: order.len(), histogram: binned.histogram(order, residual) }];
+    for depth in 0..=options.depth {
+        let mut next = Vec::new();
+        for open in level {
+            let rows = open.first..open.end;
+            let split = (depth < options.depth).then(|| open.histogram.best_split(binned)).flatten();
+            let Some(Split { column, bin }) = split else {
+                let value = options.learning_rate * open.histogram.value();
+                nodes[open.node].number = value;
+                order[rows].iter().for_each(|row| residual[*row as usize] -= value);
+                continue;
+            };
+            let below = nodes.len();
+            nodes.resize(below + 2, LEAF_NODE);
+            nodes[open.node] = Node {
+                column: column as u32,
+                number: binned.edges[column][bin],
+                below: [below as u32, below as u32 + 1],
+            };
+            let middle = open.first + partition(&mut order[rows], |row| binned.bin(row, column) <= bin);
+            next.extend(open.divided(binned, residual, order, [below, middle]));
+        }
+        level = next;
+    }
+    nodes
+}
+
+const LEAF_NODE: Node = Node { column: LEAF, number: 0.0, below: [0; 2] };
+
+/// Moves the rows that fulfil a condition to the front; their number.
+fn partition(rows: &mut [u32], is_first: impl Fn(u32) -> bool) -> usize {
+    let mut front = 0;
+    for place in 0..rows.len() {
+        if is_first(rows[place]) {
+            rows.swap(front, place);
+            front += 1;
+        }
+    }
+    front
+}
+
+/// Inputs as numbers of bins.
+struct Binned {
+    /// Of each column the upper ends of its bins but the last.
+    edges: Vec<Vec<f64>>,
+    /// Shape `[rows, columns]`.
+    bins: Vec<u8>,
+}
+
+impl Binned {
+    fn new(rows: &Rows) -> Self {
+        let columns = rows.inputs;
+        let edges: Vec<Vec<f64>> =
+            (0..columns).map(|column| edges(rows.x.iter().skip(column).step_by(columns).copied().collect())).collect();
+        let bin = |(place, value): (usize, &f64)| edges[place % columns].partition_point(|edge| edge < value) as u8;
+        let bins = rows.x.iter().enumerate().map(bin).collect();
+        Self { edges, bins }
+    }
+
+    fn columns(&self) -> usize {
+        self.edges.len()
+    }
+
+    fn bin(&self, row: u32, column: usize) -> usize {
+        self.bins[row as usize * self.columns() + column].into()
+    }
+
+    fn histogram(&self, rows: &[u32], residual: &[f64]) -> Histogram {
+        let columns = self.columns();
+        let mut sums = vec![Sum::default(); columns * BINS];
+        for &row in rows {
+            let value = residual[row as usize];
+            let bins = &self.bins[row as usize * columns..][..columns];
+            for (sums, bin) in sums.chunks_exact_mut(BINS).zip(bins) {
+                let sum = &mut sums[usize::from(*bin)];
+                sum.residual += value;
+                sum.rows += 1.0;
+            }
+        }
+        Histogram(sums)
+    }
+}
+
+/// Ends between bins of about as many values each, in the middle between two values; values that differ by rounding are in one bin.
+fn edges(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    let gaps = |place: &usize| values[*place] - values[place - 1] > 4.0 * MARGIN;
+    let places: Vec<usize> = (1..values.len()).filter(gaps).collect();
+    let edge = |place: usize| 0.5 * (values[place - 1] + values[place]) + MARGIN;
+    if places.len() < BINS {
+        return places.into_iter().map(edge).collect();
+    }
+    // the next place between values that differ, from each quantile on
+    let mut found: Vec<usize> = (1..BINS)
+        .filter_map(|bin| places.get(places.partition_point(|place| *place < bin * values.len() / BINS)).copied())
+        .collect();
+    found.dedup();
+    found.into_iter().map(edge).collect()
+}
+
+/// Sum of the residual over rows, and their number.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    residual: f64,
+    rows: f64,
+}
+
+impl Sum {
+    /// How much less the squared residual is if the rows are a leaf, but for a constant.
+    fn gain(self) -> f64 {
+        self.residual * self.residual / (self.rows + L2)
+    }
+
+    fn minus(self, other: Self) -> Self {
+        Self { residual: self.residual - other.residual, rows: self.rows - other.rows }
+    }
+}
+
+/// Sums of the bins of each column, shape `[columns, BINS]`, over the rows of a node.
+struct Histogram(Vec<Sum>);
+
+struct Split {
+    column: usize,
+    /// The last bin of the first side.
+    bin: usize,
+}
+
+impl Histogram {
+    fn total(&self) -> Sum {
+        let add = |sum: Sum, bin: &Sum| Sum { residual: sum.residual + bin.residual, rows: sum.rows + bin.rows };
+        self.0[..BINS].iter().fold(Sum::default(), add)
+    }
+
+    /// What a leaf adds, before it is shrunk.
+    fn value(&self) -> f64 {
+        let Sum { residual, rows } = self.total();
+        residual / (rows + L2)
+    }
+
+    /// The split that gains most, unless none gains anything.
+    fn best_split(&self, binned: &Binned) -> Option<Split> {
+        let total = self.total();
+        let (mut best, mut most) = (None, total.gain() + 1e-12);
+        for (column, (sums, edges)) in self.0.chunks_exact(BINS).zip(&binned.edges).enumerate() {
+            let mut first = Sum::default();
+            for (bin, sum) in sums.iter().enumerate().take(edges.len()) {
+                first = Sum { residual: first.residual + sum.residual, rows: first.rows + sum.rows };
+                let second = total.minus(first);
+                if first.rows < 1.0 || second.rows < 1.0 {
+                    continue;
+                }
+                let gain = first.gain() + second.gain();
+                if gain > most {
+                    (best, most) = (Some(Split { column, bin }), gain);
+                }
+            }
+        }
+        best
+    }
+}
+
+/// A node whose rows, a stretch of the order, are not divided yet.
+struct Open {
+    node: usize,
+    first: usize,
+    end: usize,
+    histogram: Histogram,
+}
+
+impl Open {
+    /// The two below, the first of which has the position `below`, and whose rows end at `middle`.
+    fn divided(self, binned: &Binned, residual: &[f64], order: &[u32], [below, middle]: [usize; 2]) -> [Self; 2] {
+        let is_first_smaller = middle - self.first <= self.end - middle;
+        let smaller = if is_first_smaller { self.first..middle } else { middle..self.end };
+        let smaller = binned.histogram(&order[smaller], residual);
+        let mut larger = self.histogram;
+        larger.0.iter_mut().zip(&smaller.0).for_each(|(sum, other)| *sum = sum.minus(*other));
+        let [first, second] = if is_first_smaller { [smaller, larger] } else { [larger, smaller] };
+        [
+            Self { node: below, first: self.first, end: middle, histogram: first },
+            Self { node: below + 1, first: middle, end: self.end, histogram: second },
+        ]
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{r2, wavy_rows};
+    use crate::testing::{formula_at, r2, wavy_rows};
 
     #[test]
     fn more_trees_fit_the_rows_better() {
@@ -57,5 +247,38 @@ mod tests {
             |trees| r2(&GradientBoosting { trees, ..GradientBoosting::default() }.fit(&rows, 1).unwrap(), &rows, 0);
         let (one, ten, hundred) = (quality(1), quality(10), quality(100));
         assert!(one < ten && ten < hundred && hundred > 0.99, "{one} {ten} {hundred}");
+    }
+
+    /// smartcore tries every value of every row, so that with a bin for each value both have the same splits.
+    #[test]
+    fn with_few_values_the_trees_are_those_of_an_exact_search() {
+        use crate::svr::matrix;
+        use smartcore::xgboost::xgb_regressor::{XGRegressor, XGRegressorParameters};
+        let rows = wavy_rows(200);
+        let x = matrix(rows.len(), rows.inputs, rows.x.clone()).unwrap();
+        let options = GradientBoosting { trees: 3, depth: 4, ..GradientBoosting::default() };
+        let fitted = options.fit(&rows, 1).unwrap();
+        for output in 0..rows.outputs {
+            let parameters = XGRegressorParameters::default()
+                .with_n_estimators(options.trees)
+                .with_max_depth(options.depth)
+                .with_learning_rate(options.learning_rate)
+                .with_base_score(0.0);
+            let exact = XGRegressor::fit(&x, &rows.output(output), parameters).unwrap().predict(&x).unwrap();
+            for (row, exact) in exact.iter().enumerate() {
+                let found = formula_at(&fitted, &rows, row)[output];
+                assert!((found - exact).abs() < 1e-9, "row {row}: {found} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn bins_have_about_as_many_rows_each_and_equal_values_are_in_one() {
+        let edges_of = |value: fn(usize) -> f64, count| edges((0..count).map(value).collect());
+        assert_eq!(edges_of(|row| (row % 3) as f64, 30), [0.5 + MARGIN, 1.5 + MARGIN]);
+        assert!(edges_of(|_| 7.0, 30).is_empty());
+        let many = edges_of(|row| row as f64, 10_000);
+        assert_eq!(many.len(), BINS - 1);
+        assert!(many.windows(2).all(|two| (39.0..=40.0).contains(&(two[1] - two[0]))), "{many:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Simpler models than a network, fitted by other libraries to the same rows: whether the network is worth it.
+//! Simpler models than a network, fitted to the same rows, most of them by other libraries: whether the network is worth it.
 //!
 //! One file a model, each an `impl` of [`Baseline`] for its options in the study. The names of a model in the study, in
 //! tables and in file names are those of [`BaselineKind`].

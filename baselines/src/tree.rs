@@ -124,7 +124,7 @@ fn fit(
 
 /// Splits lie in the middle between two values of the rows, which are often other rows' values, such as times: a time that a
 /// host has summed up step by step, and that is larger by its rounding, must not fall on the other side.
-const MARGIN: f64 = 1e-9;
+pub(crate) const MARGIN: f64 = 1e-9;
 
 /// Puts the nodes of a tree, whose leaves are multiplied by its share, behind the others: depth first.
 fn append(nodes: &mut Vec<Node>, tree: &SerializedTree, share: f64) -> Result<(), String> {

@@ -30,6 +30,9 @@ use std::{
 /// The argument that makes `metafmu` a process which fits one baseline: it calls [`work`].
 pub const FIT_BASELINE: &str = "fit-baseline";
 
+/// Test rows on which a baseline that is slow to evaluate is measured, about: R² changes little with more, and the slowest take 0.1 ms for each.
+const TEST_ROWS: usize = 10_000;
+
 /// Runs over which the prediction of a row is timed, at the most.
 const TIMED_RUNS: usize = 50;
 
@@ -80,11 +83,17 @@ pub(super) fn stage(
     test: &Dataset,
 ) -> Result<Comparison> {
     let rows = baseline_rows(&project.study, train);
+    let (thinned, stride) = thinned(test);
     project.begin(Work::Models, kinds.len());
     let mut models = vec![network.row];
     for &kind in kinds {
         project.event(Event::Progress { done: models.len() - 1, about: format_args!("{}", kind.name()) });
-        let row = measure(project, &project.study, kind, &rows, test)?;
+        let is_thinned = stride > 1 && is_slow(kind);
+        let mut row = measure(project, &project.study, kind, &rows, if is_thinned { &thinned } else { test })?;
+        if is_thinned && row.status == Status::Fine {
+            let measured = format!("measured on {} of {} test rows", thinned.row_count(), test.row_count());
+            row.note = [row.note, measured].into_iter().filter(|note| !note.is_empty()).collect::<Vec<_>>().join("; ");
+        }
         project.note(row.summary());
         models.push(row);
     }
@@ -95,6 +104,44 @@ pub(super) fn stage(
     files::write_json(&project.comparison(), &comparison)?;
     files::write_whole(&project.comparison_table(), comparison.csv().as_bytes())?;
     Ok(comparison)
+}
+
+/// Whether a prediction takes much longer than one of the network.
+fn is_slow(kind: BaselineKind) -> bool {
+    use BaselineKind::{ExtraTrees, GaussianProcess, GradientBoosting, Knn, RandomForest, Svr};
+    matches!(kind, Svr | Knn | RandomForest | ExtraTrees | GradientBoosting | GaussianProcess)
+}
+
+/// Rows of all runs at a constant distance, which is 1 if there are few rows; it divides no run, so that all times are among them.
+fn thinned(test: &Dataset) -> (Dataset, usize) {
+    let length = test.runs.first().map_or(1, |run| run.times.len()).max(1);
+    let is_coprime = |stride: &usize| (2..=*stride).all(|factor| stride % factor != 0 || length % factor != 0);
+    let stride = (test.row_count().div_ceil(TEST_ROWS).max(1)..).find(is_coprime).unwrap_or(1);
+    let width = test.outputs.len();
+    let mut before = 0;
+    let thin = |run: &Run| {
+        let first = (stride - before % stride) % stride;
+        before += run.times.len();
+        let places = || (first..run.times.len()).step_by(stride);
+        let of =
+            |values: &[f64], width: usize| places().flat_map(|row| values[row * width..][..width].to_vec()).collect();
+        Run {
+            times: places().map(|row| run.times[row]).collect::<Vec<f64>>().into(),
+            outputs: of(&run.outputs, width),
+            inputs: of(&run.inputs, test.inputs.len()),
+            parameters: run.parameters.clone(),
+        }
+    };
+    let runs = test.runs.iter().map(thin).filter(|run| !run.times.is_empty()).collect();
+    (
+        Dataset {
+            runs,
+            inputs: test.inputs.clone(),
+            parameters: test.parameters.clone(),
+            outputs: test.outputs.clone(),
+        },
+        stride,
+    )
 }
 
 /// The network's row.
@@ -260,5 +307,40 @@ fn wait(project: &Project, child: &mut Child) -> std::io::Result<Option<ExitStat
             return Ok(None);
         }
         std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variable::Variable;
+
+    #[test]
+    fn baselines_are_measured_on_rows_of_all_runs_and_times() {
+        let variable = |name: &str| Variable::new(name, "", "");
+        let of = |runs: usize, length: usize| {
+            let run = |run: usize| Run {
+                inputs: Vec::new(),
+                parameters: vec![run as f64],
+                times: (0..length).map(|row| row as f64).collect::<Vec<f64>>().into(),
+                outputs: (0..length).flat_map(|row| [run as f64, row as f64]).collect(),
+            };
+            let (runs, outputs) = ((0..runs).map(run).collect(), vec![variable("run"), variable("row")]);
+            Dataset { inputs: Vec::new(), parameters: vec![variable("p")], outputs, runs }
+        };
+        assert_eq!(thinned(&of(20, 500)), (of(20, 500), 1));
+        for (runs, length) in [(200, 500), (30_000, 2), (100, 1100)] {
+            let (found, stride) = thinned(&of(runs, length));
+            let rows = runs * length;
+            assert!(stride > 1 && found.row_count() == rows.div_ceil(stride) && found.row_count() <= TEST_ROWS);
+            let mut times = vec![false; length];
+            for run in &found.runs {
+                for (row, time) in run.times.iter().enumerate() {
+                    assert_eq!(run.outputs[2 * row..][..2], [run.parameters[0], *time]);
+                    times[*time as usize] = true;
+                }
+            }
+            assert!(times.iter().all(|time| *time), "{runs} {length}");
+        }
     }
 }

@@ -293,7 +293,7 @@ pub struct Polynomial {
 
 impl Default for Polynomial {
     fn default() -> Self {
-        Self { degree: None, alpha: 1e-9, rows: 500_000 }
+        Self { degree: None, alpha: 1e-9, rows: 100_000 }
     }
 }
 
@@ -337,7 +337,7 @@ pub struct Svr {
 
 impl Default for Svr {
     fn default() -> Self {
-        Self { rows: 2000, c: 100.0, epsilon: 0.01, gamma: 1.0 }
+        Self { rows: 1000, c: 100.0, epsilon: 0.01, gamma: 1.0 }
     }
 }
 
@@ -394,7 +394,7 @@ pub struct DecisionTree {
 
 impl Default for DecisionTree {
     fn default() -> Self {
-        Self { leaf: 2, rows: 500_000 }
+        Self { leaf: 2, rows: 200_000 }
     }
 }
 
@@ -421,7 +421,7 @@ pub struct RandomForest {
 
 impl Default for RandomForest {
     fn default() -> Self {
-        Self { trees: 20, leaf: 5, rows: 100_000 }
+        Self { trees: 20, leaf: 5, rows: 50_000 }
     }
 }
 
@@ -448,7 +448,7 @@ pub struct ExtraTrees {
 
 impl Default for ExtraTrees {
     fn default() -> Self {
-        Self { trees: 20, leaf: 5, rows: 100_000 }
+        Self { trees: 20, leaf: 5, rows: 50_000 }
     }
 }
 
@@ -515,7 +515,7 @@ pub struct GaussianProcess {
 
 impl Default for GaussianProcess {
     fn default() -> Self {
-        Self { rows: 1000, kernel_rows: 300, steps: 100, noise: 0.05 }
+        Self { rows: 1000, kernel_rows: 200, steps: 100, noise: 0.05 }
     }
 }
 
