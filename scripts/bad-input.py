@@ -263,6 +263,28 @@ SECTIONS = {
         "limits that no surrogate reaches": {"study.toml": STUDY + "[accept]\nr2 = 1.0\ngood = 1.0\n"},
         "a target judged by one run": {"study.toml": STUDY + "[target]\nr2 = 0.99\nruns = 8\nmax_runs = 100\n"},
     },
+    "Other files for a study": {
+        "a table": {"runs.csv": RUNS},
+        "a spreadsheet": {"runs.xlsx": {"xl/workbook.xml": ""}},
+        "an FMU": {"model.fmu": {"modelDescription.xml": "hello"}},
+        "an ONNX model": {"net.onnx": b"\x08\x08"},
+        "a network of PyTorch": {"net.pt": {"net/data.pkl": ""}},
+        "a network of Keras": {"net.keras": {"config.json": ""}},
+        "an estimator of scikit-learn": {"model.pkl": b"\x80\x04"},
+        "a model in Modelica": {"Pendulum.mo": "model Pendulum\nend Pendulum;\n"},
+        "a model of Simulink": {"pendulum.slx": {"simulink/blockdiagram.xml": ""}},
+        "a notebook": {"study.ipynb": "{}"},
+        "a system": {"system.ssp": {"SystemStructure.ssd": ""}},
+    },
+    "Other files for a trained model": {
+        "a table": {"runs.csv": RUNS},
+        "a network of PyTorch": {"net.pt": {"net/data.pkl": ""}},
+        "a study": {"study.toml": STUDY},
+    },
+    "Other files for an FMU": {
+        "a model of Simulink": {"pendulum.slx": {"simulink/blockdiagram.xml": ""}},
+        "a study": {"study.toml": STUDY},
+    },
     "Several mistakes at once": {
         "unknown keys in three sections": study(
             "step = 0.5", "step = 0.5\nmargn = 0.1", STUDY.replace("test_runs", "tests") + "[network]\nnodes = [64, 64]\n"
@@ -586,8 +608,11 @@ SECTIONS = {
         "a folder": {"runs/run.csv/file": ""},
     },
 }
-# of the sections whose cases are no studies
+# of the sections whose cases are no studies; FILE is the case's file
 ARGUMENTS = {
+    "Other files for a study": ["build", "FILE"],
+    "Other files for a trained model": ["import", "FILE", "--new", "interface.toml"],
+    "Other files for an FMU": ["validate", "FILE"],
     "Searches": ["search", "study.toml", "--out", "out"],
     "FMUs": ["simulate", "model.fmu"],
     "Outputs": ["simulate", "model.fmu", "--output", "runs/run.csv"],
@@ -624,6 +649,7 @@ def document():
         parts.append(f"\n## {section}\n\n| what | message |\n|---|---|\n")
         for what, files in cases.items():
             arguments = ARGUMENTS.get(section, ["sample", "study.toml", "--out", "out"])
+            arguments = [next(iter(files)) if argument == "FILE" else argument for argument in arguments]
             with tempfile.TemporaryDirectory() as folder:
                 lines = message(Path(folder), files, arguments)
             text = "<br>".join(line.replace("|", "\\|") for line in lines)

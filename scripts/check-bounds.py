@@ -10,15 +10,17 @@ import json
 import re
 import subprocess
 import tempfile
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from safetensors import safe_open
+from scipy.special import expit, ndtr
 
 ROOT = Path(__file__).resolve().parent.parent
 METAFMU = ROOT / "target/release/metafmu"
-ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "sine": np.sin, "identity": lambda x: x}
+ACTIVATIONS = {"tanh": np.tanh, "sigmoid": expit, "silu": lambda x: x * expit(x), "gelu": lambda x: x * ndtr(x), "relu": lambda x: np.maximum(x, 0), "sine": np.sin, "identity": lambda x: x}
 
 
 def main() -> None:
@@ -30,8 +32,12 @@ def main() -> None:
     options = parser.parse_args()
     print("study            output     bound        within, % of the points of fresh runs")
     for study in options.study:
-        name = study.stem
-        metadata, predict = network(options.out / name / f"{name}.safetensors")
+        name = tomllib.loads(study.read_text())["name"]
+        if not (model := options.out / name / f"{name}.safetensors").is_file():
+            parser.error(f"{model} is missing: expected a study that was built (metafmu build {study}), or --out with the folder of its results")
+        metadata, predict = network(model)
+        if "bounds" not in metadata:
+            parser.error(f"{study} was built without [bounds]")
         outputs, half_widths = metadata["outputs"], metadata["bounds"]["half_widths"]
         shares = [coverage(study, seed, options.runs, metadata, predict) for seed in options.seeds]
         for output, half_width, *within in zip(outputs, half_widths, *shares):
@@ -45,10 +51,14 @@ def coverage(study: Path, seed: int, runs: int, metadata: dict, predict) -> np.n
     # training runs are not needed here, but a study has some
     text = re.sub(r"(?m)^runs = \d+", "runs = 20", text)
     with tempfile.TemporaryDirectory() as folder:
-        fresh = Path(folder) / "fresh.toml"
+        # files that the study names are beside it
+        fresh = Path(tempfile.mkstemp(suffix=".toml", prefix=".fresh-", dir=study.parent)[1])
         fresh.write_text(text)
         command = [METAFMU, "sample", fresh, "--out", folder]
-        subprocess.run(command, check=True, capture_output=True)
+        try:
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        finally:
+            fresh.unlink()
         table = pd.read_csv(Path(folder) / "test.csv")
     inputs = table[[column["name"] for column in metadata["inputs"]]].to_numpy()
     errors = np.abs(predict(inputs) - table[[column["name"] for column in metadata["outputs"]]].to_numpy())

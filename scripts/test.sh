@@ -12,6 +12,7 @@ cd "$(dirname "$0")/.."
 
 extent=default
 case ${1:-} in
+  -h | --help) sed -n '2,/^set /{/^#/s/^# \{0,1\}//p}' scripts/test.sh; exit ;;
   --quick | --ci | --all) extent=${1#--}; shift ;;
 esac
 for tool in cargo cc python3; do

@@ -278,6 +278,20 @@ pub fn writable_folder(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// The same of a folder whose parent has to be there: a mistyped path makes none.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn writable_folder_in_place(path: &Path) -> Result<()> {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => {
+            std::fs::metadata(parent).map_err(Error::io(path, "write into the folder")).map(drop)?;
+        }
+        _ => {}
+    }
+    writable_folder(path)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

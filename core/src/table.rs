@@ -14,6 +14,7 @@ use crate::{
     Error, Result,
     diagnostics::{
         Place,
+        kinds::{self, Kind},
         names::{did_you_mean, listed},
     },
 };
@@ -66,6 +67,9 @@ impl Table {
     /// [`Error::Io`], or [`Error::Table`] if the header is not one.
     pub fn open(path: &Path) -> Result<Self> {
         let mut input = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path, "read"))?);
+        if kinds::of(path).is_some_and(|kind| kind != Kind::Table) {
+            return Err(kinds::other(path, "a table, in CSV or Parquet"));
+        }
         let (rows, columns) = if parquet::begins(input.fill_buf().map_err(Error::io(path, "read"))?) {
             let (rows, columns) = Parquet::new(path, input.into_inner())?;
             (Rows::Parquet(Box::new(rows)), columns)

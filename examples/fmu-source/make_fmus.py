@@ -1,8 +1,11 @@
 """Builds the FMUs of this folder for 64-bit Linux: two of C with the compiler `cc`, one of PythonFMU around MuJoCo.
 
 Usage: make_fmus.py FOLDER
+
+Without the packages pythonfmu and mujoco, the last one is left out.
 """
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -55,4 +58,8 @@ if __name__ == "__main__":
     folder.mkdir(parents=True, exist_ok=True)
     print(build_c(HERE / "van-der-pol" / "van_der_pol.c", folder / "van_der_pol.fmu"))
     print(build_c(HERE / "chain" / "chain.c", folder / "chain.fmu"))
-    print(build_python(HERE / "pendulum.py", folder))
+    missing = [package for package in ("pythonfmu", "mujoco") if importlib.util.find_spec(package) is None]
+    if missing:
+        print(f"no Pendulum.fmu, which needs {' and '.join(missing)}: {sys.executable} -m pip install {' '.join(missing)}", file=sys.stderr)
+    else:
+        print(build_python(HERE / "pendulum.py", folder))

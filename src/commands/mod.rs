@@ -39,12 +39,18 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
     if let Some(program) = program {
         terminal::set_program(program);
     }
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let json = arguments.iter().any(|argument| argument == "--json");
     let command = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli.command,
         Err(error) => {
             // help is one of these errors
             let _ = error.print();
-            return error.exit_code() as u8;
+            let code = error.exit_code() as u8;
+            if json && error.use_stderr() {
+                print_problems(error.to_string().trim_end(), code);
+            }
+            return code;
         }
     };
     match run(command) {
@@ -56,9 +62,20 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
             for line in error.to_string().lines() {
                 say(format_args!("error: {line}"));
             }
-            if matches!(error, Error::Interrupted) { 130 } else { 2 }
+            let code = if matches!(error, Error::Interrupted) { 130 } else { 2 };
+            if json {
+                print_problems(&error.to_string(), code);
+            }
+            code
         }
     }
+}
+
+/// Prints what is on stderr to stdout as well, where a reader of JSON expects an object.
+fn print_problems(text: &str, exit_code: u8) {
+    let problems: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
+    // the exit code says that something is wrong, also if nothing can be printed
+    let _ = print_json(&serde_json::json!({ "problems": problems, "exit_code": exit_code }));
 }
 
 fn run(command: Command) -> Result<Outcome> {

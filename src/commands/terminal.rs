@@ -1,7 +1,7 @@
 //! What a pipeline tells, on stderr: a bar on a terminal, a few lines elsewhere.
 
 use super::{heard, interrupt, say};
-use indicatif::{HumanDuration, HumanFloatCount, ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use metafmu::{
     Error, Result,
     fmi::Workers,
@@ -101,7 +101,7 @@ impl Shown {
         let bar = ProgressBar::new(length);
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let style = style.with_key("speed", |state: &ProgressState, text: &mut dyn Write| {
-            let _ = write!(text, "{}/s", HumanFloatCount(speed(state)));
+            let _ = write!(text, "{}/s", rounded(speed(state)));
         });
         bar.set_style(style.with_key("left", move |state: &ProgressState, text: &mut dyn Write| {
             // nothing is known before the first is done
@@ -144,7 +144,30 @@ impl Shown {
     }
 }
 
+/// A speed with no more digits than a person reads: whole numbers from 10 on.
+fn rounded(speed: f64) -> String {
+    match speed {
+        speed if speed >= 9.95 => HumanCount(speed.round() as u64).to_string(),
+        speed if speed >= 0.095 => format!("{speed:.1}"),
+        speed => format!("{speed:.1e}"),
+    }
+}
+
 /// What is done in a second: of late, or from the beginning if that is less, so that it falls at once when nothing moves.
 fn speed(state: &ProgressState) -> f64 {
     state.per_sec().min(state.pos() as f64 / state.elapsed().as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_speed_is_rounded_as_people_read() {
+        for (speed, expected) in
+            [(1994.9262, "1,995"), (12.34, "12"), (9.96, "10"), (1.26, "1.3"), (0.0123, "1.2e-2"), (0.0, "0.0e0")]
+        {
+            assert_eq!(rounded(speed), expected, "{speed}");
+        }
+    }
 }

@@ -1,7 +1,10 @@
 //! An `.fmu` archive, or an `.ssp` archive with such in it, opened for reading.
 
 use super::xml::{self, Document};
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    diagnostics::kinds::{self, Kind},
+};
 use std::{
     fs::{self, File},
     io::{self, BufReader, ErrorKind, Read, Seek, Write},
@@ -49,7 +52,10 @@ impl Archive {
         if file.metadata().map_err(Error::io(path, "open"))?.is_dir() {
             return Err(Error::io(path, "open")(ErrorKind::IsADirectory.into()));
         }
-        Self::of_file(path.to_owned(), file)
+        match kinds::of(path) {
+            None | Some(Kind::Fmu | Kind::System | Kind::Arrays) => Self::of_file(path.to_owned(), file),
+            Some(_) => Err(kinds::other(path, "an FMU")),
+        }
     }
 
     fn of_file(path: PathBuf, file: File) -> Result<Self> {

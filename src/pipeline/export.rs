@@ -123,7 +123,11 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
 pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
     let plan = Plan::of(options, FmiChoice::default())?;
     let surrogate = load_file(file)?;
-    files::writable_folder(folder)?;
+    if folder.extension().is_some_and(|extension| extension == "fmu") && !folder.is_dir() {
+        let source = std::io::Error::other("expected a folder for NAME.fmu, NAME being the surrogate's");
+        return Err(Error::io(folder, "write into the folder")(source));
+    }
+    files::writable_folder_in_place(folder)?;
     let target =
         Target { folder, name: &surrogate.metadata().name, alone: false, about: &study::ExportOptions::default() };
     let same =
@@ -158,7 +162,8 @@ pub fn export_surrogate(
 ) -> Result<Vec<Written>> {
     let plan = Plan::of(options, FmiChoice::default())?;
     let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    files::writable_folder(folder)?;
+    // as of the FMU itself: no folder is made for it
+    files::check_output(fmu)?;
     let stem = fmu.file_stem().unwrap_or_default().to_string_lossy();
     let target =
         Target { folder, name: &stem, alone: plan.wanted().count() == 1, about: &study::ExportOptions::default() };

@@ -4,11 +4,15 @@ use super::predict::roll_outs;
 use crate::{
     Error, Result,
     diagnostics::{
-        Problems,
+        Problems, kinds,
         names::{listed, out_of_order_problem},
     },
     files,
-    import::{self, Imported, onnx, tensors},
+    import::{
+        self, Imported,
+        onnx::{self, Described},
+        tensors,
+    },
     interface::Interface,
     study::MAX_NAME,
     surrogate,
@@ -110,7 +114,7 @@ pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
 /// # Errors
 /// Those of [`import()`].
 pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
-    let (_, imported) = read(model, None)?;
+    let (bytes, imported) = read(model, None)?;
     let mut stem = model.file_stem().map_or("model".into(), |stem| identifier(&stem.to_string_lossy()));
     stem.truncate(MAX_NAME);
     let mut text = String::new();
@@ -119,6 +123,12 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let goes_on = !(states.is_empty() && imported.recurrences.is_empty());
     let mut inputs = ports(&imported.inputs, states.iter().map(|state| &state.column));
     let mut outputs = ports(&imported.outputs, states.iter().map(|state| &state.output));
+    for (ports, described) in [&mut inputs, &mut outputs].into_iter().zip(onnx::described(&bytes)) {
+        if ports.len() == described.len() {
+            ports.iter_mut().zip(described).for_each(|(port, described)| port.described = Some(described));
+        }
+    }
+    let stop = inputs.iter().filter(|port| port.wanted() == TIME).find_map(|port| Some(port.range()?[1]));
     if let Some(data) = data {
         find_in_table(data, [&mut inputs, &mut outputs], goes_on)?;
     }
@@ -126,10 +136,11 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     write!(
         text,
         "# What the columns of {} are: names, units and ranges for `metafmu import`. docs/import.md has every key.\n\
-         name = \"{stem}\"\ndescription = \"\"\n\n[time]    # when the FMU is stepped, unless the host says otherwise\n{step}stop = 1.0\n\n\
+         name = \"{stem}\"\ndescription = \"\"\n\n[time]    # when the FMU is stepped, unless the host says otherwise\n{step}stop = {stop:?}\n\n\
          # causality: \"input\" is driven by other components, \"parameter\" is set before the simulation (variability = \"tunable\": also\n\
          # between two steps), \"time\" is the simulation time. `value = 1.0` in place of a range: a column that is always the same.\n{known}",
         model.file_name().map_or("the model".into(), |name| name.to_string_lossy()),
+        stop = stop.unwrap_or(1.0),
         step = match imported.recurrences.is_empty() && states.iter().all(|state| state.follows == Follows::Derivative) {
             true => "step = 0.01\n",
             false => "sample = 0.01    # time between two samples, in seconds\n",
@@ -167,9 +178,11 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
         // of a model with states the time is no input
         let is_time = !goes_on && port.wanted() == TIME && taken.insert(TIME.into());
         let name = if is_time { TIME.into() } else { free(&port.wanted(), &mut taken) };
-        let range = match data {
-            None if !is_time => "# min =       # the training range\n# max =\n",
-            _ => "",
+        let range = match (data, port.range()) {
+            _ if is_time => String::new(),
+            (None, Some([min, max])) => format!("min = {min:?}\nmax = {max:?}\n"),
+            (None, None) => "# min =       # the training range\n# max =\n".into(),
+            (Some(_), _) => String::new(),
         };
         text += &format!(
             "\n[inputs.{}]{}\ncolumn = {}\ncausality = \"{}\"\nunit = {}\ndescription = \"\"\n{range}",
@@ -206,16 +219,25 @@ struct Port<'a> {
     is_state: bool,
     /// The column of the training data that it is, if that is known.
     found: Option<Column>,
+    /// What the model itself says of it.
+    described: Option<Described>,
 }
 
 impl Port<'_> {
     /// What it is called, unless that name is taken.
     fn wanted(&self) -> String {
-        self.found.as_ref().map_or_else(|| identifier(self.column), |found| found.name.clone())
+        let found = self.found.as_ref().map(|found| found.name.clone());
+        let described = || self.described.as_ref().map(|described| described.name.clone());
+        found.or_else(described).unwrap_or_else(|| identifier(self.column))
     }
 
     fn unit(&self) -> &str {
-        self.found.as_ref().and_then(Column::unit).unwrap_or_default()
+        let described = || self.described.as_ref().map(|described| described.unit.as_str());
+        self.found.as_ref().and_then(Column::unit).or_else(described).unwrap_or_default()
+    }
+
+    fn range(&self) -> Option<[f64; 2]> {
+        self.described.as_ref()?.range
     }
 
     /// A comment, if the table has another name.
@@ -236,7 +258,7 @@ fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) ->
         let tensor = column.split('[').next().unwrap_or(column);
         states.iter().any(|name| *name == column || *name == tensor)
     };
-    columns.iter().map(|column| Port { column, is_state: is_state(column), found: None }).collect()
+    columns.iter().map(|column| Port { column, is_state: is_state(column), found: None, described: None }).collect()
 }
 
 /// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
@@ -388,6 +410,9 @@ fn later_names(input: &str) -> Vec<String> {
 fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
+    if let Some(kind) = kinds::of(path).filter(|kind| !kind.is_trained_model()) {
+        return Err(refused(vec![kind.instead("a trained model: ONNX, .npz or .safetensors")]));
+    }
     if let Some(problem) = tensors::made_already(&bytes) {
         return Err(refused(vec![problem]));
     }

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    diagnostics::names::expected_one_of,
+    diagnostics::{kinds, names::expected_one_of},
     evaluation::RollOut,
     export::read_surrogate,
     surrogate,
@@ -102,7 +102,7 @@ impl Found {
 /// has in its folder of results, `out/NAME`.
 ///
 /// # Errors
-/// Those of [`read_surrogate`], [`surrogate::load`] and [`Project::load_model`]; [`Error::NoSurrogate`] for other files.
+/// Those of [`read_surrogate`], [`surrogate::load`] and [`Project::load_model`]; [`Error::OtherFile`] for other files.
 pub fn load(path: &Path, control: Control<'_>) -> Result<Surrogate> {
     match extension(path).as_deref() {
         Some("toml") => Project::open(path, None, control)?.load_model(),
@@ -113,12 +113,15 @@ pub fn load(path: &Path, control: Control<'_>) -> Result<Surrogate> {
 /// Reads a surrogate that is a file: that of an FMU made by metafmu (`.fmu`) or of a model file (`.safetensors`).
 ///
 /// # Errors
-/// Those of [`read_surrogate`] and [`surrogate::load`]; [`Error::NoSurrogate`] for other files.
+/// Those of [`read_surrogate`] and [`surrogate::load`]; [`Error::OtherFile`] for other files.
 pub fn load_file(path: &Path) -> Result<Surrogate> {
     match extension(path).as_deref() {
         Some("fmu") => read_surrogate(path),
         Some("safetensors") => surrogate::load(path),
-        _ => Err(Error::NoSurrogate { path: path.to_owned() }),
+        _ => Err(kinds::other(
+            path,
+            "a surrogate, a file that ends in .fmu or .safetensors, or its study, which ends in .toml",
+        )),
     }
 }
 

@@ -233,6 +233,13 @@ fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sam
     for (_, dataset) in sets.named() {
         project.study.refuse(scaling::problems(dataset))?;
     }
+    project.say(format_args!(
+        "writing {} training, {} test and {} calibration runs to {}",
+        sets.train.runs.len(),
+        sets.test.runs.len(),
+        sets.calibration.runs.len(),
+        project.folder().display()
+    ));
     let mut record = SamplesRecord {
         sampling_digest: project.study.sampling_digest(),
         train_runs: sets.train.runs.len(),

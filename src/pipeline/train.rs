@@ -205,6 +205,7 @@ fn train(
     resume: bool,
 ) -> Result<Trained> {
     let (study, options) = (&project.study, &project.study.training);
+    project.say(format_args!("preparing {} rows for the training", dataset.row_count()));
     let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
         prepare(study, dataset, added, start)?;
     let mut follower = Follower::new(project, training_rows.len());

@@ -1,5 +1,6 @@
 """`metafmu import`: trained models of other tools give in the FMU what ONNX Runtime and numpy say; what does not fit is refused."""
 
+import json
 import os
 import resource
 import shutil
@@ -17,6 +18,7 @@ from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from graphs import fitting, integers, malformed, reals, windowed
 from onnx.reference import ReferenceEvaluator
+from safetensors import safe_open
 from safetensors.numpy import save_file
 from skl2onnx import to_onnx
 from sklearn.decomposition import PCA
@@ -565,7 +567,7 @@ def test_mistakes_of_an_interface(tmp_path, name):
 
 def test_a_table_of_another_order_or_outside_of_the_ranges_is_refused(tmp_path):
     (tmp_path / "model.onnx").write_bytes(dict(fitting(np.float32))["perceptron"].SerializeToString())
-    pd.DataFrame(ROWS, columns=["X [2]", "X (1)", "X 0"]).to_csv(tmp_path / "rows.csv", index=False)
+    pd.DataFrame(ROWS, columns=["X_2", "X_1", "X_0"]).to_csv(tmp_path / "rows.csv", index=False)
     pd.DataFrame(ROWS, columns=["a", "b", "c"]).to_csv(tmp_path / "abc.csv", index=False)
     (tmp_path / "interface.toml").write_text('name = "x"\ninputs = { a = { min = 0.9, max = 5.0 }, b = { max = 2.0 }, c = {} }\noutputs = { u = {}, v = {} }\n')
     outside = f"{np.mean(ROWS[:, 0] < 0.9):.0%}".replace("%", " %")
@@ -620,6 +622,16 @@ def test_our_surrogates_are_exported_to_onnx(pendulum, tmp_path):
     assert {entry.key: entry.value for entry in model.metadata_props}["output_names"] == '["theta","thetad","thetadd"]'
     found = of_runtime(model, points)
     assert np.all(np.abs(found - expected) <= 1e-12 * np.ptp(expected, axis=0))
+    # and imported again: names, units and ranges are those of before
+    metafmu("import", "network.onnx", "--new", "interface.toml", cwd=tmp_path)
+    metafmu("import", "network.onnx", "--interface", "interface.toml", "--out", "again.safetensors", cwd=tmp_path)
+    variables = []
+    for file in (path, tmp_path / "again.safetensors"):
+        with safe_open(file, "numpy") as opened:
+            metadata = json.loads(opened.metadata()["metafmu"])
+        inputs = [[item[key] for key in ("name", "unit", "min", "max")] for item in metadata["inputs"]]
+        variables.append((inputs, [[item[key] for key in ("name", "unit")] for item in metadata["outputs"]]))
+    assert variables[0] == variables[1] and variables[0][0][0][0] == "L"
 
 
 def test_what_has_states_is_not_exported_to_onnx(tmp_path):

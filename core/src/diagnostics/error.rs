@@ -102,12 +102,12 @@ pub enum Error {
         source: Box<metafmu_runtime::FormatError>,
     },
     /// A file that cannot be a surrogate by its name.
-    #[error(
-        "{}: expected a surrogate, a file that ends in .fmu or .safetensors, or its study, which ends in .toml", path.display()
-    )]
-    NoSurrogate {
+    #[error("{}: {message}", path.display())]
+    OtherFile {
         /// The file.
         path: PathBuf,
+        /// What it is, as far as that is known, what is expected, and what to do with it.
+        message: String,
     },
     /// What has a state is no function of its inputs.
     #[error(

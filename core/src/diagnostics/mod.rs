@@ -1,6 +1,7 @@
 //! Where a mistake is and what it is: the one error type, problems by key, lines and keys of files, "did you mean".
 
 pub mod error;
+pub mod kinds;
 pub mod names;
 pub mod origin;
 mod place;

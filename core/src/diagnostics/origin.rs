@@ -4,6 +4,7 @@ mod words;
 
 use super::{
     KeyProblem, Problems,
+    kinds::{self, Kind},
     schema::{self, Formats},
 };
 use crate::{Error, Result};
@@ -46,6 +47,12 @@ impl fmt::Display for Problem {
 /// [`Error::Io`], or [`Error::Study`] if it is something else than text in UTF-8.
 pub(crate) fn read(path: &Path, expected: &str) -> Result<String> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    if let Some(kind) = kinds::of(path).filter(|kind| *kind != Kind::Toml) {
+        let message = kind.instead(expected);
+        return Err(Error::Study {
+            problems: vec![Problem { path: path.to_owned(), line: 1, key: String::new(), message }],
+        });
+    }
     String::from_utf8(bytes).map_err(|error| {
         let (end, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
         let line = bytes[..end].iter().filter(|&&byte| byte == b'\n').count() + 1;

@@ -59,6 +59,43 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     reader.finish(graph, producer)
 }
 
+/// A column of a model that says what it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// The variable.
+    pub name: String,
+    /// Its unit.
+    pub unit: String,
+    /// Its range, of an input.
+    pub range: Option<[f64; 2]>,
+}
+
+/// What metafmu has written into an ONNX model about its inputs and outputs, in the order of the columns; nothing of other models.
+pub fn described(bytes: &[u8]) -> [Vec<Described>; 2] {
+    let none = [Vec::new(), Vec::new()];
+    let Ok(model) = ModelProto::decode(bytes) else { return none };
+    if model.producer_name != "metafmu" {
+        return none;
+    }
+    let entry =
+        |key: &str| model.metadata_props.iter().find(|entry| entry.key == key).map(|entry| entry.value.as_str());
+    let texts =
+        |key: &str| entry(key).and_then(|text| serde_json::from_str::<Vec<String>>(text).ok()).unwrap_or_default();
+    let numbers =
+        |key: &str| entry(key).and_then(|text| serde_json::from_str::<Vec<f64>>(text).ok()).unwrap_or_default();
+    let (min, max) = (numbers("input_min"), numbers("input_max"));
+    [("input", true), ("output", false)].map(|(what, has_range)| {
+        let (names, units) = (texts(&format!("{what}_names")), texts(&format!("{what}_units")));
+        let range = |place: usize| Some([*min.get(place)?, *max.get(place)?]).filter(|_| has_range);
+        let of = |(place, name): (usize, String)| Described {
+            unit: units.get(place).cloned().unwrap_or_default(),
+            range: range(place),
+            name,
+        };
+        names.into_iter().enumerate().map(of).collect()
+    })
+}
+
 /// The version of the standard operators.
 fn opset(model: &ModelProto) -> std::result::Result<i64, String> {
     let standard = model.opset_import.iter().find(|set| node::is_standard(&set.domain));
