@@ -1134,7 +1134,9 @@ fn said_in_a_run(instance: &Instance, surrogate: &Surrogate, starts: &[f64]) -> 
     let knowns = [parameters, driven, states, start].concat();
     let seed: Vec<f64> = (0..knowns.len()).map(|k| 0.25 + k as f64).collect();
     let mut values = instance.directional_derivative(&unknowns, &knowns, &seed).unwrap();
-    for order in [1, 2] {
+    // outputs of samples have none, and a refusal ends the run
+    let orders: &[i32] = if matches!(surrogate.model(), Model::Discrete(_)) { &[] } else { &[1, 2] };
+    for &order in orders {
         values.extend(instance.output_derivatives(&unknowns, &vec![order; unknowns.len()]).unwrap());
     }
     let all = references(|quantity| {
