@@ -58,7 +58,9 @@ def corners(study, states, drivers, count):
     inputs = [{name: value(*range_) for name, range_ in drivers.items()} for value in (min, max, lambda low, high: min(max(0.0, low), high))]
     ends = [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
     every = [(p, u, begin + v) for v in speeds for u in (inputs if drivers else [{}]) for p in ends]
-    return [every[index * len(every) // min(count, len(every))] for index in range(min(count, len(every)))]
+    count = min(count, len(every))
+    # neighbours differ in the first parameter
+    return [every[(index * len(every) // count + index * (count < len(every))) % len(every)] for index in range(count)]
 
 
 def start(options):

@@ -223,7 +223,7 @@ def test_a_tolerance_makes_co_simulation_more_exact(crane, version, solution_hel
     def largest(**options):
         return np.max(np.abs(simulate(crane.fmu(version), input=LINEAR, **options)[1] - solution_held_in_steps))
 
-    plain, exact = largest(), largest(relative_tolerance=1e-10)
+    plain, exact = largest(), largest(relative_tolerance=1e-11)
     assert exact < 1e-9 and exact < 0.1 * plain, (plain, exact)
 
 
