@@ -245,6 +245,7 @@ mod tests {
             outputs: [("angle".to_owned(), angle), ("velocity".to_owned(), velocity)].into(),
             test_runs: 20,
             test_rows: 100,
+            given_rows: 0,
             content_digest: String::new(),
             roll_outs: None,
             rows: None,

@@ -2,7 +2,7 @@
 
 use crate::{
     dataset::{Dataset, Run},
-    evaluation::{KindCoverage, SignalKind, predict},
+    evaluation::{KindCoverage, SignalKind, first_predicted, predict},
     study::BoundsOptions,
 };
 use metafmu_runtime::{Bounds, Evaluator, Output, Surrogate};
@@ -128,7 +128,7 @@ fn errors(surrogate: &Surrogate, calibration: &Dataset, ends: &[f64], by_kind: b
         .collect()
 }
 
-/// Times and errors of the rows of a run that count: none before the start, and those of other signals than the study's up to where an output
+/// Times and errors of the predicted rows of a run that count: those of other signals than the study's up to where an output
 /// leaves its range in training.
 fn run_errors(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, kind: SignalKind) -> Vec<(f64, Vec<f64>)> {
     let width = surrogate.outputs().len();
@@ -138,7 +138,7 @@ fn run_errors(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, kind: Sig
         (output.min - margin..=output.max + margin).contains(value)
     };
     let rows = run.outputs.chunks(width).zip(predictions.chunks(width));
-    let rows = run.times.iter().zip(rows).filter(|(time, _)| **time >= 0.0);
+    let rows = run.times.iter().zip(rows).skip(first_predicted(surrogate, run));
     rows.take_while(|(_, (labels, _))| {
         kind == SignalKind::Signals || labels.iter().zip(surrogate.outputs()).all(is_inside)
     })

@@ -11,7 +11,7 @@ use crate::{
 };
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Scratch, Surrogate};
+use metafmu_runtime::{Evaluator, Model, Scratch, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual};
@@ -19,11 +19,12 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 pub use verdict::{Grade, Verdict};
 
-/// Accuracy of one output over all rows of all test runs, in the output's unit. What is too large for a number, or an error of no
+/// Accuracy of one output over all predicted rows of all test runs, in the output's unit. What is too large for a number, or an error of no
 /// number, counts as the largest one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OutputMetrics {
-    /// Coefficient of determination, `1 - sum (y - prediction)^2 / sum (y - mean y)^2`; none for a constant output.
+    /// Coefficient of determination, `1 - sum (y - prediction)^2 / sum (y - mean y)^2`; none if the truth does not vary by more than
+    /// rounding.
     pub r2: Option<f64>,
     /// Mean squared error.
     pub mse: f64,
@@ -42,6 +43,19 @@ pub struct OutputMetrics {
     /// Share of the rows whose error is within the bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_bound: Option<f64>,
+}
+
+impl OutputMetrics {
+    /// Root mean square error relative to the standard deviation of the truth, `sqrt(1 - R²)`, or, if the truth does not vary, to the
+    /// output's range in training; 0 without such a range.
+    pub fn relative_error(&self) -> f64 {
+        let of_range = |share: f64| if share > 0.0 { self.mse.sqrt() * share / self.max_abs_error } else { 0.0 };
+        let relative = match self.r2 {
+            Some(r2) => (1.0 - r2).max(0.0).sqrt(),
+            None => self.relative_max_error.map_or(0.0, of_range),
+        };
+        finite(relative)
+    }
 }
 
 /// Rows that a surrogate was measured on, which belong to no runs.
@@ -63,8 +77,11 @@ pub struct Accuracy {
     pub outputs: IndexMap<String, OutputMetrics>,
     /// Number of test runs; of rows without runs each is one.
     pub test_runs: usize,
-    /// Number of rows of all of them.
+    /// Number of predicted rows of all of them: those that the figures are of.
     pub test_rows: usize,
+    /// Number of further rows that are given and not predicted, see [`first_predicted`].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub given_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
     /// How errors grow along roll-outs, of a surrogate with states.
@@ -94,10 +111,12 @@ impl Accuracy {
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let metrics = compare(test, predictions, Some(surrogate));
         let names = surrogate.outputs().iter().map(|output| output.name.clone());
+        let given_rows = test.runs.iter().map(|run| first_predicted(surrogate, run)).sum();
         Self {
             outputs: names.zip(metrics).collect(),
             test_runs: test.runs.len(),
-            test_rows: test.row_count(),
+            test_rows: test.row_count() - given_rows,
+            given_rows,
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
             roll_outs: surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions)),
             rows: None,
@@ -170,8 +189,17 @@ pub fn predict_all(surrogate: &Surrogate, test: &Dataset) -> Vec<Vec<f64>> {
     test.runs.par_iter().map(|run| predict(surrogate, &evaluator, run)).collect()
 }
 
-/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output; `surrogate`: whose they are, if
-/// it has ranges and bounds.
+/// Index of the first row of a run that a surrogate predicts. A discrete-time one is given the rows before the start, or else the outputs
+/// of the first row, which it begins with.
+pub fn first_predicted(surrogate: &Surrogate, run: &Run) -> usize {
+    match surrogate.model() {
+        Model::Discrete(_) => run.times.partition_point(|time| *time < 0.0).max(1).min(run.times.len()),
+        _ => 0,
+    }
+}
+
+/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output, over the predicted rows; `surrogate`:
+/// whose they are, if it has ranges and bounds.
 pub fn compare(test: &Dataset, predictions: &[Vec<f64>], surrogate: Option<&Surrogate>) -> Vec<OutputMetrics> {
     let columns = (0..test.outputs.len()).into_par_iter();
     columns.map(|column| output_metrics(test, predictions, column, surrogate)).collect()
@@ -186,15 +214,19 @@ fn output_metrics(
     let bounds = surrogate.and_then(Surrogate::bounds);
     let range = surrogate.map(|surrogate| &surrogate.outputs()[column]).map(|output| output.max - output.min);
     let width = test.outputs.len();
-    let rows = test.row_count() as f64;
-    let labels = |run: &Run| run.outputs.iter().skip(column).step_by(width).copied().collect::<Vec<_>>();
-    let mean = test.runs.iter().flat_map(labels).sum::<f64>() / rows;
+    let first = |run: &Run| surrogate.map_or(0, |surrogate| first_predicted(surrogate, run));
+    let labels =
+        |run: &Run| run.outputs.iter().skip(column).step_by(width).skip(first(run)).copied().collect::<Vec<_>>();
+    let all: Vec<f64> = test.runs.iter().flat_map(labels).collect();
+    let rows = all.len().max(1) as f64;
+    let mean = all.iter().sum::<f64>() / rows;
     let (mut residual, mut total) = (0.0, 0.0);
     let mut worst = (0.0, 0, 0.0);
     let mut within = 0;
     for (index, (run, predictions)) in test.runs.iter().zip(predictions).enumerate() {
-        let predicted = predictions.iter().skip(column).step_by(width);
-        for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(run.times.iter()) {
+        let first = first(run);
+        let predicted = predictions.iter().skip(column).step_by(width).skip(first);
+        for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(&run.times[first..]) {
             let error = finite((label - prediction).abs());
             residual += error * error;
             total += (label - mean).powi(2);
@@ -206,11 +238,26 @@ fn output_metrics(
     }
     let (max_abs_error, worst_run, worst_time) = worst;
     // of infinite sums it is as bad as can be
-    let r2 = (total > 0.0).then(|| if residual.is_finite() { finite(1.0 - residual / total) } else { f64::MIN });
+    let r2 = varies(&all, range.unwrap_or(0.0))
+        .then(|| if residual.is_finite() { finite(1.0 - residual / total) } else { f64::MIN });
     let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
     let mse = finite(residual / rows);
     let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
     OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }
+}
+
+/// Part of the magnitude of values, and of their range in training, by which they may differ from rounding alone.
+const ROUNDING: f64 = 1e-12;
+
+/// Returns true if values differ by more than rounding explains; `range`: what the quantity has in training.
+fn varies(values: &[f64], range: f64) -> bool {
+    let fold = |[low, high]: [f64; 2], value: &f64| [low.min(*value), high.max(*value)];
+    let [low, high] = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], fold);
+    high - low > ROUNDING * low.abs().max(high.abs()).max(range)
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// JSON has neither infinity nor NaN.
@@ -277,6 +324,66 @@ mod tests {
         let mean = labels.iter().map(|row| row[1]).sum::<f64>() / 9.0;
         let total: f64 = labels.iter().map(|row| (row[1] - mean).powi(2)).sum();
         assert!((off.r2.unwrap() - (1.0 - 0.25 / total)).abs() < 1e-14, "{off:?}");
+    }
+
+    /// Test runs of [`example::recorded`], whose outputs are off by `error` where they are predicted: one from rest, one with two rows
+    /// before its start.
+    fn sampled(error: f64) -> (Surrogate, Dataset) {
+        let surrogate = example::recorded();
+        let evaluator = Evaluator::new(&surrogate);
+        let run = |before: usize| {
+            let times: Arc<[f64]> = (0..12 + before).map(|row| 0.1 * (row as f64 - before as f64)).collect();
+            let inputs = (0..times.len()).map(|row| (row as f64).sin()).collect();
+            let mut run = Run { inputs, parameters: vec![1.5, 0.4, 0.25], times, outputs: Vec::new() };
+            run.outputs = predict(&surrogate, &evaluator, &run);
+            let first = first_predicted(&surrogate, &run);
+            run.outputs[first..].iter_mut().for_each(|output| *output += error);
+            run
+        };
+        let runs = vec![run(0), run(2)];
+        let variable = |name: &str| Variable::new(name, "", "");
+        let parameters = ["mass", "position_start", "force_start"].map(variable).to_vec();
+        let (inputs, outputs) = (vec![variable("force")], vec![variable("position")]);
+        (surrogate, Dataset { inputs, parameters, outputs, runs })
+    }
+
+    #[test]
+    fn rows_that_are_given_are_no_part_of_the_accuracy() {
+        let (surrogate, test) = sampled(0.0);
+        let rows = [1, 2].map(|run: usize| first_predicted(&surrogate, &test.runs[run - 1]));
+        assert_eq!(rows, [1, 2], "the start of a run from rest is given; that of one with rows before it is predicted");
+        // what is given may be anything
+        let mut found = predict_all(&surrogate, &test);
+        found.iter_mut().zip(rows).for_each(|(found, rows)| found[..rows].fill(1e6));
+        let accuracy = Accuracy::from_predictions(&surrogate, &test, &found);
+        assert_eq!((accuracy.test_rows, accuracy.given_rows), (11 + 12, 1 + 2));
+        assert_eq!((accuracy.outputs[0].r2, accuracy.outputs[0].mse), (Some(1.0), 0.0));
+        // a wrong prediction of the first predicted row counts in full
+        found[1][2] += 0.5;
+        let accuracy = Accuracy::from_predictions(&surrogate, &test, &found);
+        assert!((accuracy.outputs[0].mse - 0.25 / 23.0).abs() < 1e-12, "{accuracy:?}");
+        assert_eq!(accuracy.outputs[0].worst_time, 0.0);
+        let roll_outs = accuracy.roll_outs.unwrap();
+        assert!(roll_outs.horizons.iter().all(|horizon| horizon.seconds > 0.0 && horizon.q90 > 0.0), "{roll_outs:?}");
+    }
+
+    #[test]
+    fn a_truth_that_varies_by_rounding_only_has_no_r2_and_is_measured_by_its_range_in_training() {
+        let (surrogate, mut test) = sampled(0.0);
+        let range = surrogate.outputs()[0].max - surrogate.outputs()[0].min;
+        for run in &mut test.runs {
+            run.outputs.iter_mut().enumerate().for_each(|(row, y)| *y = 0.3 * (1.0 + f64::EPSILON * (row % 3) as f64));
+        }
+        let found: Vec<Vec<f64>> = test.runs.iter().map(|run| vec![0.3 + 0.1 * range; run.times.len()]).collect();
+        let accuracy = Accuracy::from_predictions(&surrogate, &test, &found);
+        assert_eq!(accuracy.outputs[0].r2, None);
+        assert!((accuracy.outputs[0].relative_error() - 0.1).abs() < 1e-9, "{accuracy:?}");
+        for Horizon { median, q90, .. } in accuracy.roll_outs.unwrap().horizons {
+            assert!((median - 0.1).abs() < 1e-9 && (q90 - 0.1).abs() < 1e-9, "{median} {q90}");
+        }
+        // rounding of a standstill among runs that move
+        test.runs[1].outputs[5] += range;
+        assert!(Accuracy::from_predictions(&surrogate, &test, &found).outputs[0].r2.is_some());
     }
 
     #[test]

@@ -476,6 +476,7 @@ mod tests {
             outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),
             test_runs: 20,
             test_rows: 4020,
+            given_rows: 0,
             content_digest: String::new(),
             roll_outs: None,
             rows: None,

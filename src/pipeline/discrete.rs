@@ -125,8 +125,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.
 fn error(accuracy: &Accuracy) -> f64 {
-    let of = |metrics: &OutputMetrics| metrics.r2.map_or(0.0, |r2| (1.0 - r2).max(0.0).sqrt().min(f64::MAX));
-    accuracy.outputs.values().map(of).fold(0.0, f64::max)
+    accuracy.outputs.values().map(OutputMetrics::relative_error).fold(0.0, f64::max)
 }
 
 /// What came of a way to learn.

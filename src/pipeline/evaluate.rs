@@ -136,9 +136,13 @@ pub(super) fn constants(surrogate: &Surrogate) -> impl Iterator<Item = (&Output,
 
 /// The results as a table for people: errors in the outputs' units.
 pub fn table(project: &Project, metrics: &Metrics) -> String {
-    let Accuracy { outputs, test_runs, test_rows, seen_until, .. } = &metrics.accuracy;
+    let Accuracy { outputs, test_runs, test_rows, given_rows, seen_until, .. } = &metrics.accuracy;
     let runs = seen_until.map_or("unseen runs".into(), |stop| format!("runs, unseen after {stop} s"));
-    let mut text = format!("{} on {test_runs} {runs}, {test_rows} rows\n\n", metrics.name);
+    let rows = match given_rows {
+        0 => format!("{test_rows} rows"),
+        given => format!("{test_rows} predicted rows, beside {given} given ones"),
+    };
+    let mut text = format!("{} on {test_runs} {runs}, {rows}\n\n", metrics.name);
     let coverage = project.study.bounds.map(|bounds| 100.0 * bounds.coverage);
     let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
     let header =

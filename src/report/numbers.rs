@@ -5,7 +5,7 @@
 use super::axis::extent;
 use crate::{
     dataset::{Dataset, Run},
-    evaluation::{Accuracy, predict_all},
+    evaluation::{Accuracy, first_predicted, predict_all},
     layout::Point,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
@@ -114,14 +114,24 @@ impl<'a> Evaluated<'a> {
         if output.max > output.min { output.max - output.min } else { 1.0 }
     }
 
-    /// The rows of a run, of one output.
+    /// The predicted rows of a run, of one output.
     pub fn rows(&self, run: usize, output: usize) -> impl Iterator<Item = Row> {
         let width = self.outputs();
         let Run { times, outputs, .. } = &self.test.runs[run];
         let column = |values: &'a [f64]| values.iter().skip(output).step_by(width).copied();
         let predictions = self.predictions[run].iter().skip(output).step_by(width).copied();
         let rows = times.iter().zip(column(outputs)).zip(predictions);
-        rows.map(|((&time, label), prediction)| Row { time, label, prediction })
+        rows.map(|((&time, label), prediction)| Row { time, label, prediction }).skip(self.first(run))
+    }
+
+    /// The first row of a run that is predicted.
+    fn first(&self, run: usize) -> usize {
+        first_predicted(self.surrogate, &self.test.runs[run])
+    }
+
+    /// Number of predicted rows of a run.
+    pub fn run_rows(&self, run: usize) -> usize {
+        self.test.runs[run].times.len() - self.first(run)
     }
 
     fn all_rows(&self, output: usize) -> impl Iterator<Item = Row> {
@@ -167,7 +177,7 @@ impl<'a> Evaluated<'a> {
     pub fn over_time(&self, output: usize) -> Binned {
         let stop =
             self.test.runs.iter().filter_map(|run| run.times.last()).fold(0.0, |stop: f64, &time| stop.max(time));
-        let instants = self.test.runs.iter().map(|run| run.times.len()).max().unwrap_or(1);
+        let instants = (0..self.test.runs.len()).map(|run| self.run_rows(run)).max().unwrap_or(1).max(1);
         let bins = instants.min(TIME_BINS);
         // bins are centred on instants where there are as many
         let width = stop / (bins.max(2) - 1) as f64;

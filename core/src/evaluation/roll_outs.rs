@@ -1,5 +1,6 @@
 //! Roll-outs of surrogates with states: how their errors grow with time.
 
+use super::{first_predicted, varies};
 use crate::{
     dataset::{Dataset, Run},
     dynamics::Assembly,
@@ -31,8 +32,8 @@ pub struct RollOuts {
     pub long_runs: [usize; 2],
 }
 
-/// Relative root mean square errors up to a time, each the largest of the run's outputs: of the difference over that of the truth around
-/// its mean.
+/// Relative root mean square errors of predicted rows up to a time, each the largest of the run's outputs: of the difference over that of
+/// the truth around its mean, or, of an output that does not vary, over its range in training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Horizon {
     /// Time since the start.
@@ -59,26 +60,33 @@ impl RollOuts {
     pub(super) fn of(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let evaluator = Evaluator::new(surrogate);
         let width = test.outputs.len();
+        let ranges: Vec<f64> = surrogate.outputs().iter().map(|output| output.max - output.min).collect();
+        // what is given is no prediction
+        let first = |run: &Run| first_predicted(surrogate, run);
         let pairs = || test.runs.par_iter().zip(predictions);
         let exact = |run: &Run| tight(RollOut::along(surrogate, &evaluator, run)).predictions();
         let is_controlled = surrogate.model().integration().and_then(Integration::tolerance).is_some();
         let exact: Option<Vec<_>> = is_controlled.then(|| test.runs.par_iter().map(exact).collect());
         let exact = exact.as_deref().unwrap_or(predictions);
         let off: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict_off(surrogate, &evaluator, run)).collect();
-        let rows = test.runs.iter().map(|run| run.times.len()).max().unwrap_or(0);
+        let rows = test.runs.iter().map(|run| run.times.len() - first(run)).max().unwrap_or(0);
         let horizon = |rows: usize| {
-            let errors =
-                quantiles(pairs().map(|(run, found)| relative_error(&run.outputs, found, width, rows)).collect());
-            let changes = exact.par_iter().zip(&off);
-            let changes = quantiles(changes.map(|(one, other)| relative_error(one, other, width, rows)).collect());
-            let times = test.runs.iter().filter_map(|run| run.times.get(rows - 1));
+            let relative = |run: &Run, truth: &[f64], found: &[f64]| {
+                let from = first(run) * width;
+                relative_error(&truth[from..], &found[from..], &ranges, rows)
+            };
+            let errors = quantiles(pairs().map(|(run, found)| relative(run, &run.outputs, found)).collect());
+            let changes = test.runs.par_iter().zip(exact).zip(&off);
+            let changes = changes.map(|((run, one), other)| relative(run, one, other));
+            let changes = quantiles(changes.collect());
+            let times = test.runs.iter().filter_map(|run| run.times.get(first(run) + rows - 1));
             let seconds = times.copied().fold(0.0, f64::max);
             Horizon { seconds, median: errors[0], q90: errors[1], sensitivity: changes }
         };
-        // the first row is the start
-        let mut lengths = vec![(rows.saturating_sub(1) / 6 + 1).max(2), rows.max(1)];
+        // of a state at the start the first row tells nothing
+        let mut lengths = vec![(rows.saturating_sub(1) / 6 + 1).max(2).min(rows.max(1)), rows.max(1)];
         lengths.dedup();
-        let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, width)).collect();
+        let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, first(run), &ranges)).collect();
         times.sort_by(f64::total_cmp);
         let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
@@ -117,17 +125,29 @@ fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     [at(0.5), at(0.9)].map(|value| if value.is_nan() { f64::MAX } else { value.min(f64::MAX) })
 }
 
-/// The largest of the outputs' relative errors in the first rows.
-fn relative_error(truth: &[f64], found: &[f64], width: usize, rows: usize) -> f64 {
+/// The largest of the outputs' relative errors in the first rows: relative to the truth's variation or, if it does not vary, to the
+/// output's range in training.
+fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], rows: usize) -> f64 {
+    let width = ranges.len();
     let of = |column: usize| {
         let values = |of: &[f64]| of.iter().skip(column).step_by(width).take(rows).copied().collect::<Vec<_>>();
         let (truth, found) = (values(truth), values(found));
-        let spread = deviations(&truth).iter().map(|value| value * value).sum::<f64>();
         let error: f64 = truth.iter().zip(&found).map(|(a, b)| (a - b).powi(2)).sum();
-        if spread > 0.0 { (error / spread).sqrt() } else { 0.0 }
+        let error = (error / truth.len().max(1) as f64).sqrt();
+        if error == 0.0 { 0.0 } else { error / scale(&truth, ranges[column]) }
     };
     // a maximum would leave out what is not a number
     (0..width).map(of).fold(0.0, |largest, error| if error > largest || error.is_nan() { error } else { largest })
+}
+
+/// What errors of an output are relative to: the standard deviation of the truth or, if it does not vary, the output's range in training.
+fn scale(truth: &[f64], range: f64) -> f64 {
+    let squares: f64 = deviations(truth).iter().map(|value| value * value).sum();
+    match varies(truth, range) {
+        true => (squares / truth.len().max(1) as f64).sqrt(),
+        false if range > 0.0 => range,
+        false => truth.first().map(|value| value.abs()).filter(|size| *size > 0.0).unwrap_or(1.0),
+    }
 }
 
 fn deviations(values: &[f64]) -> Vec<f64> {
@@ -135,17 +155,17 @@ fn deviations(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| value - mean).collect()
 }
 
-/// When a roll-out has diverged; infinite if it has not.
-fn divergence(run: &Run, found: &[f64], width: usize) -> f64 {
+/// When a roll-out has diverged, whose predictions begin at row `first`; infinite if it has not.
+fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
+    let width = ranges.len();
     let of = |column: usize| {
-        let truth: Vec<f64> = run.outputs.iter().skip(column).step_by(width).copied().collect();
-        let deviations = deviations(&truth);
-        let deviation = (deviations.iter().map(|value| value * value).sum::<f64>() / truth.len().max(1) as f64).sqrt();
-        let rows = truth.iter().zip(found.iter().skip(column).step_by(width));
+        let values = |of: &[f64]| of.iter().skip(column).step_by(width).skip(first).copied().collect::<Vec<_>>();
+        let (truth, found) = (values(&run.outputs), values(found));
+        let scale = scale(&truth, ranges[column]);
         // what is not a number has diverged
-        let follows = |(a, b): (&f64, &f64)| (a - b).abs() <= DIVERGED * deviation;
-        let first = rows.zip(run.times.iter()).find(|((a, b), _)| !follows((*a, *b)));
-        first.map_or(f64::INFINITY, |(_, time)| *time)
+        let follows = |(a, b): (&f64, &f64)| (a - b).abs() <= DIVERGED * scale;
+        let diverged = truth.iter().zip(&found).zip(&run.times[first..]).find(|((a, b), _)| !follows((*a, *b)));
+        diverged.map_or(f64::INFINITY, |(_, time)| *time)
     };
     (0..width).map(of).fold(f64::INFINITY, f64::min)
 }

@@ -5,7 +5,7 @@ use crate::report::numbers::{CELLS, Density, Histogram};
 use rayon::prelude::*;
 
 pub fn section(evaluated: &Evaluated) -> Section {
-    let rows = evaluated.test.row_count();
+    let rows = evaluated.accuracy.test_rows;
     let mut blocks = vec![paragraph(&format!(
         "Predictions against labels of all {rows} test rows, counted in {CELLS} by {CELLS} cells: the darker, the more rows. A \
          perfect surrogate is on the diagonal."

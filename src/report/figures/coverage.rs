@@ -58,11 +58,11 @@ impl Coverage {
             let within =
                 evaluated.rows(run, column).filter(|row| evaluated.is_within(column, row) == Some(true)).count();
             rows += within;
-            runs += usize::from(within == evaluated.test.runs[run].times.len());
+            runs += usize::from(within == evaluated.run_rows(run));
         }
         let share = |part: usize, all: usize| part as f64 / all as f64;
         let over_time = evaluated.over_time(column);
-        Self { over_time, rows: share(rows, evaluated.test.row_count()), runs: share(runs, count) }
+        Self { over_time, rows: share(rows, evaluated.accuracy.test_rows), runs: share(runs, count) }
     }
 }
 
