@@ -181,7 +181,13 @@ pub fn best_epoch(outcomes: &[Outcome]) -> usize {
 /// The worst of the reasons why the trainings ended.
 pub fn reason(outcomes: &[Outcome]) -> StopReason {
     let any = |reason| outcomes.iter().any(|outcome| outcome.reason == reason);
-    let worst_first = [StopReason::Diverged, StopReason::Interrupted, StopReason::Finished, StopReason::TooFewLeft];
+    let worst_first = [
+        StopReason::Diverged,
+        StopReason::Interrupted,
+        StopReason::Overfitted,
+        StopReason::Finished,
+        StopReason::TooFewLeft,
+    ];
     worst_first.into_iter().find(|&reason| any(reason)).unwrap_or(StopReason::Patience)
 }
 
@@ -258,5 +264,11 @@ impl<'a> Finished<'a> {
 }
 
 /// Those of trainings that came to their end, by the numbers they have in the journal.
-const REASONS: [StopReason; 5] =
-    [StopReason::Finished, StopReason::Patience, StopReason::Diverged, StopReason::Enough, StopReason::TooFewLeft];
+const REASONS: [StopReason; 6] = [
+    StopReason::Finished,
+    StopReason::Patience,
+    StopReason::Diverged,
+    StopReason::Enough,
+    StopReason::TooFewLeft,
+    StopReason::Overfitted,
+];

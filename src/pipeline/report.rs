@@ -141,7 +141,8 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         }
         (None, None, None) => {
             format!(
-                "{rows} rows, {validation_runs} runs held out, {epochs} epochs ({stopped}), the best is {best_epoch}"
+                "{rows} rows, {validation_runs} runs held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
+                all = study.training.epochs
             )
         }
         (Some(motion), ..) => format!("{rows} configurations, {}", motion.describe()),

@@ -341,6 +341,7 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
         StopReason::Diverged => (Status::Failed, "the loss became infinite"),
         StopReason::Finished
         | StopReason::Patience
+        | StopReason::Overfitted
         | StopReason::Enough
         | StopReason::TooFewLeft
         | StopReason::Solved => (Status::Finished, ""),
@@ -371,6 +372,7 @@ fn train_instants(
         StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
         StopReason::Finished
         | StopReason::Patience
+        | StopReason::Overfitted
         | StopReason::Enough
         | StopReason::TooFewLeft
         | StopReason::Solved => (Status::Finished, ""),

@@ -239,9 +239,10 @@ fn train(
         discrete: None,
     };
     project.finish(format_args!(
-        "trained on {} rows for {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
+        "trained on {} rows for {} of {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
         record.train_rows,
         record.epochs,
+        options.epochs,
         record.train_seconds,
         record.stopped,
         record.best_epoch,

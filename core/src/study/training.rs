@@ -50,7 +50,8 @@ pub struct TrainingOptions {
     /// Of the other schedules than "restarts": stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
     /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle, from the
-    /// third on, that is hardly better than the one before: less than a quarter, if it was twice as long.
+    /// third on and of 100 optimizer steps at least, that is hardly better than the one before: less than a quarter, if it was twice as long. The
+    /// training also ends when the loss on held-out runs stays 1.5 times above the best one, while that of the training falls, for 5 epochs and 50 steps.
     #[schemars(range(min = 0))]
     pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.

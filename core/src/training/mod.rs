@@ -104,6 +104,9 @@ pub enum StopReason {
     /// Too many epochs without a better validation loss, or a cycle that gained little.
     #[serde(rename = "no more improvement")]
     Patience,
+    /// The validation loss stayed far above the best one while the training loss was below that of the best epoch.
+    #[serde(rename = "overfitting: the loss on held-out runs rose")]
+    Overfitted,
     /// The validation loss at the end of a cycle is as small as is asked for.
     #[serde(rename = "good enough")]
     Enough,

@@ -13,9 +13,9 @@ use crate::{
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use std::{ops::Range, time::Instant};
 
-/// Factor by which the validation loss exceeds the best one, and number of epochs in a row, that show a network to learn its rows by
-/// heart.
-const OVERFITTED: (f64, usize) = (1.5, 5);
+/// Factor by which the validation loss exceeds the best one, and number of epochs in a row and of optimizer steps in them, that show a network
+/// to learn its rows by heart.
+const OVERFITTED: (f64, usize, usize) = (1.5, 5, 50);
 
 /// Trains a network, on as many threads as the current rayon pool has. The outcome does not depend on their number.
 ///
@@ -156,11 +156,11 @@ impl<'a> Run<'a> {
     /// The cycle of the next epoch, or why there is none.
     fn enter_cycle(&mut self) -> Result<(), StopReason> {
         if self.overfits() {
-            return Err(StopReason::Patience);
+            return Err(StopReason::Overfitted);
         }
         if !self.cycle.contains(&self.history.len()) {
             let losses: Vec<f64> = self.history.iter().map(|record| record.validation_loss).collect();
-            self.cycle = cycle(self.options, &losses)?;
+            self.cycle = cycle(self.options, &losses, self.steps)?;
         }
         Ok(())
     }
@@ -168,7 +168,8 @@ impl<'a> Run<'a> {
     /// Whether the last epochs of a schedule with restarts fit the training rows better than the best epoch did, and the held-out ones
     /// much worse. A high learning rate makes both worse.
     fn overfits(&self) -> bool {
-        let (factor, count) = OVERFITTED;
+        let (factor, epochs, steps) = OVERFITTED;
+        let count = epochs.max(steps.div_ceil(self.steps.max(1)));
         let (Schedule::Restarts, Some(best), Some(first)) =
             (self.options.schedule, self.best_epoch.checked_sub(1), self.history.len().checked_sub(count))
         else {

@@ -24,16 +24,19 @@ const GAIN: f64 = 0.4;
 /// A cycle may be much longer than the one before if the loss fell at least as this power.
 const STEADY: f64 = 0.75;
 
+/// Optimizer steps that a cycle has at least if it is to show that nothing is gained: fewer, of few rows, hardly move the parameters.
+const TELLING_STEPS: usize = 100;
+
 /// How much longer a cycle is than the validation loss suggests, which falls a little slower than in inverse proportion to the epochs.
 const SAFETY: f64 = 1.25;
 
 /// The epochs, counted from 0, of the cycle that a training is in, or why it ends here; `losses` are the validation losses of its
-/// epochs so far.
+/// epochs so far, `steps` the optimizer steps of an epoch.
 ///
 /// Only a schedule with restarts has more than one cycle. Each is twice as long as the one before, or, where the loss falls steadily, as
 /// long as it takes to reach [`TrainingOptions::enough`] in inverse proportion to the epochs of a cycle. The last is one that gained
-/// nothing, unless it is the second.
-pub(super) fn cycle(options: &TrainingOptions, losses: &[f64]) -> Result<Range<usize>, StopReason> {
+/// nothing, unless it is the second or has too few steps to tell.
+pub(super) fn cycle(options: &TrainingOptions, losses: &[f64], steps: usize) -> Result<Range<usize>, StopReason> {
     let epochs = options.epochs;
     if losses.len() >= epochs {
         return Err(StopReason::Finished);
@@ -52,7 +55,8 @@ pub(super) fn cycle(options: &TrainingOptions, losses: &[f64]) -> Result<Range<u
         if loss <= enough {
             return Err(StopReason::Enough);
         }
-        if number > 2 && power.is_none_or(|power| power < GAIN) {
+        let tells = number > 2 && cycle.len().saturating_mul(steps) >= TELLING_STEPS;
+        if tells && power.is_none_or(|power| power < GAIN) {
             return Err(StopReason::Patience);
         }
         // a shorter cycle than the last would gain nothing
@@ -117,7 +121,7 @@ mod tests {
         };
         let (mut losses, mut lengths) = (Vec::new(), Vec::new());
         loop {
-            let next = match cycle(&options, &losses) {
+            let next = match cycle(&options, &losses, 1000) {
                 Ok(next) => next,
                 Err(reason) => return (lengths, reason),
             };
@@ -125,7 +129,7 @@ mod tests {
             for end in next.start + 1..next.end {
                 // nothing is decided within a cycle
                 losses.push(0.0);
-                assert_eq!(cycle(&options, &losses), Ok(next.clone()), "{end}");
+                assert_eq!(cycle(&options, &losses, 1000), Ok(next.clone()), "{end}");
             }
             losses.push(loss(lengths.len(), next.len() as f64));
             lengths.push(next.len());
@@ -165,6 +169,16 @@ mod tests {
         // what is left is shorter than the last cycle
         let short = |cycle: usize, _| [1e-3, 1e-4, 2e-5][cycle];
         assert_eq!(cycles(150, 1.5e-5, short), (vec![5, 10, 84], StopReason::TooFewLeft));
+    }
+
+    #[test]
+    fn a_cycle_of_few_steps_does_not_end_a_training() {
+        let options = TrainingOptions { schedule: Schedule::Restarts, epochs: 300, ..TrainingOptions::default() };
+        // nothing gained in cycles of 10, 20 and 40 epochs
+        let losses = vec![1e-3; 70];
+        assert_eq!(cycle(&options, &losses, 1), Ok(70..150));
+        assert_eq!(cycle(&options, &[1e-3; 150], 1), Ok(150..300));
+        assert_eq!(cycle(&options, &losses, 3), Err(StopReason::Patience));
     }
 
     fn rates(schedule: Schedule, warm_up: Option<f64>, steps: usize) -> Vec<f64> {

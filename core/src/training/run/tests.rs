@@ -378,6 +378,6 @@ fn a_training_with_restarts_ends_when_it_learns_noise_by_heart() {
     };
     let options = TrainingOptions { schedule: Schedule::Restarts, ..options(3000, 64) };
     let outcome = train(network(&[64]), &noisy(1, 64), &noisy(2, 64), &options, 1, &mut ()).unwrap();
-    assert_eq!(outcome.reason, StopReason::Patience);
+    assert_eq!(outcome.reason, StopReason::Overfitted);
     assert!(outcome.history.len() < 2000 && outcome.best_epoch < 1000, "{} epochs", outcome.history.len());
 }
