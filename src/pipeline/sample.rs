@@ -128,7 +128,12 @@ pub fn stage(project: &Project) -> Result<Samples> {
             Ok(samples)
         }
         Source::Recorded(recorded) => {
-            let sets = recorded.sample(project.control().stop)?;
+            let (sets, given) = recorded.read(project.control().stop)?;
+            if let Some(rows) = given {
+                project.say(format_args!(
+                    "the record does not begin at rest: its first {rows} rows are given, as what was before its first run"
+                ));
+            }
             write(project, sets, Vec::new(), start.elapsed().as_secs_f64())
         }
     }

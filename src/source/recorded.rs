@@ -200,8 +200,16 @@ impl Recorded {
     /// # Errors
     /// [`Error::Table`] with file and line of the mistake, [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
     pub fn sample(&self, stop: &AtomicBool) -> Result<Sets<Dataset>> {
+        self.read(stop).map(|(sets, _)| sets)
+    }
+
+    /// [`Recorded::sample`], and the number of the first rows that became what was before the first run, of a record that does not begin at rest.
+    ///
+    /// # Errors
+    /// As [`Recorded::sample`].
+    pub fn read(&self, stop: &AtomicBool) -> Result<(Sets<Dataset>, Option<usize>)> {
         if let Some(motions) = &self.motions {
-            return motions.sets(self);
+            return motions.sets(self).map(|sets| (sets, None));
         }
         let mut runs = Runs::new(self, stop);
         let mut table = Table::open(&self.path)?;
@@ -210,14 +218,15 @@ impl Recorded {
         } else {
             self.read_long(&mut table, &mut runs)?
         }
-        runs.cut();
+        let given = runs.cut();
         let chosen = self.choose(runs.finished.len()).map_err(|message| table.mistake(&message))?;
         let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
-        chosen.try_map(|chosen| {
+        let sets = chosen.try_map(|chosen| {
             let runs = chosen.into_iter().filter_map(|run| runs[run].take()).collect();
             let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
             Ok(Dataset { inputs, parameters, outputs: self.outputs.clone(), runs })
-        })
+        })?;
+        Ok((sets, given))
     }
 
     /// The numbers of the runs of each set, in their order.

@@ -280,6 +280,35 @@ def test_the_sources_compute_what_the_library_does(built, version, tmp_path, mon
             np.testing.assert_allclose(found[column].astype(float), expected[column].astype(float), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_fed_back_is_part_of_the_domain(built, version, tmp_path):
+    def simulate(name, force, gain):
+        running = Running(built.fmu(version), tmp_path / name, gain=gain)
+        inside, distance, found = [], [], [running.outputs()]
+        for value in force[:-1]:
+            running.set("force", value)
+            running.step(STEP)
+            references = [running.references["in_domain"]]
+            inside.append(running.fmu.getBoolean(references)[0])
+            distance.append(running.get("domain_distance")[0])
+            found.append(running.outputs())
+        assert [value == 0.0 for value in distance] == [bool(value) for value in inside]
+        return np.array(inside, dtype=bool), np.array(distance), np.array(found)
+
+    # a force like those of the training
+    inside, _, _ = simulate("usual", forces(99), 1.1)
+    assert inside.mean() > 0.9
+    # in its range all the time, but for ten times as long and with a jump from one end to the other, which no run had
+    rows = 10 * ROWS
+    force = np.where(np.arange(rows) < 200, 2.0, -2.0)
+    inside, distance, found = simulate("corner", force, 1.5)
+    truth = plant(force, 1.5)
+    assert not inside.all() and distance.max() > 0.05
+    largest = [output["max_abs_error"] for output in json.loads((built.folder / "metrics.json").read_text())["outputs"].values()]
+    late = (np.abs(found - truth)[1:] > 2.0 * np.array(largest)).any(axis=1) & inside
+    assert not late.any(), np.flatnonzero(late)
+
+
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):
     result = metafmu("predict", built.fmu(2), built.folder / "test.csv", "--out", tmp_path / "found.csv")
     assert "force_start" not in result.stderr
@@ -298,16 +327,20 @@ def test_other_numbers_of_threads_give_the_same_bytes(built, tmp_path):
         assert (again.folder / name).read_bytes() == (built.folder / name).read_bytes(), name
 
 
-def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(tmp_path):
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(moving, tmp_path):
     count, stop = 8, 20
-    force = np.concatenate([forces(run)[:stop] for run in range(count)] + [[0.0]])
-    values = plant(force, 1.0)
+    # before the first row of a record that begins in the middle of a motion there were others, and its first rows tell it
+    earlier, given = (15, 12) if moving else (0, 0)
+    force = np.concatenate([forces(run)[:stop] for run in range(count)] + [forces(count)[: given + earlier + 1]])
+    values = plant(force, 1.0)[earlier:]
+    force = force[earlier:]
     lines = [f"{row * STEP:.6f},{u!r},{y!r},{v!r}" for row, (u, (y, v)) in enumerate(zip(force.tolist(), values.tolist()))]
     (tmp_path / "runs.csv").write_text("time,force,y,speed\n" + "\n".join(lines) + "\n")
     text = STUDY.replace("[parameters]\ngain = { min = 0.5, max = 1.5 }\n", "").replace(f"stop = {STEP * (ROWS - 1)}", f"stop = {stop * STEP}")
     (tmp_path / "plant.toml").write_text(text.replace("stretch = 20", "stretch = 8"))
-    for verb in ("sample", "train"):
-        metafmu(verb, tmp_path / "plant.toml", "--out", tmp_path / "out", check=verb == "sample")
+    said = [metafmu(verb, tmp_path / "plant.toml", "--out", tmp_path / "out", check=verb == "sample").stderr for verb in ("sample", "train")]
+    assert ("the record does not begin at rest: its first 12 rows are given" in said[0]) == moving
     found = {}
     for name in ("train", "test"):
         with open(tmp_path / "out" / f"{name}.csv", newline="") as file:
@@ -318,10 +351,10 @@ def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(tmp_path)
     begins = set()
     for run in map(np.array, found.values()):
         # which piece it is follows from its forces
-        start = next(piece for piece in range(count) if np.array_equal(run[run[:, 0] > -1e-9][:, 1], force[piece * stop : (piece + 1) * stop + 1]))
-        before = 0 if start == 0 else 12
+        start = next(piece for piece in range(count) if np.array_equal(run[run[:, 0] > -1e-9][:, 1], force[given + piece * stop :][: stop + 1]))
+        before = 0 if start == 0 and not moving else 12
         assert np.abs(run[:, 0] - STEP * np.arange(-before, stop + 1)).max() < 1e-12
-        assert np.array_equal(run[:, 1:], rows[start * stop - before : (start + 1) * stop + 1])
+        assert np.array_equal(run[:, 1:], rows[given + start * stop - before : given + (start + 1) * stop + 1])
         begins.add(start)
     assert begins == set(range(count))
     # the held-out runs are simulated from the rows before them: nearly linear motions are simulated well from the first row on

@@ -6,12 +6,14 @@ use crate::{
     Error, Result,
     dataset::Run,
     diagnostics::Place,
+    scaling,
     table::{
         Table,
         runs::{Labels, check_time, named},
         stamps::{self, Unit},
     },
 };
+use nalgebra::DMatrix;
 use std::{
     collections::HashMap,
     sync::{
@@ -52,6 +54,14 @@ pub(super) struct Current {
     /// Where the rows of a motion are in the table.
     places: Vec<Place>,
 }
+
+/// Past samples by which the first rows of a record are compared with rest, rows for each column of them at least, and a weight that keeps
+/// columns apart that are nearly the same.
+const ORDER: usize = 8;
+const ROWS_OF_A_COLUMN: usize = 4;
+const RIDGE: f64 = 1e-10;
+/// Multiple of the usual error that contradicts rest.
+const MUCH_LARGER: f64 = 5.0;
 
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
@@ -179,12 +189,18 @@ impl<'a> Runs<'a> {
         Ok(())
     }
 
-    /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it.
-    pub(super) fn cut(&mut self) {
-        let (Some((step, longest)), Some(first)) = (self.recorded.samples, self.finished.first()) else { return };
+    /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it. The first
+    /// rows of a record that does not begin at rest are what was before its first piece; returns their number.
+    pub(super) fn cut(&mut self) -> Option<usize> {
+        let (step, longest) = self.recorded.samples?;
+        let first = self.finished.first()?;
         let steps = (self.recorded.stop / step).round() as usize;
-        let before = first.times.partition_point(|time| *time < 0.0);
-        let pieces = if self.finished.len() == 1 { (first.times.len() - before - 1) / steps } else { 1 };
+        let is_record = self.finished.len() == 1;
+        let given = first.times.partition_point(|time| *time < 0.0);
+        let pieces = |before: usize| first.times.len().saturating_sub(before + 1) / steps;
+        let moves = is_record && given == 0 && pieces(longest) > 0 && self.moves(first, longest.min(ORDER));
+        let before = if moves { longest } else { given };
+        let pieces = if is_record { pieces(before) } else { 1 };
         let widths = [self.recorded.inputs.len(), self.recorded.outputs.len()];
         let piece = |number: usize| {
             let start = before + number * steps;
@@ -200,6 +216,58 @@ impl<'a> Runs<'a> {
         };
         let cut: Vec<Run> = (0..pieces).map(piece).collect();
         self.finished.splice(..1, cut);
+        moves.then_some(longest)
+    }
+
+    /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives the next outputs, by least
+    /// squares on the rows whose past is known; with outputs and inputs at rest before the first row its errors in the first rows are much larger.
+    fn moves(&self, run: &Run, order: usize) -> bool {
+        let [inputs, outputs] = [self.recorded.inputs.len(), self.recorded.outputs.len()];
+        let starts: Vec<f64> = self.recorded.inputs.iter().map(|input| input.start).collect();
+        let y = |k: usize| &run.outputs[k * outputs..][..outputs];
+        let u = |k: usize| &run.inputs[k * inputs..][..inputs];
+        let past = |k: usize| -> Vec<f64> {
+            let of_outputs = (0..order).flat_map(|lag| y(k.saturating_sub(lag)));
+            let of_inputs = (0..order).flat_map(|lag| k.checked_sub(lag).map_or(&starts[..], u));
+            of_outputs.chain(of_inputs).copied().collect()
+        };
+        let (rows, columns) = (run.times.len() - 1, order * (outputs + inputs));
+        let known: Vec<Vec<f64>> = (order - 1..rows).map(past).collect();
+        if known.len() < ROWS_OF_A_COLUMN * columns {
+            return false;
+        }
+        let (means, scales) = scaling::of_columns(&known);
+        let scaled = |row: &[f64], column: usize| match row.get(column) {
+            Some(value) => (value - means[column]) / scales[column],
+            None => 1.0,
+        };
+        let ridge = (RIDGE * known.len() as f64).sqrt();
+        let matrix = DMatrix::from_fn(known.len() + columns, columns + 1, |row, column| match known.get(row) {
+            Some(row) => scaled(row, column),
+            None => f64::from(u8::from(row - known.len() == column)) * ridge,
+        });
+        let mut sides = DMatrix::from_fn(known.len() + columns, outputs, |row, output| match known.get(row) {
+            Some(_) => y(row + order)[output] - y(row + order - 1)[output],
+            None => 0.0,
+        });
+        let decomposition = matrix.qr();
+        decomposition.q_tr_mul(&mut sides);
+        let projected = sides.rows(0, columns + 1).into_owned();
+        let Some(solution) = decomposition.r().solve_upper_triangular(&projected) else { return false };
+        let errors = |k: usize, row: &[f64]| -> Vec<f64> {
+            let found = |output: usize| (0..=columns).map(|c| scaled(row, c) * solution[(c, output)]).sum::<f64>();
+            (0..outputs).map(|output| y(k + 1)[output] - y(k)[output] - found(output)).collect()
+        };
+        let mut squares = vec![0.0; outputs];
+        for (row, k) in known.iter().zip(order - 1..) {
+            squares.iter_mut().zip(errors(k, row)).for_each(|(sum, error)| *sum += error * error);
+        }
+        let usual: Vec<f64> = squares.iter().map(|sum| (sum / known.len() as f64).sqrt()).collect();
+        let contradicts = |k: usize| {
+            let errors = errors(k, &past(k));
+            errors.iter().zip(&usual).any(|(error, usual)| error.abs() > MUCH_LARGER * usual)
+        };
+        (0..order - 1).any(contradicts)
     }
 }
 
