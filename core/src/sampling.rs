@@ -95,8 +95,12 @@ impl Plan {
         let bits = |point: &Vec<f64>| point.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
         let seen: HashSet<Vec<u64>> = train.iter().map(bits).collect();
         let unseen = |point: &Vec<f64>| !seen.contains(&bits(point));
+        // where no parameter has a range, training may have seen all points that exist
+        let has_range = parameters.iter().any(|options| options.values.is_empty() && options.min < options.max);
+        let draws = |runs: usize| if has_range { usize::MAX } else { 64 * runs };
         let fresh = |stream, runs| {
-            place(&parameters, 0.0, uniform(count, random(study.seed, stream))).filter(unseen).take(runs).collect()
+            let points = place(&parameters, 0.0, uniform(count, random(study.seed, stream)));
+            points.take(draws(runs)).filter(unseen).take(runs).collect()
         };
         Self {
             test: fresh(Stream::Test, study.sampling.test_runs),

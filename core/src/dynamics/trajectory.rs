@@ -114,20 +114,24 @@ pub fn disagreement(values: &[f64], rates: &[f64], step: f64) -> Option<[f64; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     #[test]
     fn a_rate_that_is_not_the_derivative_is_noticed_and_noise_of_the_coordinate_is_not() {
         let step = 0.01;
         let of = |value: &dyn Fn(f64) -> f64| (0..400).map(|row| value(step * f64::from(row))).collect::<Vec<f64>>();
-        let values = of(&|t| (3.0 * t).sin());
-        let rate = of(&|t| 3.0 * (3.0 * t).cos());
+        // two whole periods in the rows that count
+        let omega = 2.0 * TAU / (394.0 * step);
+        let values = of(&|t| (omega * t).sin());
+        let rate = of(&|t| omega * (omega * t).cos());
         assert_eq!(disagreement(&values, &rate, step), None);
-        // half a step late: 3 * 0.005 of the amplitude
-        let late = of(&|t| 3.0 * (3.0 * (t - 0.5 * step)).cos());
+        // half a step late
+        let late = of(&|t| omega * (omega * (t - 0.5 * step)).cos());
         let [found, own] = disagreement(&values, &late, step).unwrap();
-        assert!((found - 0.015).abs() < 5e-4 && own < 1e-6, "{found} {own}");
-        let noisy: Vec<f64> =
-            values.iter().zip(0..).map(|(value, row)| value + 1e-3 * f64::from(row * row % 7 - 3)).collect();
+        assert!((found - 0.5 * omega * step).abs() < 1e-6 && own < 1e-6, "{found} {own}");
+        // noise without a period: quadratic phases
+        let noise = |row: i32| (0.618_033_988_75 * f64::from(row * row)).fract() - 0.5;
+        let noisy: Vec<f64> = values.iter().zip(0..).map(|(value, row)| value + 1e-3 * noise(row)).collect();
         assert_eq!(disagreement(&noisy, &rate, step), None);
         assert_eq!(disagreement(&values[..20], &late[..20], step), None);
     }

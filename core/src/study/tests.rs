@@ -321,7 +321,9 @@ fn the_schemas_limits_are_those_of_the_checks() {
         let (section, name) = key.rsplit_once('.').unwrap_or_default();
         let also = match (section, name) {
             ("source", "step" | "retries") => "source = { fmu = 'none.fmu' }",
-            ("sampling", "states") => "structure = 'dynamics'\nsource = { fmu = 'none.fmu' }",
+            ("sampling", "states") | ("dynamics", "solver_step") => {
+                "structure = 'dynamics'\nsource = { fmu = 'none.fmu' }"
+            }
             ("sampling", "train_stop") => "structure = 'dynamics'\nsource = { table = 'none.csv' }",
             ("baselines.knn", "rows") => "baselines = { knn = { neighbours = 1 } }",
             // of more parameters there are too many terms

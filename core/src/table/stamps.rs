@@ -1,5 +1,7 @@
 //! Time stamps that a recorder has rounded: to milliseconds, say.
 
+use std::ops::RangeInclusive;
+
 /// Most decimals of a stamp that was rounded; with more of them a number is taken as it is.
 const MOST_DECIMALS: i32 = 9;
 
@@ -57,12 +59,22 @@ pub fn period(stamps: &[f64]) -> Option<f64> {
         return None;
     }
     let unit = Unit::of(stamps);
-    let fits = |period: f64, exact: f64| {
-        let tolerance = unit.tolerance(period, exact);
-        stamps.iter().enumerate().all(|(row, stamp)| (stamp - first - period * row as f64).abs() <= tolerance)
+    // periods that give the stamps, the one of least squares if it does
+    let possible = |exact: f64| {
+        let tolerance = unit.tolerance(slope, exact);
+        let limits =
+            stamps.iter().enumerate().skip(1).map(|(row, stamp)| {
+                [stamp - first - tolerance, stamp - first + tolerance].map(|since| since / row as f64)
+            });
+        let [least, most] =
+            limits.fold([0.0f64, f64::INFINITY], |[least, most], [low, high]| [least.max(low), most.min(high)]);
+        (least <= most).then(|| (slope.clamp(least, most), least..=most))
     };
-    let rounded = (0..16).map(|digits: usize| format!("{slope:.digits$e}").parse().unwrap_or(slope));
-    rounded.into_iter().find(|period: &f64| fits(*period, 1e-9)).or_else(|| fits(slope, 1e-6).then_some(slope))
+    let shortest = |(period, possible): (f64, RangeInclusive<f64>)| {
+        let rounded = (0..16).map(|digits: usize| format!("{period:.digits$e}").parse().unwrap_or(period));
+        rounded.into_iter().find(|rounded: &f64| possible.contains(rounded)).unwrap_or(period)
+    };
+    possible(1e-9).map(shortest).or_else(|| possible(1e-6).map(|(period, _)| period))
 }
 
 /// The first row that is not where the rows before it lead to, and where that is, in seconds: no period gives the stamps up to one of the

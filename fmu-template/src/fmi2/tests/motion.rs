@@ -112,6 +112,7 @@ fn a_state_beyond_every_plausible_value_ends_the_step_with_an_error_that_names_i
     {
         let host = Host::of(&example::integrated(&example::crane(), integration));
         assert_eq!(host.set(&STARTS, &[limit - 0.1, 0.5, 2.0, 0.3]), Status::Ok);
+        assert_eq!(unsafe { fmi2SetupExperiment(host.c, 0, 0.0, 0.0, 0, 0.0) }, Status::Ok);
         assert_eq!((host.enter(), host.exit()), (Status::Ok, Status::Ok));
         assert_eq!(host.step(0.0, 0.2), Status::Error);
         let message = host.message();
