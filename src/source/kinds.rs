@@ -15,6 +15,9 @@ pub struct Kinds(HashMap<Vec<u64>, SignalKind>);
 /// Runs of each further kind beyond the fewest that bounds can be measured on: some may fail.
 const RESERVE: f64 = 1.2;
 
+/// More runs than this are refused with the other mistakes of a study.
+const MOST_RUNS: u64 = 10_000_000;
+
 impl Kinds {
     /// Kind of the run of a point.
     pub fn of(&self, point: &[f64]) -> SignalKind {
@@ -32,10 +35,23 @@ fn bits(point: &[f64]) -> Vec<u64> {
 /// The plan of a study and the kinds of its runs: of a surrogate with inputs and error bounds, calibration runs of zero input, free decay and
 /// constant inputs follow those with the study's signals.
 pub fn plan(study: &Study, driven: Option<&Driven>) -> (Plan, Kinds) {
-    let driven = driven.filter(|driven| study.goes_on() && !driven.drivers().is_empty());
-    let (Some(driven), Some(BoundsOptions { coverage, .. })) = (driven, study.bounds) else {
-        return (Plan::new(study), Kinds::default());
-    };
+    with_kinds(study, driven).unwrap_or_else(|| (Plan::new(study), Kinds::default()))
+}
+
+/// The kinds of the runs of a study that may have mistakes, more runs than any plan has among them.
+pub fn kinds(study: &Study, driven: Option<&Driven>) -> Kinds {
+    let least = study.bounds.map_or(0, |bounds| BoundsOptions::least_runs(bounds.coverage));
+    let runs = [study.train_runs(), study.sampling.test_runs as u64, study.calibration_runs() as u64, least as u64];
+    if runs.into_iter().any(|runs| runs > MOST_RUNS) {
+        return Kinds::default();
+    }
+    with_kinds(study, driven).map_or_else(Kinds::default, |(_, kinds)| kinds)
+}
+
+/// None if all runs have signals of the study.
+fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
+    let driven = driven.filter(|driven| study.goes_on() && !driven.drivers().is_empty())?;
+    let BoundsOptions { coverage, .. } = study.bounds?;
     let varies = |options: &ParameterOptions| options.min < options.max || options.values.len() > 1;
     let parameters_vary = study.parameters.values().any(varies);
     let starts_vary = study.starts().values().any(varies);
@@ -62,7 +78,7 @@ pub fn plan(study: &Study, driven: Option<&Driven>) -> (Plan, Kinds) {
         }
         kinds.insert(bits(point), kind);
     }
-    (plan, Kinds(kinds))
+    Some((plan, Kinds(kinds)))
 }
 
 #[cfg(test)]

@@ -93,7 +93,7 @@ impl Simulation {
         if is_discrete {
             simulation.parameters.extend(before_start(simulation.outputs.iter().chain(&simulation.inputs)));
         }
-        let (_, kinds) = kinds::plan(study, simulation.driven());
+        let kinds = kinds::kinds(study, simulation.driven());
         if let Some(driven) = simulation.driven_mut() {
             driven.set_kinds(kinds);
         }

@@ -818,7 +818,6 @@ fn in_single_precision_nothing_is_computed_in_double_precision_but_times_turns_a
         "model_turned",
         "nearest",
         "parts",
-        "tolerance_of",
         "within",
     ];
     let example = example::surrogate();
