@@ -62,8 +62,11 @@ fn of_build<'a>(study: &Study, comparison: &'a Comparison) -> Vec<&'a ModelRow> 
 }
 
 fn is_chaotic(roll_outs: &RollOuts) -> bool {
-    // also of what is not a number
-    roll_outs.horizons.last().is_some_and(|Horizon { sensitivity: [median, _], .. }| !(*median <= CHAOTIC))
+    // NaN is chaotic
+    roll_outs
+        .horizons
+        .last()
+        .is_some_and(|Horizon { sensitivity: [median, _], .. }| median.is_nan() || *median > CHAOTIC)
 }
 
 /// Findings so far.

@@ -63,8 +63,9 @@ pub fn settle(train: &mut Dataset, others: [&mut Dataset; 2], rounding: Rounding
     for (output, &limit) in limits.iter().enumerate() {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         values(train, output).for_each(|value| (low, high) = (low.min(value), high.max(value)));
-        // also false of NaN, and of no rows
-        if !(high - low <= limit) {
+        // NaN varies, and so do no rows
+        let is_constant = high - low <= limit;
+        if !is_constant {
             continue;
         }
         // the first value is that of the start, before rounding adds up
