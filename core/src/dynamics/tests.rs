@@ -5,7 +5,10 @@ use crate::{
 };
 use metafmu_runtime::StatePoint;
 use nalgebra::Vector2;
-use std::{f64::consts::TAU, path::Path};
+use std::{
+    f64::consts::{FRAC_PI_2, TAU},
+    path::Path,
+};
 
 /// A cart of 2 kg that a motor pushes, with damping `b`, and a load of `m` on a massless rope of length `l`.
 const CRANE: &str = r#"
@@ -217,7 +220,7 @@ fn singular_positions_in_a_range_are_found() {
     "#;
     let mechanism = parse(text);
     let region = |half: f64| Region {
-        coordinates: ["A.angle", "B.angle"].map(|name| Range::new(name, 1.5708 - half, 1.5708 + half)).into(),
+        coordinates: ["A.angle", "B.angle"].map(|name| Range::new(name, FRAC_PI_2 - half, FRAC_PI_2 + half)).into(),
         ..Region::default()
     };
     reach(&mechanism, &region(0.2), true, 1).unwrap();
