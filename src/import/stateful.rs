@@ -404,10 +404,9 @@ fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Optio
     let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
     let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
     if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {
-        return Err(known.refused(format!(
-            "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are stiff, or have no \
-             solution there; expected others, or other start values"
-        )));
+        let problem = "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are \
+                       stiff, or have no solution there; expected others, or other start values";
+        return Err(known.refused(problem.into()));
     }
     Ok(surrogate)
 }

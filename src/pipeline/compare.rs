@@ -115,7 +115,8 @@ fn is_slow(kind: BaselineKind) -> bool {
 /// Rows of all runs at a constant distance, which is 1 if there are few rows; it divides no run, so that all times are among them.
 fn thinned(test: &Dataset) -> (Dataset, usize) {
     let length = test.runs.first().map_or(1, |run| run.times.len()).max(1);
-    let is_coprime = |stride: &usize| (2..=*stride).all(|factor| stride % factor != 0 || length % factor != 0);
+    let is_coprime =
+        |stride: &usize| (2..=*stride).all(|factor| !stride.is_multiple_of(factor) || !length.is_multiple_of(factor));
     let stride = (test.row_count().div_ceil(TEST_ROWS).max(1)..).find(is_coprime).unwrap_or(1);
     let width = test.outputs.len();
     let mut before = 0;

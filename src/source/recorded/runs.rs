@@ -286,5 +286,5 @@ fn even_out(table: &Table, run: &str, times: &mut [f64], places: &[Place]) -> Re
     let expected = if expected.is_nan() { String::new() } else { format!("expected {expected} s: ") };
     let message =
         format!("time {time} s after {before} s in {run}, {expected}rows are to be equally far apart in time");
-    Err(table.mistake_at(places[row].clone(), &message))
+    Err(table.mistake_at(places[row], &message))
 }
