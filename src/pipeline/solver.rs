@@ -261,8 +261,9 @@ impl<'a> Measure<'a> {
     fn error(&self, trial: usize, path: &Path) -> f64 {
         let Reference { path: reference, by_start } = &self.references[trial];
         let width = self.surrogate.outputs().len();
-        let rows = reference.rows.saturating_sub(1).min(path.rows);
-        // a path that leaves the domain one row earlier is compared up to there
+        // where the reference leaves the domain, a path may leave it one row earlier, and is compared up to there
+        let is_complete = reference.rows == self.trials[trial].run.times.len();
+        let rows = reference.rows.saturating_sub(usize::from(!is_complete)).min(path.rows);
         if path.rows + 1 < reference.rows && path.failure.is_some() {
             return f64::INFINITY;
         }

@@ -21,6 +21,8 @@ outputs = { theta = {} }
 sampling = { method = "sobol", runs = 30, test_runs = 5 }
 network = { hidden = [8] }
 training = { schedule = "cosine", epochs = 400 }
+# how it answers counts, not how good it is
+accept = { r2 = -1000 }
 export = { fmi = "both" }
 """
 
