@@ -136,8 +136,9 @@ def test_the_host_may_look_and_push_within_a_step(crane, tmp_path, monkeypatch):
     assert {"force", "theta", "load_x"} & set(references) <= set(marked) and "l" not in marked
     runs = [pushed_within_steps(fmu, description, references) for fmu in (compiled_from_sources(packed, monkeypatch), fmpy.extract(packed))]
     (times, angles, reached), (expected_times, expected_angles, expected_reached) = runs
-    assert reached == expected_reached == pytest.approx(0.3 + 0.0123)
-    assert len(times) > 40 and np.all(np.diff(times) > 0) and np.ptp(angles) > 0.01
+    assert reached == expected_reached == pytest.approx(0.3 + 0.0373)
+    # several in each of the four steps
+    assert len(times) > 12 and np.all(np.diff(times) > 0) and np.ptp(angles) > 0.01
     np.testing.assert_allclose(times, expected_times, rtol=1e-15)
     np.testing.assert_allclose(angles, expected_angles, rtol=1e-12, atol=1e-12)
 
@@ -158,7 +159,7 @@ def pushed_within_steps(unpacked, description, references):
         angles.append(fmu.getFloat64([references["theta"]])[0])
         fmu.setFloat64([references["force"]], [3 * np.sin(20 * time)])
         if 0.3 < time and can_return:
-            requested[0], return_time[0] = True, 0.3123
+            requested[0], return_time[0] = True, 0.3373
 
     fmu.instantiate(
         earlyReturnAllowed=True,
