@@ -1,5 +1,6 @@
 //! `[dynamics]`: which of the ways to learn equations is exported, and how they are integrated.
 
+use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +55,15 @@ impl DynamicsModel {
 }
 
 impl DynamicsOptions {
+    /// Every mistake, by key within the section.
+    pub(super) fn problems(&self) -> Problems {
+        let mut problems = Problems::default();
+        if let Some(step) = self.solver_step {
+            problems.expect_positive("solver_step", step);
+        }
+        problems
+    }
+
     /// Whether a way of this name is tried; the dictionary always is, `exact` being whether it needs no network.
     pub fn tries(&self, name: &str, exact: bool) -> bool {
         match self.model.name() {

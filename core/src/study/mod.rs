@@ -573,6 +573,7 @@ impl Study {
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));
         problems.add_section("discrete", self.discrete.problems());
+        problems.add_section("dynamics", self.dynamics.problems());
         problems.extend(self.sampling.problems(self.structure));
         problems.add_section("network", self.network.problems());
         problems.add_section("training", self.training.problems());

@@ -257,9 +257,6 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
-    if let Some(step) = study.dynamics.solver_step {
-        problems.expect_positive("dynamics.solver_step", step);
-    }
     let has_no_structure = study.source.fmu.is_some() && study.dynamics.model == DynamicsModel::Accelerations;
     let message = "\"accelerations\" belongs to mechanisms: of an FMU nothing else is learned";
     problems.expect_absent(has_no_structure, "dynamics.model", message);
