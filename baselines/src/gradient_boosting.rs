@@ -93,7 +93,7 @@ fn partition(rows: &mut [u32], is_first: impl Fn(u32) -> bool) -> usize {
 
 /// Inputs as numbers of bins.
 struct Binned {
-    /// Of each column the upper ends of its bins but the last.
+    /// Upper ends of the bins of each column, except the last bin.
     edges: Vec<Vec<f64>>,
     /// Shape `[rows, columns]`.
     bins: Vec<u8>,
@@ -183,7 +183,7 @@ impl Histogram {
         self.0[..BINS].iter().fold(Sum::default(), add)
     }
 
-    /// What a leaf adds, before it is shrunk.
+    /// Value of a leaf before shrinkage.
     fn value(&self) -> f64 {
         let Sum { residual, rows } = self.total();
         residual / (rows + L2)

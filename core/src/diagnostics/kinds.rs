@@ -8,7 +8,7 @@ use std::path::Path;
 pub enum Kind {
     /// CSV or Parquet.
     Table,
-    /// Of Excel or another office suite.
+    /// Spreadsheet of Excel or another office suite.
     Spreadsheet,
     /// An FMU.
     Fmu,
@@ -67,7 +67,7 @@ pub fn other(path: &Path, expected: &str) -> Error {
 }
 
 impl Kind {
-    /// Whether `metafmu import` may read it.
+    /// Returns true if `metafmu import` may read it.
     pub fn is_trained_model(self) -> bool {
         matches!(self, Self::Onnx | Self::Arrays | Self::Tensors | Self::Fmu)
     }
