@@ -257,8 +257,11 @@ fn train(
 /// A training with at least one complete epoch: before that there is no network to keep.
 pub(super) fn at_least_one_epoch(project: &Project, outcome: Outcome) -> Result<Outcome> {
     outcome.completed().map_err(|error| {
-        project.finish("the first epoch is not complete: there is no network to keep");
-        error.into()
+        let error = Error::from(error);
+        if matches!(error, Error::Interrupted) {
+            project.finish("the first epoch is not complete: there is no network to keep");
+        }
+        error
     })
 }
 
