@@ -336,7 +336,7 @@ mod tests {
         }
         let runs = [signals.clone(), decay, pushed].concat();
         let kinds: Vec<SignalKind> = [0, 30, 60].map(|index| SignalKind::of(&surrogate, &runs[index])).into();
-        assert_eq!(kinds, [SignalKind::Signals, SignalKind::Decay, SignalKind::Maximum]);
+        assert_eq!(kinds, [SignalKind::Signals, SignalKind::Decay, SignalKind::Ends]);
         let dataset = |runs| Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs: Vec::new(), runs };
         let largest = |runs, by_kind| bounds(&surrogate, &dataset(runs), 0.9, by_kind).unwrap().largest(0);
         assert!((largest(signals, true) - 1e-4).abs() < 1e-9);
@@ -344,7 +344,7 @@ mod tests {
         let bounded = bounds(&surrogate, &dataset(runs.clone()), 0.9, true).unwrap();
         let found = coverage(&surrogate.with_bounds(bounded).unwrap(), &dataset(runs));
         let of_kinds: Vec<(SignalKind, usize)> = found.iter().map(|found| (found.kind, found.runs)).collect();
-        assert_eq!(of_kinds, [(SignalKind::Signals, 30), (SignalKind::Decay, 30), (SignalKind::Maximum, 30)]);
+        assert_eq!(of_kinds, [(SignalKind::Signals, 30), (SignalKind::Decay, 30), (SignalKind::Ends, 30)]);
         // errors of the kind that decides are its bound, up to rounding
         assert_eq!([found[0].within[0], found[2].within[0]], [1.0, 1.0]);
         assert!(found[1].within[0] >= 0.9, "{found:?}");

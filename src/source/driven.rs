@@ -289,17 +289,16 @@ impl Driven {
         let mut of_recordings = ChaCha8Rng::seed_from_u64(point);
         of_recordings.set_stream(1);
         let place = of_recordings.random();
-        let kind = self.kinds.of(parameters);
+        let (kind, corner) = self.kinds.of(parameters);
         // of sources without known states, a decay follows signals in about the first third, an instant that is no row's
         let is_unknown = self.states.is_empty();
         let signals_end = if is_unknown { 0.333_71 * times.last().copied().unwrap_or(0.0) } else { 0.0 };
-        let column = |driver: &Driver| {
+        let column = |(input, driver): (usize, &Driver)| {
             let zero = SignalKind::zero([driver.min, driver.max], driver.start);
             match kind {
                 SignalKind::Signals => driver.values(times, place, &mut random),
                 SignalKind::Zero => vec![zero; times.len()],
-                SignalKind::Minimum => vec![driver.min; times.len()],
-                SignalKind::Maximum => vec![driver.max; times.len()],
+                SignalKind::Ends => vec![if corner.is_high(input) { driver.max } else { driver.min }; times.len()],
                 SignalKind::Decay => {
                     let mut values = driver.values(times, place, &mut random);
                     let pairs = times.iter().zip(&mut values).filter(|(time, _)| **time >= signals_end);
@@ -308,7 +307,7 @@ impl Driven {
                 }
             }
         };
-        let columns: Vec<Vec<f64>> = self.drivers.iter().map(column).collect();
+        let columns: Vec<Vec<f64>> = self.drivers.iter().enumerate().map(column).collect();
         (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
     }
 

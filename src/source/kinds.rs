@@ -10,7 +10,23 @@ use std::collections::HashMap;
 
 /// Kind of the signals of some runs, by the bits of their points; of all others those of the study.
 #[derive(Clone, Debug, Default)]
-pub struct Kinds(HashMap<Vec<u64>, SignalKind>);
+pub struct Kinds(HashMap<Vec<u64>, (SignalKind, Corner)>);
+
+/// Corner of the ranges of inputs: that of a number, of which number `2 k + 1` is opposite number `2 k`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Corner(usize);
+
+impl Corner {
+    /// Whether an input is at the upper end of its range, and not at the lower one.
+    pub fn is_high(self, input: usize) -> bool {
+        let Self(number) = self;
+        let bit = number.checked_shr(input as u32 + 1).unwrap_or(0) & 1;
+        (bit ^ number) & 1 == 1
+    }
+}
+
+/// Corners of so many inputs are all tried where runs differ in nothing else.
+const MOST_CORNERS: usize = 4;
 
 /// Runs of each further kind beyond the fewest that bounds can be measured on: some may fail.
 const RESERVE: f64 = 1.2;
@@ -19,12 +35,10 @@ const RESERVE: f64 = 1.2;
 const MOST_RUNS: u64 = 10_000_000;
 
 impl Kinds {
-    /// Kind of the run of a point.
-    pub fn of(&self, point: &[f64]) -> SignalKind {
-        if self.0.is_empty() {
-            return SignalKind::Signals;
-        }
-        self.0.get(&bits(point)).copied().unwrap_or(SignalKind::Signals)
+    /// Kind of the run of a point; with [`SignalKind::Ends`] the corner of the inputs.
+    pub fn of(&self, point: &[f64]) -> (SignalKind, Corner) {
+        let signals = (SignalKind::Signals, Corner::default());
+        if self.0.is_empty() { signals } else { self.0.get(&bits(point)).copied().unwrap_or(signals) }
     }
 }
 
@@ -61,18 +75,25 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
             SignalKind::Zero => parameters_vary,
             // signals come before the decay where starts cannot be chosen
             SignalKind::Decay => parameters_vary || starts_vary || study.is_discrete(),
-            _ => parameters_vary || starts_vary,
+            SignalKind::Ends => {
+                let corners = 1 << driven.drivers().len().min(MOST_CORNERS);
+                // of both ends, though inputs are many
+                return if parameters_vary || starts_vary { 2 * many } else { corners };
+            }
+            SignalKind::Signals => return 0,
         };
         // runs that do not differ are one
         if differ { many } else { 1 }
     };
-    let further = SignalKind::ALL.into_iter().filter(|kind| *kind != SignalKind::Signals);
-    let further: Vec<SignalKind> = further.flat_map(|kind| std::iter::repeat_n(kind, count(kind))).collect();
+    let further: Vec<(SignalKind, Corner)> = SignalKind::ALL
+        .into_iter()
+        .flat_map(|kind| (0..count(kind)).map(move |number| (kind, Corner(number))))
+        .collect();
     let own = study.calibration_runs();
     let mut plan = Plan::with_calibration(study, own + further.len());
     let mut kinds = HashMap::new();
     for (point, kind) in plan.calibration[own..].iter_mut().zip(further) {
-        if kind == SignalKind::Zero && study.has_states() {
+        if kind.0 == SignalKind::Zero && study.has_states() {
             let first = point.len() - driven.start().len();
             point[first..].copy_from_slice(driven.start());
         }
@@ -100,6 +121,18 @@ mod tests {
     }
 
     #[test]
+    fn corners_of_three_inputs_come_in_opposite_pairs() {
+        let corner = |number: usize| [0, 1, 2].map(|input| Corner(number).is_high(input));
+        let mut corners: Vec<[bool; 3]> = (0..8).map(corner).collect();
+        assert_eq!(corners[..2], [[false; 3], [true; 3]]);
+        assert!((0..4).all(|pair| corners[2 * pair] == corners[2 * pair + 1].map(|is_high| !is_high)));
+        corners.sort_unstable();
+        corners.dedup();
+        assert_eq!(corners.len(), 8);
+        assert!(!Corner(0).is_high(100) && Corner(1).is_high(100));
+    }
+
+    #[test]
     fn calibration_runs_have_zero_input_free_decay_and_both_ends_of_the_range() {
         let (study, simulation) = crane("[bounds]\ncoverage = 0.9\nruns = 30\n");
         let (own, plan) = (Plan::new(&study), simulation.plan(&study));
@@ -110,7 +143,9 @@ mod tests {
         let inputs = |index: usize| driven.inputs(&plan.calibration[index], &study.time.grid());
         assert!(inputs(0).windows(2).any(|pair| pair[0] != pair[1]));
         assert_eq!(&plan.calibration[30][..], driven.start());
-        for (index, value) in [(30, 0.0), (31, 0.0), (41, 0.0), (42, -4.0), (53, 10.0), (63, 10.0)] {
+        for (index, value) in
+            [(30, 0.0), (31, 0.0), (41, 0.0), (42, -4.0), (43, 10.0), (44, 10.0), (45, -4.0), (63, 10.0)]
+        {
             assert!(inputs(index).iter().all(|found| *found == value), "run {index}");
         }
         assert_ne!(plan.calibration[31], plan.calibration[32]);

@@ -18,12 +18,9 @@ pub enum SignalKind {
     /// Zero, from other starts, or after signals.
     #[serde(rename = "free decay")]
     Decay,
-    /// Every input at the lower end of its range.
-    #[serde(rename = "constant at the minimum")]
-    Minimum,
-    /// Every input at the upper end of its range.
-    #[serde(rename = "constant at the maximum")]
-    Maximum,
+    /// Every input constant at one of the ends of its range.
+    #[serde(rename = "constant at the ends")]
+    Ends,
 }
 
 /// Share of the calibration rows of one kind of signal that are within the error bounds.
@@ -39,7 +36,7 @@ pub struct KindCoverage {
 
 impl SignalKind {
     /// All kinds.
-    pub const ALL: [Self; 5] = [Self::Signals, Self::Zero, Self::Decay, Self::Minimum, Self::Maximum];
+    pub const ALL: [Self; 4] = [Self::Signals, Self::Zero, Self::Decay, Self::Ends];
 
     /// Value of an input without a signal: zero, or its start value where zero is outside its range.
     pub fn zero([min, max]: [f64; 2], start: f64) -> f64 {
@@ -56,22 +53,21 @@ impl SignalKind {
         let inputs = &surrogate.inputs()[surrogate.inputs().len() - width..];
         let rows = run.times.partition_point(|time| *time < 0.0);
         let rows = &run.inputs[rows * width..];
-        let is = |rows: &[f64], value: fn(&Input) -> f64| {
-            rows.chunks(width).all(|row| row.iter().zip(inputs).all(|(found, input)| *found == value(input)))
+        let all = |rows: &[f64], is: fn(&Input, f64) -> bool| {
+            rows.chunks(width).all(|row| row.iter().zip(inputs).all(|(found, input)| is(input, *found)))
         };
-        let zero = |input: &Input| Self::zero([input.min, input.max], input.start);
-        if is(rows, zero) {
+        let is_zero = |input: &Input, found: f64| found == Self::zero([input.min, input.max], input.start);
+        if all(rows, is_zero) {
             let starts = surrogate.inputs().iter().zip(&run.parameters).filter(|(input, _)| input.role == Role::Start);
             let is_own =
                 surrogate.states().is_empty() || starts.into_iter().all(|(input, value)| *value == input.start);
             return if is_own { Self::Zero } else { Self::Decay };
         }
-        match rows {
-            rows if is(rows, |input| input.min) => Self::Minimum,
-            rows if is(rows, |input| input.max) => Self::Maximum,
-            rows if is(&rows[rows.len() / width / 2 * width..], zero) => Self::Decay,
-            _ => Self::Signals,
+        let is_constant = rows.chunks(width).all(|row| *row == rows[..width]);
+        if is_constant && all(rows, |input, found| found == input.min || found == input.max) {
+            return Self::Ends;
         }
+        if all(&rows[rows.len() / width / 2 * width..], is_zero) { Self::Decay } else { Self::Signals }
     }
 }
 
