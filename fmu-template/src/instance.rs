@@ -144,7 +144,7 @@ impl Instance {
         let mut instance = Self {
             kind,
             variables: Variables::new(&surrogate, kind.version),
-            domain: Domain::of(&metadata),
+            domain: Domain::of(&surrogate),
             scratch: evaluator.scratch(),
             evaluator,
             time_column: surrogate.time_column(),

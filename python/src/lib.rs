@@ -62,7 +62,7 @@ struct Surrogate {
 
 impl Surrogate {
     fn new(surrogate: metafmu_runtime::Surrogate) -> Self {
-        Self { evaluator: Evaluator::new(&surrogate), domain: Domain::of(surrogate.metadata()), surrogate }
+        Self { evaluator: Evaluator::new(&surrogate), domain: Domain::of(&surrogate), surrogate }
     }
 
     /// What `row` writes for each row of doubles, `width` of them.

@@ -289,6 +289,7 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
         weights: Vec::new(),
         constants: vec![0.0; numbers.len()],
         map: Some(map),
+        support: None,
     }));
     let with_starts = |starts: &[f64]| {
         let of_output = |(output, start): (&Output, &f64)| {

@@ -13,11 +13,11 @@ use crate::{
     evaluation::{Accuracy, OutputMetrics},
     network::Network,
     scaling,
-    study::{DiscreteModel, TrainingOptions},
+    study::{DiscreteModel, Study, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Recurrence, Rows, StopReason},
 };
-use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Surrogate};
+use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Support, Surrogate, Transition};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::{sync::atomic::Ordering, time::Instant};
@@ -80,7 +80,8 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             is_stopped = true;
             break;
         };
-        let model = Model::Discrete(Box::new(one.model.clone()));
+        let support = support(study, dataset, one.model.past_starts() > 0);
+        let model = Model::Discrete(Box::new(Discrete { support: Some(support), ..one.model.clone() }));
         let rows = samples.rows();
         let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
         let error = error(&Accuracy::of(&surrogate, &validation));
@@ -121,6 +122,35 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         record.discrete.as_ref().map_or(String::new(), DiscreteRecord::describe)
     ));
     Ok(Trained { surrogate, history: one.history, record })
+}
+
+/// Parts of a run over which inputs are averaged, and a distance from the support fades.
+const PARTS: f64 = 20.0;
+
+/// The support of the transitions in all runs; `of_inputs`: whether more than one past input counts, so that there are features of inputs.
+fn support(study: &Study, dataset: &Dataset, of_inputs: bool) -> Support {
+    let (inputs, outputs) = (dataset.inputs.len(), dataset.outputs.len());
+    let starts = study.parameters.len() + outputs;
+    let unknown = Support { ranges: Vec::new(), samples: (study.time.stop / study.time.step / PARTS).max(1.0) };
+    let of_run = |run: &Run| {
+        let outputs = |k: usize| &run.outputs[k * outputs..][..outputs];
+        let inputs = |k: usize| &run.inputs[k * inputs..][..inputs];
+        // what was before rows that are given is not known
+        let mut before = if run.times[0] < 0.0 { inputs(0) } else { &run.parameters[starts..] };
+        let mut means = before.to_vec();
+        let transition = |k: usize| {
+            unknown.average(&mut means, inputs(k));
+            let outputs = [outputs(k), outputs(k + 1)];
+            let transition = match of_inputs {
+                true => Transition { means: &means, inputs: [before, inputs(k)], outputs },
+                false => Transition { means: &[], inputs: [&[]; 2], outputs },
+            };
+            before = inputs(k);
+            transition.features().collect()
+        };
+        (0..run.times.len() - 1).map(transition).collect::<Vec<Vec<f64>>>()
+    };
+    Support::of(dataset.runs.iter().flat_map(of_run), unknown.samples)
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.
@@ -301,7 +331,8 @@ impl<'a> Samples<'a> {
             let scaling = Scaling { input_mean: means, input_scale: scales, output_mean, output_scale };
             Map::Network(ScaledNetwork { scaling, layers })
         });
-        Discrete { counts: self.counts, hidden: Vec::new(), history, step: self.step, weights, constants, map: network }
+        let (counts, hidden, step, map) = (self.counts, Vec::new(), self.step, network);
+        Discrete { counts, hidden, history, step, weights, constants, map, support: None }
     }
 }
 

@@ -249,7 +249,7 @@ impl<'a> Predictor<'a> {
         if outputs.is_empty() {
             outputs = (0..known.len()).collect();
         }
-        let (evaluator, domain) = (Evaluator::new(surrogate), Domain::of(surrogate.metadata()));
+        let (evaluator, domain) = (Evaluator::new(surrogate), Domain::of(surrogate));
         Ok(Self { surrogate, evaluator, domain, outputs, stop })
     }
 

@@ -204,7 +204,7 @@ impl<'a> Measure<'a> {
         let mut measure = Self {
             surrogate,
             evaluator: Evaluator::new(surrogate),
-            domain: Domain::of(surrogate.metadata()),
+            domain: Domain::of(surrogate),
             trials,
             training,
             references: Vec::new(),

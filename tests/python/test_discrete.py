@@ -280,6 +280,35 @@ def test_the_sources_compute_what_the_library_does(built, version, tmp_path, mon
             np.testing.assert_allclose(found[column].astype(float), expected[column].astype(float), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_fed_back_is_part_of_the_domain(built, version, tmp_path):
+    def simulate(name, force, gain):
+        running = Running(built.fmu(version), tmp_path / name, gain=gain)
+        inside, distance, found = [], [], [running.outputs()]
+        for value in force[:-1]:
+            running.set("force", value)
+            running.step(STEP)
+            references = [running.references["in_domain"]]
+            inside.append(running.fmu.getBoolean(references)[0])
+            distance.append(running.get("domain_distance")[0])
+            found.append(running.outputs())
+        assert [value == 0.0 for value in distance] == [bool(value) for value in inside]
+        return np.array(inside, dtype=bool), np.array(distance), np.array(found)
+
+    # a force like those of the training
+    inside, _, _ = simulate("usual", forces(99), 1.1)
+    assert inside.mean() > 0.9
+    # in its range all the time, but for ten times as long and with a jump from one end to the other, which no run had
+    rows = 10 * ROWS
+    force = np.where(np.arange(rows) < 200, 2.0, -2.0)
+    inside, distance, found = simulate("corner", force, 1.5)
+    truth = plant(force, 1.5)
+    assert not inside.all() and distance.max() > 0.05
+    largest = [output["max_abs_error"] for output in json.loads((built.folder / "metrics.json").read_text())["outputs"].values()]
+    late = (np.abs(found - truth)[1:] > 2.0 * np.array(largest)).any(axis=1) & inside
+    assert not late.any(), np.flatnonzero(late)
+
+
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):
     result = metafmu("predict", built.fmu(2), built.folder / "test.csv", "--out", tmp_path / "found.csv")
     assert "force_start" not in result.stderr

@@ -175,7 +175,7 @@ def test_error_bounds_are_measured_on_runs_of_their_own(tmp_path):
     assert sum(len(set(signal)) > 1 and not any(signal[len(signal) // 2 :]) for signal in signals) == 23
     calibration = json.loads((tmp_path / "out" / "metrics.json").read_text())["calibration"]
     assert [kind["kind"] for kind in calibration] == [
-        "signals", "zero input", "free decay", "constant at the minimum", "constant at the maximum"
+        "signals", "zero input", "free decay", "constant at the ends"
     ]  # fmt: skip
     assert all(share >= 0.95 for kind in calibration for share in kind["within"].values()), calibration
     with zipfile.ZipFile(tmp_path / "out" / "chain.fmu") as fmu:
@@ -216,6 +216,37 @@ def test_runs_of_an_fmu_of_another_tool_are_those_of_the_script_it_is_made_of(hy
     assert metrics["outputs"]["position"]["r2"] > 0.9
     names = [v.name for v in read_model_description(str(hysteresis / "out" / "hysteresis.fmu")).modelVariables]
     assert {"damping", "force", "force_start", "position", "position_start"} <= set(names)
+
+
+def test_inputs_that_stay_at_the_ends_of_their_ranges_leave_the_domain_before_the_error_passes_that_of_the_tests(tmp_path, monkeypatch):
+    folder = ROOT / "examples" / "dynamics" / "dc-motor"
+    make_fmus.build_python(folder / "motor.py", tmp_path)
+    study, _, training = (folder / "dc-motor.toml").read_text().partition("[bounds]")
+    (tmp_path / "motor.toml").write_text(f"{study}[network]{training.partition('[network]')[2].replace('epochs = 300', 'epochs = 60')}")
+    command = [METAFMU, "build", "motor.toml", "--out", "out"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, env=make_fmus.activated())
+    monkeypatch.syspath_prepend(folder)
+    from motor import Motor
+
+    model = Motor(instance_name="x")
+    model.inertia, model.voltage = 0.02, 24.0
+    truth = []
+    for _ in range(3001):
+        truth.append((model.speed, model.torque))
+        model.do_step(0.0, 0.01)
+    found = simulate_fmu(
+        str(tmp_path / "out" / "dc-motor.fmu"), stop_time=30.0, output_interval=0.01, step_size=0.01,
+        start_values={"inertia": 0.02, "voltage": 24.0, "voltage_start": 0.0},
+        output=["speed", "torque", "in_domain"], logger=lambda *_: None,
+    )  # fmt: skip
+    outputs = json.loads((tmp_path / "out" / "metrics.json").read_text())["outputs"]
+    errors = np.abs(np.array([found["speed"], found["torque"]]).T - truth) / [outputs[name]["max_abs_error"] for name in ("speed", "torque")]
+    inside = found["in_domain"].astype(bool)
+    assert errors.max() > 5.0 and errors[inside].max() < 1.0 and inside[:10].all() and not inside[100:].any()
+    # runs like those of the training
+    rows = pd.read_csv(tmp_path / "out" / "test.csv")
+    metafmu("predict", tmp_path / "out" / "dc-motor.fmu", tmp_path / "out" / "test.csv", "--out", tmp_path / "found.csv")
+    assert len(rows) == 3010 and pd.read_csv(tmp_path / "found.csv")["in_domain"].mean() > 0.95
 
 
 @pytest.mark.parametrize(

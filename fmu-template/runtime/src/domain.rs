@@ -1,7 +1,7 @@
 //! The domain of validity: the box of training ranges, the values of nominal inputs, and in the box what is near the training data.
 
 use crate::{
-    Cover, Encoding, Input, Metadata, Role, State,
+    Cover, Encoding, Input, Model, Role, State, Surrogate,
     cover::{Cubes, Nearest},
     encoding::nearest,
 };
@@ -31,11 +31,13 @@ impl DomainPolicy {
 }
 
 /// Where every input was trained: in a range, or, if it is nominal, at some values. A periodic one is valid everywhere. Where the data are
-/// known that it was trained on, a point is valid near those only ([`Cover`]).
+/// known that it was trained on, a point is valid near those only ([`Cover`]; of a discrete-time model [`Support`](crate::Support)).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Domain {
     inputs: Vec<Valid>,
     data: Option<Cubes>,
+    /// Column of a point that has its distance from the support of the training, see [`Support`](crate::Support).
+    distance: Option<usize>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +88,7 @@ impl Range {
 
 impl Domain {
     /// The ranges of these inputs and, after them, of these states. The value of a state at the start has none, as the state has one;
-    /// neither have columns after them, which are what a discrete model remembers.
+    /// neither have columns after them, which are what a discrete-time model remembers.
     pub fn new(inputs: &[Input], states: &[State]) -> Self {
         let everywhere = || Valid::Range(Range::EVERYWHERE);
         let of_state = |state: &State| match state.range {
@@ -99,13 +101,22 @@ impl Domain {
             Encoding::Nominal(values) => Valid::Values { values: values.clone(), scale: input.max - input.min },
             Encoding::Periodic => everywhere(),
         };
-        Self { inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect(), data: None }
+        Self {
+            inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect(),
+            data: None,
+            distance: None,
+        }
     }
 
     /// That of a surrogate.
-    pub fn of(metadata: &Metadata) -> Self {
-        let ranges = Self::new(&metadata.inputs, &metadata.states);
-        metadata.cover.iter().fold(ranges, |ranges, cover| ranges.near(cover, &metadata.inputs))
+    pub fn of(surrogate: &Surrogate) -> Self {
+        let ranges = Self::new(surrogate.inputs(), surrogate.states());
+        let cover = surrogate.metadata().cover.iter();
+        let domain = cover.fold(ranges, |ranges, cover| ranges.near(cover, surrogate.inputs()));
+        match surrogate.model() {
+            Model::Discrete(discrete) => Self { distance: discrete.distance_column(), ..domain },
+            _ => domain,
+        }
     }
 
     /// What of it is near the data.
@@ -116,7 +127,13 @@ impl Domain {
 
     /// Whether it knows more of the data than their ranges.
     pub fn knows_data(&self) -> bool {
-        self.data.is_some()
+        self.data.is_some() || self.distance.is_some()
+    }
+
+    /// Distance from the support of the training that a point has itself.
+    #[inline]
+    fn own_distance(&self, point: &[f64]) -> f64 {
+        self.distance.and_then(|column| point.get(column)).copied().unwrap_or(0.0)
     }
 
     /// The range that counts for a value: of a nominal input the one that holds the nearest value only.
@@ -140,7 +157,7 @@ impl Domain {
             return f64::INFINITY;
         }
         let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
-        let of_data = self.far(inputs, guess).map_or(0.0, |nearest| nearest.distance);
+        let of_data = self.far(inputs, guess).map_or(0.0, |nearest| nearest.distance).max(self.own_distance(inputs));
         inputs.iter().enumerate().map(distance).fold(of_data, f64::max).min(f64::MAX)
     }
 
@@ -153,6 +170,9 @@ impl Domain {
     /// that the search for a point not far away may begin there; the result does not depend on it. Does not allocate.
     #[inline]
     pub fn is_near_data(&self, inputs: &[f64], guess: &mut usize) -> bool {
+        if self.own_distance(inputs) > TOLERANCE {
+            return false;
+        }
         let Some(data) = &self.data else { return true };
         let Nearest { centre, distance, .. } = data.nearest(inputs, *guess, TOLERANCE);
         *guess = centre;
@@ -183,11 +203,15 @@ impl Domain {
         value.clamp(min, max)
     }
 
-    /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain.
+    /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain, and where the distance follows
+    /// from what was before.
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
         let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let farthest = distance(&(column, value));
+        if self.own_distance(inputs) > farthest {
+            return None;
+        }
         if let Some(data) = self.far(inputs, 0).filter(|data| data.distance > farthest) {
             return Some(data.slope);
         }
@@ -203,7 +227,7 @@ impl Domain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Surrogate, example};
+    use crate::{Metadata, Surrogate, example};
 
     fn domain() -> Domain {
         Domain::new(example::surrogate().inputs(), &[]) // 0.1 to 0.2, 0 to 5, 0 to 2
@@ -278,7 +302,7 @@ mod tests {
     #[test]
     fn where_the_data_are_known_only_what_is_near_them_is_inside() {
         let surrogate = example::with_cover(&example::surrogate());
-        let domain = Domain::of(surrogate.metadata());
+        let domain = Domain::of(&surrogate);
         let mut guess = 0;
         for (point, distance, slope) in [
             ([0.12, 1.0, 1.0], 0.0, None),

@@ -3,7 +3,7 @@
 use crate::{
     Activation, Bounds, Cover, Discrete, Dynamics, Encoder, Encoding, Given, Input, Integration, Layer, Map, Metadata,
     Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State,
-    StateSpace, Surrogate, Variability,
+    StateSpace, Support, Surrogate, Transition, Variability,
     dictionary::{Dictionary, Factor, Term},
     graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
@@ -460,8 +460,24 @@ pub fn recorded() -> Surrogate {
         weights: vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03],
         constants: vec![0.01],
         map: Some(Map::Network(ScaledNetwork { scaling, layers })),
+        support: None,
     };
     Surrogate::new(metadata, Model::Discrete(Box::new(discrete))).expect("the example is valid")
+}
+
+/// [`recorded`] with the support of a training: positions that stay below 0.5 m.
+pub fn supported() -> Surrogate {
+    let recorded = recorded();
+    let Model::Discrete(discrete) = recorded.model() else { unreachable!("it is discrete") };
+    let transition = |k: u32| {
+        let [now, next] = [k, k + 1].map(|k| 0.5 * (f64::from(k) / 10.0).sin());
+        let transition =
+            Transition { means: &[2.0 * now], inputs: [&[now], &[2.0 * next]], outputs: [&[now], &[next]] };
+        transition.features().collect()
+    };
+    let support = Some(Support::of((0..200).map(transition), 10.0));
+    let discrete = Discrete { support, ..discrete.as_ref().clone() };
+    Surrogate::new(recorded.metadata().clone(), Model::Discrete(Box::new(discrete))).expect("the example is valid")
 }
 
 /// A recurrent cell with made-up numbers, 0.1 s from sample to sample: a mass is a parameter, a force the input, a position the output, and two
@@ -500,6 +516,7 @@ pub fn cell() -> Surrogate {
         weights: Vec::new(),
         constants: vec![0.0; 3],
         map: Some(Map::Graph(Graph { inputs: 5, steps })),
+        support: None,
     };
     Surrogate::new(metadata, Model::Discrete(Box::new(cell))).expect("the example is valid")
 }

@@ -93,6 +93,13 @@
 //! | `linear.weights`, `linear.constants` | F64 | `[numbers, columns]`, `[numbers]` | of past numbers, past inputs, the newest first, and parameters; the first one is missing if it is zero |
 //! | `hidden.start` | F64 | `[hidden numbers]` | what they are at the start; missing if there are none |
 //!
+//! The ranges of its training are its [`Support`](crate::Support), if they are known:
+//!
+//! | tensor | type | shape | |
+//! |---|---|---|---|
+//! | `support.ranges` | F64 | `[features, 2]` | smallest and largest value of each feature of a transition |
+//! | `support.samples` | F64 | `[1]` | `M`: over how many samples inputs are averaged, and a distance fades |
+//!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 //!

@@ -44,7 +44,7 @@ pub use format::FormatError;
 pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, graph, law, regression};
 pub use model::{
     CommunicationStep, Discrete, Drive, Evaluator, Given, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS,
-    Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace, StepError,
+    Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace, StepError, Support, Transition,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
 pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, State, Surrogate, Variability};

@@ -35,8 +35,8 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
 
 /// Reports whether a point in the ranges, but far from the training data, counts as inside.
 pub fn check_data(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
-    let domain = Domain::of(surrogate.metadata());
-    if !domain.knows_data() {
+    let domain = Domain::of(surrogate);
+    if surrogate.metadata().cover.is_none() {
         return;
     }
     let Some(point) = far_from_data(&domain, surrogate.inputs()) else { return };
@@ -116,7 +116,7 @@ fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
 }
 
 fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
-    let domain = Domain::of(surrogate.metadata());
+    let domain = Domain::of(surrogate);
     let (mut inside, mut distance) = ([true], [0.0]);
     instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;
     instance.get_real(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainDistance))], &mut distance)?;

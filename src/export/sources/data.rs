@@ -170,6 +170,10 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
             u8::from(matches!(surrogate.model(), Model::Response(_) | Model::PerInstant { .. })).to_string(),
         ),
         ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
+        (
+            "MODEL_HAS_SUPPORT",
+            u8::from(matches!(surrogate.model(), Model::Discrete(of) if of.support.is_some())).to_string(),
+        ),
         ("MODEL_HAS_GRAPH", u8::from(graph_of(surrogate.model()).is_some()).to_string()),
     ];
     text.push('\n');

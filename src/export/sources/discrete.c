@@ -1,7 +1,7 @@
 /*
  * How long a step takes at worst, in multiplications, additions and divisions:
  *
- *     K (N + G + o (2 c + 2) + 5 m + 5) + 8
+ *     K (N + G + o (2 c + 2) + 5 m + 5 + 8 f) + 8
  *
  * with o numbers of a sample, m inputs, c columns of z, or 0 if W is zero, and K = ceil(size of the step /
  * model_sample_time) samples. A graph takes what graph.c says, in G; the network takes, in N,
@@ -11,11 +11,14 @@
  *       operations of activation.c for a node,
  *     3 for an output.
  *
- * model_data.h has the number for a step of model_time_step. Numbers that are remembered are moved by one sample, which
- * takes as long as there are numbers. Outputs between two samples take three operations each when a host asks for them.
+ * and 8 for each of f features that are compared with the support of the training. model_data.h has the number for a step
+ * of model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
+ * Outputs between two samples take three operations each when a host asks for them.
  */
 #include "evaluator.h"
 #include "jets.h"
+#include <float.h>
+#include <math.h>
 #include <string.h>
 
 #if !MODEL_HAS_GRAPH
@@ -41,6 +44,10 @@ void model_start(double point[COLUMN_COUNT])
     const double *inputs = outputs + OUTPUT_COUNT;
     const size_t starts = PAST_STARTS;
     const size_t past_inputs = PAST_INPUTS;
+#if MODEL_HAS_SUPPORT
+    memcpy(point + MEMORY_MEANS, inputs, MEAN_COUNT * sizeof *point);
+    point[MEMORY_DISTANCE] = 0.0;
+#endif
     /* a past in which nothing moved */
     for (size_t i = MEMORY; i < MEMORY_INPUTS; i += SAMPLE_SIZE) {
         start_sample(point + i, outputs);
@@ -165,6 +172,49 @@ static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
     return finite;
 }
 
+#if MODEL_HAS_SUPPORT
+/* How far a value is beyond the ends of its feature's range, in parts of that. */
+static double beyond(size_t feature, double value)
+{
+    const double min = model_support_ranges[2 * feature];
+    const double max = model_support_ranges[2 * feature + 1];
+    double width = max - min;
+    if (!(width > 0.0)) {
+        width = max != 0.0 ? fabs(max) : 1.0;
+    }
+    return (min - value > value - max ? min - value : value - max) / width;
+}
+
+/* Notes how far the transition to the next sample is from those of the training. */
+static void compare(double point[COLUMN_COUNT])
+{
+    static const double negligible = 0.003; /* part of a range */
+    const double *now = point + MEMORY;
+    const double *next = point + MEMORY_NEXT;
+    double features[FEATURE_COUNT];
+    const size_t mean_count = MEAN_COUNT;
+    double lasting = point[MEMORY_DISTANCE] * model_support_fading;
+    for (size_t i = 0; i < mean_count; i++) {
+        double *mean = point + MEMORY_MEANS + i;
+        *mean += (point[MEMORY_INPUTS + i] - *mean) / model_support_samples;
+        features[i] = *mean;
+        features[MEAN_COUNT + i] = point[MEMORY_INPUTS + i] - point[MEMORY_INPUTS + DRIVEN_COUNT + i];
+    }
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        features[2 * MEAN_COUNT + i] = next[i];
+        features[2 * MEAN_COUNT + OUTPUT_COUNT + i] = next[i] - now[i];
+    }
+    for (size_t i = 0; i < FEATURE_COUNT; i++) {
+        const double distance = beyond(i, features[i]);
+        lasting = distance > lasting ? distance : lasting;
+    }
+    if (lasting < negligible) {
+        lasting = 0.0;
+    }
+    point[MEMORY_DISTANCE] = lasting < DBL_MAX ? lasting : DBL_MAX;
+}
+#endif
+
 /* Makes the next sample the last one. */
 static void pass_sample(double point[COLUMN_COUNT])
 {
@@ -200,6 +250,9 @@ static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *s
                 failure->after = since + model_sample_time;
                 return ADVANCE_NOT_FINITE;
             }
+#if MODEL_HAS_SUPPORT
+            compare(point);
+#endif
         }
         if (end - passed < 1.0 - SAME) {
             break;

@@ -5,8 +5,9 @@
  *
  * with parameters p and a network or a graph of another tool (graph.c) N. The last numbers of y may be hidden: they are
  * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
- * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to
- * the first, the next y, and the time since sample k in sample times. The model goes on at multiples of the sample time
+ * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
+ * first; averages of inputs and the distance from the support of the training (below), if it is known; the next y; the
+ * time since sample k in sample times. The model goes on at multiples of the sample time
  * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
  * that is nearer to it than a millionth of the sample time.
  */
@@ -24,7 +25,9 @@
 enum {
     MEMORY = INPUT_COUNT,
     MEMORY_INPUTS = MEMORY + PAST_OUTPUTS,
-    MEMORY_NEXT = MEMORY_INPUTS + PAST_INPUTS,
+    MEMORY_MEANS = MEMORY_INPUTS + PAST_INPUTS,
+    MEMORY_DISTANCE = MEMORY_MEANS + MEAN_COUNT,
+    MEMORY_NEXT = MEMORY_DISTANCE + MODEL_HAS_SUPPORT,
     MEMORY_PHASE = MEMORY_NEXT + SAMPLE_SIZE,
     MEMORY_COUNT = MEMORY_PHASE + 1 - MEMORY
 };
@@ -36,6 +39,19 @@ extern const double model_sample_time; /* s */
 extern const Real model_weights[];             /* W, row by row of LINEAR_COLUMNS, which are all or none */
 extern const Real model_constants[SAMPLE_SIZE]; /* c */
 extern const Real model_hidden[];              /* what is hidden, at the start */
+#if MODEL_HAS_SUPPORT
+/*
+ * Ranges of the transitions from sample k to sample k + 1 in training, of their features
+ *
+ *     s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
+ *
+ * without those of inputs if m = 1. How far a feature is from its range, in parts of that, is the distance of a transition.
+ * A distance lasts, and fades.
+ */
+extern const double model_support_ranges[FEATURE_COUNT * 2];
+extern const double model_support_samples; /* M */
+extern const double model_support_fading;  /* of a distance, from sample to sample */
+#endif
 extern const NetworkTerm model_samples_network;                    /* N */
 
 /* Working memory of one evaluation at a time. */

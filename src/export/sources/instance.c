@@ -345,6 +345,13 @@ static Outside outside(const Instance *instance, size_t centre)
 #else
     (void)centre;
 #endif
+#if MODEL_HAS_SUPPORT
+    /* it follows from what was before */
+    if (instance->now.columns[MEMORY_DISTANCE] > farthest.distance) {
+        farthest.distance = instance->now.columns[MEMORY_DISTANCE];
+        farthest.slope = 0.0;
+    }
+#endif
     if (!(farthest.distance < DBL_MAX)) {
         farthest.distance = DBL_MAX;
     }
@@ -364,6 +371,11 @@ static bool is_in_ranges(const Instance *instance)
 /* Whether there are training data near the point; true if nothing is known about that. */
 static bool is_near_data(const Instance *instance, size_t *centre)
 {
+#if MODEL_HAS_SUPPORT
+    if (instance->now.columns[MEMORY_DISTANCE] > TOLERANCE) {
+        return false;
+    }
+#endif
 #if MODEL_HAS_COVER
     return outside_cover(instance, TOLERANCE, centre).distance <= TOLERANCE;
 #else
@@ -496,7 +508,8 @@ static void note_value(Instance *instance, size_t index)
 static Status note_data(Instance *instance, Status refused)
 {
     const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data;
-    if (is_silent || !MODEL_HAS_COVER || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {
+    const bool knows_data = MODEL_HAS_COVER || MODEL_HAS_SUPPORT;
+    if (is_silent || !knows_data || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {
         return STATUS_OK;
     }
     const double distance = outside(instance, instance->centre).distance;

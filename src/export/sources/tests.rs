@@ -495,7 +495,7 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
 
 #[test]
 fn the_outputs_of_a_model_of_samples_are_those_of_the_evaluator() {
-    for surrogate in [example::recorded(), window(), two_by_two(), example::cell(), alone()] {
+    for surrogate in [example::recorded(), example::supported(), window(), two_by_two(), example::cell(), alone()] {
         compare(&surrogate, [1.0, 1.0], &SANITIZERS);
     }
 }
@@ -728,6 +728,7 @@ fn in_single_precision_results_and_derivatives_are_those_of_the_evaluator_but_fo
         example::with_prescribed_trolley(&example::crane()),
         example::oscillator_by_graph(),
         example::recorded(),
+        example::supported(),
         example::cell(),
         window(),
     ] {
@@ -1097,6 +1098,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     }
     compare_run(without_states(true), &[("mu", 1.3)], &["domain_distance"], 0.013);
     compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
+    compare_run(example::supported(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
     compare_run(example::cell(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
 }

@@ -5,13 +5,13 @@ use super::{
     motion::{double, doubles},
     of_map, take,
 };
-use crate::{Discrete, FormatError, Map, map::expect_shape};
+use crate::{Discrete, FormatError, Map, Support, map::expect_shape};
 use safetensors::Dtype;
 
 impl Discrete {
     /// Name, type, shape and content of each.
     pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { counts, hidden, history, step, weights, constants, map } = self;
+        let Self { counts, hidden, history, step, weights, constants, map, support } = self;
         let whole = |name: &str, values: &[usize]| -> Tensor {
             let values: Vec<u32> = values.iter().map(|value| *value as u32).collect();
             (name.into(), Dtype::U32, vec![values.len()], bytes(&values, u32::to_le_bytes))
@@ -29,6 +29,10 @@ impl Discrete {
             tensors.push(double("hidden.start", &[hidden.len()], hidden));
         }
         tensors.extend(map.iter().flat_map(of_map));
+        if let Some(Support { ranges, samples }) = support {
+            tensors.push(double("support.ranges", &[ranges.len(), 2], ranges.as_flattened()));
+            tensors.push(double("support.samples", &[1], &[*samples]));
+        }
         tensors
     }
 
@@ -45,12 +49,25 @@ impl Discrete {
         let (weights, hidden) = (given("linear.weights", 2)?, given("hidden.start", 1)?);
         let (weights, shape) = weights.unwrap_or_default();
         let hidden = hidden.unwrap_or_default().0;
-        let discrete = Self { counts, hidden, history, step: step[0], weights, constants, map };
+        let support = support(tensors)?;
+        let discrete = Self { counts, hidden, history, step: step[0], weights, constants, map, support };
         if !shape.is_empty() {
             expect_shape("linear.weights", &shape, &[discrete.numbers(), discrete.width()])?;
         }
         Ok(discrete)
     }
+}
+
+/// The support, if there is one.
+fn support(tensors: &mut Views) -> Result<Option<Support>, FormatError> {
+    if !tensors.contains_key("support.ranges") {
+        return Ok(None);
+    }
+    let (ranges, shape) = doubles(tensors, "support.ranges", 2)?;
+    expect_shape("support.ranges", &shape, &[shape[0], 2])?;
+    let (samples, shape) = doubles(tensors, "support.samples", 1)?;
+    expect_shape("support.samples", &shape, &[1])?;
+    Ok(Some(Support { ranges: ranges.as_chunks().0.to_vec(), samples: samples[0] }))
 }
 
 fn whole<const N: usize>(tensors: &mut Views, name: &str) -> Result<[usize; N], FormatError> {

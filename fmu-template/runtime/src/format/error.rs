@@ -113,6 +113,9 @@ pub enum FormatError {
     /// A discrete model whose map is of another kind, or the other way around.
     #[error("a discrete model has a linear part, a network or a graph beside one, and no other map")]
     DiscreteMap,
+    /// A support whose numbers make no sense.
+    #[error("the support of the training has a range that does not ascend, or a number of samples below 1")]
+    Support,
     /// The value at the start of nothing.
     #[error("variable `{name}` is the value of a state at the start, but the model has no states")]
     NoState {

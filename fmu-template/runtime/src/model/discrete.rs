@@ -11,7 +11,7 @@
 //! | `p` | parameters |
 //! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
 //! | `u` | inputs |
-//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; `y[k + 1]`; the time since sample k over `T` |
+//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; `y[k + 1]`; the time since sample k over `T` |
 //!
 //! and the results are the outputs. The last numbers of `y` may be hidden: they go on as the others do, begin with numbers of the model, and
 //! are no outputs. The rule for communication points between samples:
@@ -33,6 +33,7 @@ use crate::{
     simd::Simd,
 };
 use std::ops::Range;
+pub use support::{Support, Transition};
 
 /// The next sample of the outputs as a function of past samples, see the table above.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,6 +52,8 @@ pub struct Discrete {
     pub constants: Vec<f64>,
     /// `N`, if there is one: a network or a graph.
     pub map: Option<Map>,
+    /// Ranges of the transitions in training, if they are known.
+    pub support: Option<Support>,
 }
 
 /// Part of a sample by which a communication point may miss it.
@@ -82,7 +85,23 @@ impl Discrete {
     /// Number of columns of the memory.
     pub(super) fn memory(&self) -> usize {
         let [past_outputs, past_inputs] = self.past();
-        past_outputs + past_inputs + self.numbers() + 1
+        past_outputs + past_inputs + self.supported() + self.numbers() + 1
+    }
+
+    /// Numbers that the memory has for the support: averages of inputs, and the distance.
+    fn supported(&self) -> usize {
+        if self.support.is_some() { self.past_starts() + 1 } else { 0 }
+    }
+
+    /// Column of a point that has the distance from the support.
+    pub fn distance_column(&self) -> Option<usize> {
+        let [past_outputs, past_inputs] = self.past();
+        self.support.as_ref().map(|_| self.known() + past_outputs + past_inputs + self.supported() - 1)
+    }
+
+    /// Number of features of a transition.
+    fn features(&self) -> usize {
+        2 * (self.past_starts() + self.counts[2])
     }
 
     /// Numbers that the memory has of past outputs and inputs.
@@ -115,6 +134,9 @@ impl Discrete {
             Some(map) => map.check(self.width(), numbers)?,
             None => {}
         }
+        if let Some(support) = &self.support {
+            support.check(self.features())?;
+        }
         expect_step(self.step)
     }
 }
@@ -124,6 +146,8 @@ impl Discrete {
 pub(super) struct PreparedDiscrete {
     discrete: Discrete,
     map: Option<PreparedMap>,
+    /// Factor by which the distance from the support fades from sample to sample.
+    fading: f64,
     simd: Simd,
 }
 
@@ -143,6 +167,8 @@ pub(super) struct DiscreteScratch {
 struct Memory<'a> {
     outputs: &'a mut [f64],
     inputs: &'a mut [f64],
+    /// Averages of the inputs, and the distance from the support.
+    support: &'a mut [f64],
     next: &'a mut [f64],
     phase: &'a mut f64,
 }
@@ -150,7 +176,8 @@ struct Memory<'a> {
 impl PreparedDiscrete {
     pub(super) fn new(discrete: &Discrete, precision: Precision) -> Self {
         let map = discrete.map.as_ref().map(|map| PreparedMap::new(map, precision));
-        Self { discrete: discrete.clone(), map, simd: Simd::detect() }
+        let fading = discrete.support.as_ref().map_or(0.0, Support::fading);
+        Self { discrete: discrete.clone(), map, fading, simd: Simd::detect() }
     }
 
     pub(super) fn scratch(&self) -> DiscreteScratch {
@@ -179,6 +206,10 @@ impl PreparedDiscrete {
             shown.copy_from_slice(of_outputs);
             rest.copy_from_slice(hidden);
         }
+        if let Some((distance, means)) = memory.support.split_last_mut() {
+            means.copy_from_slice(of_inputs);
+            *distance = 0.0;
+        }
         // of a single sample it does not count: the first step takes what the inputs are then
         match of_inputs {
             [] => memory.inputs.fill(0.0),
@@ -196,8 +227,9 @@ impl PreparedDiscrete {
         let [past_outputs, past_inputs] = self.discrete.past();
         let (outputs, rest) = memory.split_at_mut(past_outputs);
         let (inputs, rest) = rest.split_at_mut(past_inputs);
+        let (support, rest) = rest.split_at_mut(self.discrete.supported());
         let (next, phase) = rest.split_at_mut(self.discrete.numbers());
-        Memory { outputs, inputs, next, phase: &mut phase[0] }
+        Memory { outputs, inputs, support, next, phase: &mut phase[0] }
     }
 
     /// Columns of the outputs at sample `k` and at the next one, and the share of the latter in the outputs now.
@@ -284,6 +316,7 @@ impl PreparedDiscrete {
                 if !memory.next.iter().all(|value| value.is_finite()) {
                     return Err(StepError::NotFinite { after: since + step });
                 }
+                self.compare(point);
             }
             if end - passed < 1.0 - SAME {
                 break;
@@ -311,6 +344,22 @@ impl PreparedDiscrete {
         }
     }
 
+    /// Notes how far the transition to the next outputs is from those of the training.
+    fn compare(&self, point: &mut [f64]) {
+        let Some(support) = &self.discrete.support else { return };
+        let outputs = self.discrete.counts[2];
+        let Memory { support: [means @ .., lasting], outputs: now, inputs, next, .. } =
+            self.parts(&mut point[self.discrete.known()..])
+        else {
+            return;
+        };
+        support.average(means, inputs);
+        let count = means.len();
+        let past = if count > 0 { [&inputs[count..2 * count], &inputs[..count]] } else { [&[][..]; 2] };
+        let transition = Transition { means, inputs: past, outputs: [&now[..outputs], &next[..outputs]] };
+        *lasting = support.distance(&transition, *lasting, self.fading);
+    }
+
     /// The next outputs from the memory.
     fn compute(&self, point: &mut [f64], DiscreteScratch { columns, added, map, .. }: &mut DiscreteScratch) {
         let Discrete { counts: [parameters, ..], history, weights, constants, .. } = &self.discrete;
@@ -335,5 +384,6 @@ impl PreparedDiscrete {
     }
 }
 
+mod support;
 #[cfg(test)]
 mod tests;

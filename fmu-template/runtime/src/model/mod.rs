@@ -15,7 +15,7 @@ use crate::{
     Encoder, FormatError, Input, Metadata, Role, State,
     map::{Map, ScaledNetwork, expect_finite, expect_shape},
 };
-pub use discrete::Discrete;
+pub use discrete::{Discrete, Support, Transition};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use motion::{Motion, Shown};
 pub use reactions::Reactions;

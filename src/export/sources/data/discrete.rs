@@ -1,7 +1,7 @@
 //! Sizes and weights of a model of samples.
 
 use super::{
-    Part, array, double,
+    Part, array, double, doubles,
     functions::{Cost, Term, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
@@ -12,13 +12,16 @@ use metafmu_runtime::{
     law::{ColumnKind, NetworkColumn},
 };
 
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 10] = [
     "model_advance",
     "model_constants",
     "model_hidden",
     "model_sample_time",
     "model_samples_network",
     "model_start",
+    "model_support_fading",
+    "model_support_ranges",
+    "model_support_samples",
     "model_weights",
 ];
 
@@ -55,6 +58,12 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
                 ("PAST_INPUTS", past_inputs * driven, "and of inputs"),
                 ("FED_BACK", past_outputs * numbers, "of the former those that count"),
                 ("LINEAR_COLUMNS", if discrete.weights.is_empty() { 0 } else { discrete.width() }, "of W"),
+                (
+                    "MEAN_COUNT",
+                    discrete.support.as_ref().map_or(0, |_| discrete.past_starts()),
+                    "inputs that are averaged",
+                ),
+                ("FEATURE_COUNT", features(discrete), "of a transition from sample to sample"),
                 BLOCK_SIZE,
                 ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
             ],
@@ -67,6 +76,11 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
     }
 }
 
+/// Number of features of a transition; none if the support of the training is not known.
+fn features(discrete: &Discrete) -> usize {
+    discrete.support.as_ref().map_or(0, |support| support.ranges.len())
+}
+
 /// Samples in the step that hosts are told.
 fn samples(surrogate: &Surrogate, discrete: &Discrete) -> f64 {
     (surrogate.metadata().time_step / discrete.step).ceil().max(1.0)
@@ -75,7 +89,8 @@ fn samples(surrogate: &Surrogate, discrete: &Discrete) -> f64 {
 /// Multiplications, additions and divisions of a step over so many samples; the formula is in `discrete.c`.
 fn operations(discrete: &Discrete, network: &Cost, samples: f64) -> f64 {
     let columns = if discrete.weights.is_empty() { 0 } else { discrete.width() };
-    let sample = network.operations + discrete.numbers() * (2 * columns + 2) + 5 * discrete.counts[1] + 5;
+    let support = 8 * features(discrete);
+    let sample = network.operations + discrete.numbers() * (2 * columns + 2) + 5 * discrete.counts[1] + 5 + support;
     samples * sample as f64 + 8.0
 }
 
@@ -96,6 +111,14 @@ fn data(discrete: &Discrete, network: Option<&Term>) -> String {
     array(&mut text, "const Real model_weights", &padded(&discrete.weights));
     array(&mut text, "const Real model_hidden", &padded(&discrete.hidden));
     array(&mut text, "const Real model_constants", &discrete.constants);
+    if let Some(support) = &discrete.support {
+        doubles(&mut text, "const double model_support_ranges", support.ranges.as_flattened());
+        text.push_str(&format!(
+            "\nconst double model_support_samples = {};\nconst double model_support_fading = {};\n",
+            double(support.samples),
+            double(support.fading()),
+        ));
+    }
     write_network(&mut text, "samples", network);
     text
 }

@@ -173,3 +173,24 @@ fn hidden_states_go_on_as_outputs_do() {
     }
     assert!((s[1] - 0.1).abs() > 0.1, "hidden states move");
 }
+
+#[test]
+fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_are_in_theirs() {
+    let surrogate = example::supported();
+    assert_eq!(crate::Surrogate::from_bytes(&surrogate.to_bytes().unwrap()).unwrap(), surrogate);
+    let (evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
+    let mut scratch = evaluator.scratch();
+    let none = vec![0.0; evaluator.columns()];
+    let mut point = point(&evaluator, 0.4, 0.3);
+    assert!(domain.contains_point(&point, 0));
+    let mut advance = |point: &mut [f64]| {
+        evaluator.advance(point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
+    };
+    advance(&mut point);
+    assert!(domain.contains_point(&point, 0), "{point:?}");
+    // 2 m, where the training had 0.5 m at most
+    evaluator.correct(&mut point, &[2.0]);
+    advance(&mut point);
+    assert!(domain.is_in_ranges(&point) && !domain.contains_point(&point, 0));
+    assert!(domain.distance(&point, 0) > 0.5 && domain.distance_derivative(&point).is_none());
+}
