@@ -110,7 +110,8 @@ def truth(folder, study, mechanism, corner, times):
     names = [name.split(" ")[0] for name in rows[0]]
     columns = [names.index(name) for name in study["outputs"]]
     values = np.array([[float(row[column]) for column in columns] for row in rows[1:]])
-    assert len(values) == len(times), (len(values), len(times))
+    if len(values) != len(times):
+        raise SystemExit(f"the truth of {mechanism.stem} has {len(values)} rows instead of {len(times)}: {folder}")
     return values
 
 

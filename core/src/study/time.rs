@@ -56,8 +56,10 @@ impl TimeOptions {
     }
 
     fn times(&self, steps: u64) -> Vec<f64> {
-        let count = self.steps() as f64;
-        (0..=steps).map(|i| self.stop * i as f64 / count).collect()
+        let count = self.steps();
+        // rounding would put the last row of some runs behind `stop`, where tests end
+        let time = |i: u64| if i == count { self.stop } else { self.stop * i as f64 / count as f64 };
+        (0..=steps).map(time).collect()
     }
 
     /// Every mistake, by key within the section.
@@ -85,5 +87,22 @@ impl TimeOptions {
             problems.add("margin", "belongs to the structure \"full\"");
         }
         problems
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_row_of_a_run_is_at_its_end() {
+        for (stop, step) in [(1.98, 0.02), (0.3, 0.1), (2.0, 0.00125), (0.7, 0.07)] {
+            let time = TimeOptions { stop, step, margin: 0.1 };
+            let (grid, training) = (time.grid(), time.training_grid());
+            assert_eq!(*grid.last().unwrap(), stop);
+            assert!(grid.windows(2).all(|pair| pair[0] < pair[1]) && training[..grid.len()] == grid[..]);
+            assert!(training.len() > grid.len() && training[grid.len()] > stop);
+        }
+        assert!(1.98 * 99.0 / 99.0 > 1.98, "or there is nothing to test");
     }
 }
