@@ -7,7 +7,7 @@
 use super::describe::nominal;
 use crate::table::header_field;
 use indexmap::IndexMap;
-use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Precision, Role, StepError, Surrogate};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Integration, Precision, Role, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -36,6 +36,9 @@ pub struct ReferenceOptions {
     pub start_values: IndexMap<String, f64>,
     /// Largest difference of each output that is no sign of a mistake.
     pub tolerances: IndexMap<String, f64>,
+    /// Of an FMU with fixed steps: largest error of its solver in each output, which model exchange does not have.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub solver_errors: IndexMap<String, f64>,
 }
 
 /// Both files: options as JSON and result as CSV, which ends where a motion cannot be computed any more.
@@ -71,36 +74,56 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
             .iter()
             .map(|output| (output.name.clone(), tolerance * nominal(output.min, output.max)))
             .collect(),
+        solver_errors: IndexMap::new(),
     };
     let evaluator = Evaluator::new(surrogate);
-    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
     point.resize(evaluator.columns(), 0.0);
-    evaluator.start(&mut point);
-    let constant = vec![0.0; point.len()];
-    let mut advance = |point: &mut [f64]| -> Result<(), StepError> {
-        let drive = Drive { rates: [&constant, &constant], clamp: None };
-        evaluator.advance(point, CommunicationStep::of(step), drive, &mut scratch).map(|_| ())
-    };
+    let times: Vec<f64> = (0..=steps).map(|row| start + row as f64 * step).collect();
+    let rows = rows(surrogate, &evaluator, &point, (&times, step));
+    options.stop_time = times[rows.len() - 1];
+    if let Some(Integration::Fixed { .. }) = surrogate.model().integration() {
+        let exact = evaluator.with_integration(Integration::ErrorControlled { tolerance: EXACT, longest: step });
+        let exact = self::rows(surrogate, &exact, &point, (&times, step));
+        for (column, output) in surrogate.outputs().iter().enumerate() {
+            let errors = rows.iter().zip(&exact).map(|(row, exact)| (row[column] - exact[column]).abs());
+            options.solver_errors.insert(output.name.clone(), errors.fold(0.0, f64::max));
+        }
+    }
     let names: Vec<String> = surrogate.outputs().iter().map(|output| header_field(&output.name)).collect();
     let mut csv = format!("time,{}\n", names.join(","));
-    for row in 0..=steps {
-        let now = start + row as f64 * step;
-        if let Some(column) = surrogate.time_column() {
-            point[column] = now;
-        }
-        if row > 0 && advance(&mut point).is_err() {
-            options.stop_time = now - step;
-            break;
-        }
-        evaluator.evaluate(&point, &mut results, &mut evaluator.scratch());
+    for (now, row) in times.iter().zip(&rows) {
         // writing to a string does not fail
         let _ = write!(csv, "{now}");
-        results[..surrogate.outputs().len()].iter().for_each(|value| _ = write!(csv, ",{value}"));
+        row.iter().for_each(|value| _ = write!(csv, ",{value}"));
         csv.push('\n');
     }
     // plain data with string keys: serialization cannot fail
     let json = serde_json::to_string_pretty(&options).unwrap_or_default();
     (json + "\n", csv)
+}
+
+/// Tolerance of a solver that the errors of fixed steps are measured with.
+const EXACT: f64 = 1e-10;
+
+/// Outputs at these times, a step apart, up to where a motion cannot be computed any more: one row at least.
+fn rows(surrogate: &Surrogate, evaluator: &Evaluator, point: &[f64], (times, step): (&[f64], f64)) -> Vec<Vec<f64>> {
+    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
+    let mut point = point.to_vec();
+    evaluator.start(&mut point);
+    let constant = vec![0.0; point.len()];
+    let mut rows = Vec::new();
+    for (row, now) in times.iter().enumerate() {
+        if let Some(column) = surrogate.time_column() {
+            point[column] = *now;
+        }
+        let drive = Drive { rates: [&constant, &constant], clamp: None };
+        if row > 0 && evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
+            break;
+        }
+        evaluator.evaluate(&point, &mut results, &mut scratch);
+        rows.push(results[..surrogate.outputs().len()].to_vec());
+    }
+    rows
 }
 
 #[cfg(test)]

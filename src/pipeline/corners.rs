@@ -1,6 +1,8 @@
 //! Runs in which an integration is hardest: ends of parameters and inputs, largest velocities.
 
 use crate::{dataset::Run, source::driven::Driven, study::Study};
+use metafmu_runtime::{Evaluator, Surrogate};
+use nalgebra::{DMatrix, Schur};
 
 /// A run along which an integration is measured.
 #[derive(Clone, Debug)]
@@ -16,6 +18,8 @@ const MOST_CORNERS: usize = 48;
 /// Of more parameters than these not all combinations of ends are tried.
 const ALL_COMBINATIONS: usize = 4;
 const COMBINATIONS: usize = 16;
+/// Of the search for eigenvalues, at most.
+const ITERATIONS: usize = 1000;
 
 /// Values of the inputs all along a run.
 const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at their upper ends", "inputs zero"];
@@ -24,8 +28,15 @@ const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at thei
 const SPEEDS: usize = 4;
 
 /// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and starts as those of the
-/// training runs or at the ends of the velocities' ranges. `velocities`: of each state its range, if it is a velocity with one.
-pub(super) fn corners(study: &Study, driven: &Driven, runs: &[Run], velocities: &[Option<[f64; 2]>]) -> Vec<Trial> {
+/// training runs or at the ends of the velocities' ranges. `velocities`: of each state its range, if it is a velocity with one. Of many
+/// parameters the combination in which `surrogate` is stiffest is among them.
+pub(super) fn corners(
+    study: &Study,
+    driven: &Driven,
+    runs: &[Run],
+    velocities: &[Option<[f64; 2]>],
+    surrogate: &Surrogate,
+) -> Vec<Trial> {
     let Some(first) = runs.first() else { return Vec::new() };
     let ranges: Vec<(&String, [f64; 2])> =
         study.parameters.iter().map(|(name, range)| (name, [range.min, range.max])).collect();
@@ -41,14 +52,11 @@ pub(super) fn corners(study: &Study, driven: &Driven, runs: &[Run], velocities: 
     let count = total.min(MOST_CORNERS);
     // every part of the whole has its share, whatever is left out
     let index = |corner: usize| corner * total / count;
-    let corner = |corner: usize| {
-        let index = index(corner);
-        let (speed, input, combination) = (index % speeds, index / speeds % inputs, index / speeds / inputs);
-        let base = &runs[corner % runs.len()];
+    let trial = |base: &Run, upper: &[bool], input: usize, speed: usize| {
         let mut names = Vec::new();
         let mut parameters = base.parameters.clone();
         for (column, (name, ends)) in ranges.iter().enumerate() {
-            parameters[column] = ends[usize::from(is_upper(combination, column, ranges.len()))];
+            parameters[column] = ends[usize::from(upper[column])];
             names.push(format!("{name} = {}", parameters[column]));
         }
         let starts = parameters.len() - velocities.len();
@@ -78,7 +86,69 @@ pub(super) fn corners(study: &Study, driven: &Driven, runs: &[Run], velocities: 
         let run = Run { parameters, times: first.times.clone(), inputs, outputs: Vec::new() };
         Trial { run, name: names.join(", ") }
     };
-    (0..count).map(corner).collect()
+    let combination =
+        |number: usize| (0..ranges.len()).map(|column| is_upper(number, column, ranges.len())).collect::<Vec<bool>>();
+    let corner = |corner: usize| {
+        let index = index(corner);
+        let upper = combination(index / speeds / inputs);
+        trial(&runs[corner % runs.len()], &upper, index / speeds % inputs, index % speeds)
+    };
+    let mut trials: Vec<Trial> = (0..count).map(corner).collect();
+    if ranges.len() > ALL_COMBINATIONS {
+        let ends: Vec<[f64; 2]> = ranges.iter().map(|(_, ends)| *ends).collect();
+        let stiffest = stiffest(surrogate, first, &ends, (0..combinations).map(combination));
+        trials.extend((0..inputs).map(|input| trial(first, &stiffest, input, 0)));
+    }
+    trials
+}
+
+/// The combination of ends in which the largest eigenvalue of the equations at the start of a run is largest, as far as single
+/// exchanges of ends find it from those given.
+fn stiffest(
+    surrogate: &Surrogate,
+    run: &Run,
+    ends: &[[f64; 2]],
+    combinations: impl Iterator<Item = Vec<bool>>,
+) -> Vec<bool> {
+    let evaluator = Evaluator::new(surrogate);
+    let mut scratch = evaluator.scratch();
+    let mut stiffness = |upper: &[bool]| {
+        let mut point = vec![0.0; evaluator.columns()];
+        point[..run.parameters.len()].copy_from_slice(&run.parameters);
+        for ((value, ends), upper) in point.iter_mut().zip(ends).zip(upper) {
+            *value = ends[usize::from(*upper)];
+        }
+        evaluator.start(&mut point);
+        let (first, states) = (surrogate.inputs().len(), surrogate.states().len());
+        let mut jacobian = DMatrix::zeros(states, states);
+        for state in 0..states {
+            let (mut direction, mut derivative) = (vec![0.0; point.len()], vec![0.0; evaluator.results()]);
+            direction[first + state] = 1.0;
+            evaluator.directional(&point, &direction, &mut derivative, &mut scratch);
+            jacobian.column_mut(state).copy_from_slice(&derivative[surrogate.outputs().len()..]);
+        }
+        // what cannot be computed is found by other checks
+        let is_finite = jacobian.iter().all(|value: &f64| value.is_finite());
+        let schur = if is_finite { Schur::try_new(jacobian, f64::EPSILON, ITERATIONS) } else { None };
+        let eigenvalues = schur.map(|schur| schur.complex_eigenvalues());
+        eigenvalues.map_or(0.0, |values| values.iter().map(|value| value.norm()).fold(0.0, f64::max))
+    };
+    let climb = |mut upper: Vec<bool>| {
+        let mut best = stiffness(&upper);
+        loop {
+            let before = best;
+            for parameter in 0..upper.len() {
+                upper[parameter] ^= true;
+                let found = stiffness(&upper);
+                upper[parameter] ^= found <= best;
+                best = best.max(found);
+            }
+            if best <= before {
+                return (best, upper);
+            }
+        }
+    };
+    combinations.map(climb).max_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Vec::new, |(_, upper)| upper)
 }
 
 /// Whether a parameter is at its upper end in a combination: all combinations of few parameters, of many the rows of a Hadamard matrix, in

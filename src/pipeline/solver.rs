@@ -169,7 +169,7 @@ pub(super) fn choose(
     let training = dataset.runs.iter().enumerate();
     let training = training.map(|(index, run)| Trial { run: run.clone(), name: format!("training run {index}") });
     let mut trials: Vec<Trial> = training.collect();
-    trials.extend(corners(study, driven, &dataset.runs, velocities));
+    trials.extend(corners(study, driven, &dataset.runs, velocities, &reference));
     let measure = Measure::new(&reference, trials, dataset.runs.len());
     let record = match study.dynamics.solver_step {
         Some(step) => {
@@ -211,8 +211,9 @@ impl<'a> Measure<'a> {
         };
         let reference = |trial: &Trial| {
             let along = || RollOut::along(surrogate, &measure.evaluator, &trial.run);
-            let path = measure.follow(along(), &trial.run, trial.run.times.len());
-            let off = measure.follow(along().off(), &trial.run, path.rows);
+            let domain = Some(&measure.domain);
+            let path = measure.follow(along(), &trial.run, trial.run.times.len(), domain);
+            let off = measure.follow(along().off(), &trial.run, path.rows, domain);
             let mut largest = OFF;
             let changes = changes(surrogate, &path.outputs, &off.outputs).into_iter();
             let by_start = changes.map(|change| {
@@ -225,8 +226,8 @@ impl<'a> Measure<'a> {
         measure
     }
 
-    /// Follows a run up to a row, or to where it leaves the domain.
-    fn follow(&self, mut roll_out: RollOut, run: &Run, rows: usize) -> Path {
+    /// Follows a run up to a row, or to where it leaves a domain.
+    fn follow(&self, mut roll_out: RollOut, run: &Run, rows: usize, domain: Option<&Domain>) -> Path {
         let (first, width) = (self.surrogate.inputs().len(), self.surrogate.outputs().len());
         let (mut outputs, mut found) = (vec![f64::NAN; rows * width], 0);
         for row in 0..rows {
@@ -234,7 +235,8 @@ impl<'a> Measure<'a> {
                 break;
             }
             let Some((point, results)) = roll_out.at(row) else { break };
-            if !(first..point.len()).all(|column| self.domain.contains(column, point[column])) {
+            let is_inside = |domain: &Domain| (first..point.len()).all(|column| domain.contains(column, point[column]));
+            if !domain.is_none_or(is_inside) {
                 break;
             }
             outputs[row * width..][..width].copy_from_slice(&results[..width]);
@@ -244,14 +246,14 @@ impl<'a> Measure<'a> {
         Path { outputs, rows: found, steps: roll_out.steps(), seconds, failure: roll_out.failure() }
     }
 
-    /// All runs with an integration, up to where those they are compared with end.
+    /// All runs with an integration, up to where those that they are compared with leave the domain.
     fn paths(&self, integration: Integration, trials: usize) -> Vec<Path> {
         let evaluator = self.evaluator.with_integration(integration);
         let pairs = self.trials[..trials].par_iter().zip(&self.references);
         pairs
             .map(|(trial, reference)| {
                 let along = RollOut::along(self.surrogate, &evaluator, &trial.run);
-                self.follow(along, &trial.run, reference.path.rows)
+                self.follow(along, &trial.run, reference.path.rows, None)
             })
             .collect()
     }
@@ -261,10 +263,8 @@ impl<'a> Measure<'a> {
     fn error(&self, trial: usize, path: &Path) -> f64 {
         let Reference { path: reference, by_start } = &self.references[trial];
         let width = self.surrogate.outputs().len();
-        // where the reference leaves the domain, a path may leave it one row earlier, and is compared up to there
-        let is_complete = reference.rows == self.trials[trial].run.times.len();
-        let rows = reference.rows.saturating_sub(usize::from(!is_complete)).min(path.rows);
-        if path.rows + 1 < reference.rows && path.failure.is_some() {
+        let rows = path.rows;
+        if rows < reference.rows && path.failure.is_some() {
             return f64::INFINITY;
         }
         let changes = changes(self.surrogate, &reference.outputs[..rows * width], &path.outputs[..rows * width]);

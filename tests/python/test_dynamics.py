@@ -417,6 +417,26 @@ def test_fixed_steps_that_are_unstable_at_a_corner_are_refused_and_good_ones_dec
             assert result.returncode == 0 and "solver with fixed steps of 0.00001 s" in result.stderr, result.stderr
 
 
+def test_the_stiffest_of_a_thousand_corners_is_tried(tmp_path):
+    """A mass that is small in a single corner of ten parameters: steps of more than 2.8 ms are unstable there, and there only."""
+    names = "abcdefghij"
+    parameters = "".join(f'{name} = {{ default = 0.5, min = 0, max = 1, unit = "kg" }}\n' for name in names)
+    mass = "0.01 + a + b + c + d + e + (1 - f) + (1 - g) + (1 - h) + (1 - i) + (1 - j)"
+    (tmp_path / "mass.toml").write_text(
+        f'[parameters]\n{parameters}[bodies.mass]\nmass = "{mass}"\ninertia = 1\n[joints]\n'
+        'rail = { type = "prismatic", between = ["ground", "mass"], axis = [1, 0] }\n[springs]\n'
+        'k = { coordinate = "rail.position", stiffness = 1e4, damping = 20 }\n[initial]\nrail.position = 0.1\n'
+        '[outputs]\nx = { measure = "rail.position" }\n'
+    )
+    metafmu("new", tmp_path / "study", "--mechanism", tmp_path / "mass.toml", "--structure", "dynamics")
+    study = (tmp_path / "study.toml").read_text().replace("stop = 10.0", "stop = 2.0")
+    (tmp_path / "study.toml").write_text(study + "\n[dynamics]\nsolver_step = 0.003\n")
+    metafmu("sample", tmp_path / "study.toml", "--out", tmp_path / "out")
+    result = metafmu("train", tmp_path / "study.toml", "--out", tmp_path / "out", check=False)
+    assert result.returncode == 2 and "dynamics.solver_step: 0.003 s " in result.stderr, result.stderr
+    assert "a = 0, b = 0, c = 0, d = 0, e = 0, f = 1, g = 1, h = 1, i = 1, j = 1" in result.stderr, result.stderr
+
+
 def simulate_corner(fmu):
     """The unstable corner, for a second."""
     values = {"mh": 0.01, "cb": 1000.0, "a.position_start": 0.1, "b.position_start": 0.05}

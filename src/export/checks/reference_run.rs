@@ -79,7 +79,8 @@ fn compare(fmu: &Fmu, Reference { options, names, rows }: &Reference) -> Result<
             let column = table.columns.iter().position(|column| column.name == *name);
             let found = column.and_then(|column| found.get(column)).copied().unwrap_or(f64::NAN);
             let tolerance = options.tolerances.get(name).copied().unwrap_or(0.0);
-            let tolerance = if is_solved { SOLVER * tolerance } else { tolerance };
+            let of_solver = 2.0 * options.solver_errors.get(name).copied().unwrap_or(0.0);
+            let tolerance = if is_solved { SOLVER * tolerance + of_solver } else { tolerance };
             // written so that NaN is wrong
             let right = (found - expected).abs() <= tolerance;
             if !right {
