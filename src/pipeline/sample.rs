@@ -128,12 +128,8 @@ pub fn stage(project: &Project) -> Result<Samples> {
             Ok(samples)
         }
         Source::Recorded(recorded) => {
-            let (sets, given) = recorded.read(project.control().stop)?;
-            if let Some(rows) = given {
-                project.say(format_args!(
-                    "the record does not begin at rest: its first {rows} rows are given, as what was before its first run"
-                ));
-            }
+            let (sets, odd) = recorded.read(project.control().stop)?;
+            odd.iter().for_each(|sentence| project.say(sentence));
             write(project, sets, Vec::new(), start.elapsed().as_secs_f64())
         }
     }

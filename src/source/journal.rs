@@ -19,7 +19,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// A run that takes longer is written at once; shorter ones wait until so much time has passed.
+/// A run that takes longer is written at once, as the first one is; shorter ones wait until so much time has passed.
 const INTERVAL: Duration = Duration::from_millis(10);
 
 const CHECKSUM: usize = 8;
@@ -107,7 +107,8 @@ impl Journal {
         record.extend_from_slice(&checksum[..CHECKSUM]);
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.waiting.append(&mut record);
-        if took > INTERVAL || kept.written.elapsed() > INTERVAL { self.write(&mut kept) } else { Ok(()) }
+        let is_due = kept.file.is_none() || took > INTERVAL || kept.written.elapsed() > INTERVAL;
+        if is_due { self.write(&mut kept) } else { Ok(()) }
     }
 
     /// Writes the records that wait.

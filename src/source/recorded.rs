@@ -98,7 +98,13 @@ impl Recorded {
                 format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`{suggestion}");
             KeyProblem { key: format!("source.columns.{name}"), message }
         });
-        study.refuse(unknown.collect())?;
+        let shared = columns.iter().filter_map(|(name, column)| {
+            let of = |other: &str| columns.get(other).map_or(other, String::as_str) == column.as_str();
+            let other = known().chain(["time"]).find(|other| other != name && of(other))?;
+            let message = format!("column `{column}` is that of `{other}` already");
+            Some(KeyProblem { key: format!("source.columns.{name}"), message })
+        });
+        study.refuse(unknown.chain(shared).collect())?;
         let there = |name: &str| columns.get(name).map_or(name, String::as_str).to_owned();
         let (table, index) = (&study.source.table, &study.source.index);
         let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
@@ -203,11 +209,11 @@ impl Recorded {
         self.read(stop).map(|(sets, _)| sets)
     }
 
-    /// [`Recorded::sample`], and the number of the first rows that became what was before the first run, of a record that does not begin at rest.
+    /// [`Recorded::sample`], and what to say about runs that do not begin at rest.
     ///
     /// # Errors
     /// As [`Recorded::sample`].
-    pub fn read(&self, stop: &AtomicBool) -> Result<(Sets<Dataset>, Option<usize>)> {
+    pub fn read(&self, stop: &AtomicBool) -> Result<(Sets<Dataset>, Option<String>)> {
         if let Some(motions) = &self.motions {
             return motions.sets(self).map(|sets| (sets, None));
         }
@@ -218,7 +224,7 @@ impl Recorded {
         } else {
             self.read_long(&mut table, &mut runs)?
         }
-        let given = runs.cut();
+        let odd = runs.cut();
         let chosen = self.choose(runs.finished.len()).map_err(|message| table.mistake(&message))?;
         let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
         let sets = chosen.try_map(|chosen| {
@@ -226,7 +232,7 @@ impl Recorded {
             let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
             Ok(Dataset { inputs, parameters, outputs: self.outputs.clone(), runs })
         })?;
-        Ok((sets, given))
+        Ok((sets, odd))
     }
 
     /// The numbers of the runs of each set, in their order.
@@ -548,6 +554,10 @@ third,1,3,-0.5,8
             (
                 "table = \"1.csv\"\ncolumns = { z = \"y\" }",
                 "s.toml:4: source.columns.z: `z` is neither a parameter nor",
+            ),
+            (
+                "table = \"1.csv\"\ncolumns = { y = \"time\" }",
+                "s.toml:4: source.columns.y: column `time` is that of `time` already",
             ),
             ("system = \"single-pendulum\"", "s.toml:12: sampling: expected a `method`"),
         ] {

@@ -280,3 +280,13 @@ def test_a_trained_network_is_saved_elsewhere_if_its_folder_is_gone(copied, tmp_
     for path in saved.iterdir():
         path.rename(moved / path.name)
     metafmu("evaluate", study, "--out", moved)
+
+
+def test_a_table_that_is_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "runs.csv")
+    (tmp_path / "study.toml").write_text(
+        'name = "s"\n[source]\ntable = "runs.csv"\n[time]\nstop = 1\nstep = 0.5\n[parameters]\nL = { min = 0.1, max = 0.2 }\n[outputs]\ny = {}\n'
+    )
+    command = [METAFMU, "sample", tmp_path / "study.toml", "--dry-run"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    assert result.returncode == 2 and "runs.csv: it is not a regular file" in result.stderr, result.stderr

@@ -489,6 +489,10 @@ impl Study {
 
     /// SHA-256 of the FMU or of the tables of recorded runs, of which `path` is the first file.
     fn digest_source_files(&self, path: &Path) -> Result<String> {
+        // a pipe can be read once only, and may never end
+        if path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir()) {
+            return Err(Error::io(path, "read")(std::io::Error::other("it is not a regular file")));
+        }
         let first = files::digest(path)?;
         if self.source.index.is_none() {
             return Ok(first);

@@ -16,6 +16,7 @@ use crate::{
 use nalgebra::DMatrix;
 use std::{
     collections::HashMap,
+    hash::{DefaultHasher, Hash, Hasher},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -34,6 +35,8 @@ pub(super) struct Runs<'a> {
     labels: Labels,
     /// Where each point began.
     points: HashMap<Vec<u64>, Place>,
+    /// Names of runs with inputs, by the hash of what was recorded.
+    recordings: HashMap<u64, String>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
     /// Of the stamps so far.
@@ -62,10 +65,12 @@ const ROWS_OF_A_COLUMN: usize = 4;
 const RIDGE: f64 = 1e-10;
 /// Multiple of the usual error that contradicts rest.
 const MUCH_LARGER: f64 = 5.0;
+/// Runs of a table of several that are compared with rest.
+const TRIED: usize = 10;
 
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
-        let (labels, points) = (Labels::default(), HashMap::new());
+        let (labels, points, recordings) = (Labels::default(), HashMap::new(), HashMap::new());
         Self {
             recorded,
             stop,
@@ -73,6 +78,7 @@ impl<'a> Runs<'a> {
             current: None,
             labels,
             points,
+            recordings,
             shared_times: Arc::new([]),
             unit: Unit::default(),
         }
@@ -178,6 +184,18 @@ impl<'a> Runs<'a> {
         if self.recorded.is_motion {
             even_out(table, &run, &mut times, &places)?;
         }
+        if !self.recorded.inputs.is_empty() {
+            let rows = times.partition_point(|time| *time <= stop * (1.0 + SAME_TIME));
+            let [inputs, outputs] = [(&inputs, self.recorded.inputs.len()), (&outputs, self.recorded.outputs.len())]
+                .map(|(values, width)| &values[..rows * width]);
+            let mut hasher = DefaultHasher::new();
+            let numbers = parameters.iter().chain(&times[..1]).chain(inputs).chain(outputs);
+            numbers.for_each(|number| number.to_bits().hash(&mut hasher));
+            if let Some(other) = self.recordings.insert(hasher.finish(), run.clone()) {
+                let expected = "runs must differ, else tests repeat what was learned";
+                return Err(table.mistake(&format!("{run} has the same rows as {other}: {expected}")));
+            }
+        }
         if *self.shared_times != *times {
             self.shared_times = times.into();
         }
@@ -190,15 +208,15 @@ impl<'a> Runs<'a> {
     }
 
     /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it. The first
-    /// rows of a record that does not begin at rest are what was before its first piece; returns their number.
-    pub(super) fn cut(&mut self) -> Option<usize> {
+    /// rows of a record that does not begin at rest are what was before its first piece. Returns what to say about runs that do not begin at rest.
+    pub(super) fn cut(&mut self) -> Option<String> {
         let (step, longest) = self.recorded.samples?;
         let first = self.finished.first()?;
         let steps = (self.recorded.stop / step).round() as usize;
         let is_record = self.finished.len() == 1;
         let given = first.times.partition_point(|time| *time < 0.0);
         let pieces = |before: usize| first.times.len().saturating_sub(before + 1) / steps;
-        let moves = is_record && given == 0 && pieces(longest) > 0 && self.moves(first, longest.min(ORDER));
+        let moves = is_record && given == 0 && pieces(longest) > 0 && self.moves(first, longest);
         let before = if moves { longest } else { given };
         let pieces = if is_record { pieces(before) } else { 1 };
         let widths = [self.recorded.inputs.len(), self.recorded.outputs.len()];
@@ -216,13 +234,37 @@ impl<'a> Runs<'a> {
         };
         let cut: Vec<Run> = (0..pieces).map(piece).collect();
         self.finished.splice(..1, cut);
-        moves.then_some(longest)
+        if moves {
+            let first = format!("its first {longest} rows are given, as what was before its first run");
+            return Some(format!("the record does not begin at rest: {first}"));
+        }
+        if is_record { None } else { self.moving(longest) }
+    }
+
+    /// A sentence if most runs of a table of several contradict rest before them.
+    fn moving(&self, longest: usize) -> Option<String> {
+        let from_zero = self.finished.iter().filter(|run| run.times[0] >= 0.0).take(TRIED);
+        let (tried, moving) =
+            from_zero.fold((0, 0), |(tried, moving), run| (tried + 1, moving + usize::from(self.moves(run, longest))));
+        (2 * moving > tried).then(|| {
+            format!(
+                "{moving} of the first {tried} runs do not begin at rest, and are simulated as if they did: rows with negative times tell what was \
+                 before a run"
+            )
+        })
     }
 
     /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives the next outputs, by least
     /// squares on the rows whose past is known; with outputs and inputs at rest before the first row its errors in the first rows are much larger.
-    fn moves(&self, run: &Run, order: usize) -> bool {
+    fn moves(&self, run: &Run, longest: usize) -> bool {
         let [inputs, outputs] = [self.recorded.inputs.len(), self.recorded.outputs.len()];
+        let (rows, signals) = (run.times.len() - 1, outputs + inputs);
+        // the rows must determine the function
+        let most = (rows + 1) / (ROWS_OF_A_COLUMN * signals + 1);
+        let order = longest.min(ORDER).min(most);
+        if order < 2 {
+            return false;
+        }
         let starts: Vec<f64> = self.recorded.inputs.iter().map(|input| input.start).collect();
         let y = |k: usize| &run.outputs[k * outputs..][..outputs];
         let u = |k: usize| &run.inputs[k * inputs..][..inputs];
@@ -231,11 +273,8 @@ impl<'a> Runs<'a> {
             let of_inputs = (0..order).flat_map(|lag| k.checked_sub(lag).map_or(&starts[..], u));
             of_outputs.chain(of_inputs).copied().collect()
         };
-        let (rows, columns) = (run.times.len() - 1, order * (outputs + inputs));
+        let columns = order * signals;
         let known: Vec<Vec<f64>> = (order - 1..rows).map(past).collect();
-        if known.len() < ROWS_OF_A_COLUMN * columns {
-            return false;
-        }
         let (means, scales) = scaling::of_columns(&known);
         let scaled = |row: &[f64], column: usize| match row.get(column) {
             Some(value) => (value - means[column]) / scales[column],
