@@ -20,6 +20,8 @@ pub struct OfTraining {
 
 /// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
 const CHAOTIC: f64 = 1e-3;
+/// Part by which an error is larger than that of a baseline and still as good.
+const TIE: f64 = 1e-3;
 /// Variance of an angle that is spread evenly over a turn.
 const TURN_VARIANCE: f64 = PI * PI / 3.0;
 
@@ -171,7 +173,7 @@ impl Judged<'_> {
         let measured = baselines.iter().filter_map(|row| Some((row, row.outputs.get(&output.name)?)));
         let (best, accuracy) = measured.min_by(|a, b| a.1.mse.total_cmp(&b.1.mse))?;
         let (factor, limit) = ((metrics.mse / accuracy.mse).sqrt(), self.options.baseline_factor);
-        if factor <= limit {
+        if factor <= limit * (1.0 + TIE) {
             return None;
         }
         let (name, found, model) = (&output.name, told_apart(factor, limit), &best.model);

@@ -246,14 +246,15 @@ fn output_metrics(
     OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }
 }
 
-/// Part of the magnitude of values, and of their range in training, by which they may differ from rounding alone.
-const ROUNDING: f64 = 1e-12;
+/// Part of the magnitude of values by which they may differ from rounding alone, and of their range in training that is as good as nothing.
+const ROUNDING: [f64; 2] = [1e-14, 1e-10];
 
-/// Returns true if values differ by more than rounding explains; `range`: what the quantity has in training.
+/// Returns true if values differ by more than rounding explains; `range`: that of the quantity in training.
 fn varies(values: &[f64], range: f64) -> bool {
     let fold = |[low, high]: [f64; 2], value: &f64| [low.min(*value), high.max(*value)];
     let [low, high] = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], fold);
-    high - low > ROUNDING * low.abs().max(high.abs()).max(range)
+    let [of_magnitude, of_range] = ROUNDING;
+    high - low > (of_magnitude * low.abs().max(high.abs())).max(of_range * range)
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -381,6 +382,10 @@ mod tests {
         for Horizon { median, q90, .. } in accuracy.roll_outs.unwrap().horizons {
             assert!((median - 0.1).abs() < 1e-9 && (q90 - 0.1).abs() < 1e-9, "{median} {q90}");
         }
+        // a small motion far from zero is one where it is all that the training has
+        assert!(
+            varies(&[1e6, 1e6 + 1e-6], 2e-6) && !varies(&[1e6, 1e6 + 1e-6], 1e5) && !varies(&[1e6, 1e6 + 1e-9], 0.0)
+        );
         // rounding of a standstill among runs that move
         test.runs[1].outputs[5] += range;
         assert!(Accuracy::from_predictions(&surrogate, &test, &found).outputs[0].r2.is_some());
