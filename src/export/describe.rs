@@ -255,7 +255,8 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
 
 /// What descriptions of built-in variables depend on.
 pub(super) fn known(surrogate: &Surrogate) -> Known {
-    Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some() }
+    let fed_back = matches!(surrogate.model(), Model::Discrete(discrete) if discrete.support.is_some());
+    Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some(), fed_back }
 }
 
 /// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the

@@ -80,7 +80,8 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             is_stopped = true;
             break;
         };
-        let support = support(study, dataset, one.model.past_starts() > 0);
+        let ranges = drives.iter().map(|(_, range)| *range);
+        let support = support(study, dataset, one.model.past_starts() > 0, ranges);
         let model = Model::Discrete(Box::new(Discrete { support: Some(support), ..one.model.clone() }));
         let rows = samples.rows();
         let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
@@ -128,7 +129,8 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
 const PARTS: f64 = 20.0;
 
 /// The support of the transitions in all runs; `of_inputs`: whether more than one past input counts, so that there are features of inputs.
-fn support(study: &Study, dataset: &Dataset, of_inputs: bool) -> Support {
+/// Inputs have the ranges that they are given, `ranges`, where those are finite.
+fn support(study: &Study, dataset: &Dataset, of_inputs: bool, ranges: impl Iterator<Item = [f64; 2]>) -> Support {
     let (inputs, outputs) = (dataset.inputs.len(), dataset.outputs.len());
     let starts = study.parameters.len() + outputs;
     let unknown = Support { ranges: Vec::new(), samples: (study.time.stop / study.time.step / PARTS).max(1.0) };
@@ -150,7 +152,11 @@ fn support(study: &Study, dataset: &Dataset, of_inputs: bool) -> Support {
         };
         (0..run.times.len() - 1).map(transition).collect::<Vec<Vec<f64>>>()
     };
-    Support::of(dataset.runs.iter().flat_map(of_run), unknown.samples)
+    let mut support = Support::of(dataset.runs.iter().flat_map(of_run), unknown.samples);
+    for ([low, high], [min, max]) in support.ranges.iter_mut().zip(ranges).filter(|_| of_inputs) {
+        (*low, *high) = (if min.is_finite() { min } else { *low }, if max.is_finite() { max } else { *high });
+    }
+    support
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.

@@ -362,6 +362,21 @@ def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(moving, t
     assert min(candidate["error"] for candidate in record["discrete"]["candidates"]) < 0.3
 
 
+@pytest.mark.parametrize("earlier", [0, 15])
+def test_runs_of_a_table_that_do_not_begin_at_rest_are_noticed(earlier, tmp_path):
+    lines = []
+    for run in range(6):
+        force = forces(run)
+        rows = zip(force[earlier:].tolist(), plant(force, 1.0)[earlier:].tolist())
+        lines += [f"{run},{row * STEP:.6f},{u!r},{y!r},{v!r}" for row, (u, (y, v)) in enumerate(rows)]
+    (tmp_path / "runs.csv").write_text("run,time,force,y,speed\n" + "\n".join(lines) + "\n")
+    text = STUDY.replace("[parameters]\ngain = { min = 0.5, max = 1.5 }\n", "")
+    (tmp_path / "plant.toml").write_text(text.replace(f"stop = {STEP * (ROWS - 1)}", f"stop = {STEP * (ROWS - 1 - earlier)}"))
+    said = metafmu("sample", tmp_path / "plant.toml", "--out", tmp_path / "out").stderr
+    notice = "of the first 6 runs do not begin at rest, and are simulated as if they did: rows with negative times tell what was before a run"
+    assert (notice in said) == bool(earlier), said
+
+
 def with_row(number, **values):
     """Changes fields of a row, counted as lines of the file."""
 
@@ -382,6 +397,10 @@ def with_row(number, **values):
         (lambda rows: [rows[0], *rows[1:50], *rows[102:]], "ends before this line at 0.96 s, expected 2 s"),
         (with_row(2, time="-0.04"), "runs.csv:2: run `r0` begins at -0.04 s, expected 0 s, or at least 12 rows before it"),
         (lambda rows: [row[:3] + row[4:] for row in rows], "runs.csv:1: no column `force`"),
+        (
+            lambda rows: [*rows, *(["again", *row[1:]] for row in rows[1 + 2 * ROWS : 1 + 3 * ROWS])],
+            "run `again` has the same rows as run `r2`: runs must differ, else tests repeat what was learned",
+        ),
     ],
 )
 def test_tables_that_are_no_samples_are_refused_with_their_line(tmp_path, change, message):

@@ -61,6 +61,8 @@ pub struct Known {
     pub time: bool,
     /// Whether it knows where its training data are.
     pub data: bool,
+    /// Whether it knows the ranges of what it feeds back.
+    pub fed_back: bool,
 }
 
 impl BuiltIn {
@@ -83,24 +85,31 @@ impl BuiltIn {
             (Self::DomainPolicy, _) => {
                 "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
             }
-            (Self::InDomain, Known { time: true, data: false }) => {
+            (Self::InDomain, Known { fed_back: true, .. }) => {
+                "Whether inputs and parameters are all in the training ranges, and changes, averages and outputs have been lately"
+            }
+            (Self::DomainDistance, Known { fed_back: true, .. }) => {
+                "Largest distance of an input or parameter, or lately of a change, an average or an output, from its training range, relative to the \
+                 range; 0 inside"
+            }
+            (Self::InDomain, Known { time: true, data: false, .. }) => {
                 "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
                  since the start"
             }
-            (Self::InDomain, Known { time: true, data: true }) => {
+            (Self::InDomain, Known { time: true, data: true, .. }) => {
                 "Whether inputs, parameters and time are all in the training ranges, near training data, and inputs and parameters \
                  unchanged since the start"
             }
-            (Self::InDomain, Known { time: false, data: false }) => {
+            (Self::InDomain, Known { time: false, data: false, .. }) => {
                 "Whether inputs, parameters and states are all in the training ranges"
             }
-            (Self::InDomain, Known { time: false, data: true }) => {
+            (Self::InDomain, Known { time: false, data: true, .. }) => {
                 "Whether inputs and parameters are all in the training ranges, and near training data"
             }
-            (Self::DomainDistance, Known { time: true, data: false }) => {
+            (Self::DomainDistance, Known { time: true, data: false, .. }) => {
                 "Largest distance of an input, parameter or time from its training range, relative to the range; 0 inside"
             }
-            (Self::DomainDistance, Known { time: false, data: false }) => {
+            (Self::DomainDistance, Known { time: false, data: false, .. }) => {
                 "Largest distance of an input, parameter or state from its training range, relative to the range; 0 inside"
             }
             (Self::DomainDistance, Known { data: true, .. }) => {

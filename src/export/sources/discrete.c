@@ -197,12 +197,13 @@ static void compare(double point[COLUMN_COUNT])
     for (size_t i = 0; i < mean_count; i++) {
         double *mean = point + MEMORY_MEANS + i;
         *mean += (point[MEMORY_INPUTS + i] - *mean) / model_support_samples;
-        features[i] = *mean;
-        features[MEAN_COUNT + i] = point[MEMORY_INPUTS + i] - point[MEMORY_INPUTS + DRIVEN_COUNT + i];
+        features[i] = point[MEMORY_INPUTS + i];
+        features[MEAN_COUNT + i] = *mean;
+        features[2 * MEAN_COUNT + i] = point[MEMORY_INPUTS + i] - point[MEMORY_INPUTS + DRIVEN_COUNT + i];
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        features[2 * MEAN_COUNT + i] = next[i];
-        features[2 * MEAN_COUNT + OUTPUT_COUNT + i] = next[i] - now[i];
+        features[3 * MEAN_COUNT + i] = next[i];
+        features[3 * MEAN_COUNT + OUTPUT_COUNT + i] = next[i] - now[i];
     }
     for (size_t i = 0; i < FEATURE_COUNT; i++) {
         const double distance = beyond(i, features[i]);

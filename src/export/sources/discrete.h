@@ -43,7 +43,7 @@ extern const Real model_hidden[];              /* what is hidden, at the start *
 /*
  * Ranges of the transitions from sample k to sample k + 1 in training, of their features
  *
- *     s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
+ *     u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
  *
  * without those of inputs if m = 1. How far a feature is from its range, in parts of that, is the distance of a transition.
  * A distance lasts, and fades.

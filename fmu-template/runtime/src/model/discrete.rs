@@ -101,7 +101,7 @@ impl Discrete {
 
     /// Number of features of a transition.
     fn features(&self) -> usize {
-        2 * (self.past_starts() + self.counts[2])
+        3 * self.past_starts() + 2 * self.counts[2]
     }
 
     /// Numbers that the memory has of past outputs and inputs.

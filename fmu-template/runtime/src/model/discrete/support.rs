@@ -11,7 +11,7 @@ const NEGLIGIBLE: f64 = 0.003;
 /// Ranges of the transitions in training. The features of the transition from sample k to sample k + 1 are
 ///
 /// ```text
-/// s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
+/// u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
 /// ```
 ///
 /// `s` is what the inputs have been on average: a constant input at an end of its range is in the range all the time, and its average is
@@ -42,7 +42,8 @@ impl<'a> Transition<'a> {
     pub fn features(&self) -> impl Iterator<Item = f64> + 'a {
         let Self { means, inputs: [before, at], outputs: [now, next] } = *self;
         let changes = |from: &'a [f64], to: &'a [f64]| to.iter().zip(from).map(|(to, from)| to - from);
-        means.iter().copied().chain(changes(before, at)).chain(next.iter().copied()).chain(changes(now, next))
+        let of_inputs = at.iter().chain(means).copied().chain(changes(before, at));
+        of_inputs.chain(next.iter().copied()).chain(changes(now, next))
     }
 }
 
@@ -115,7 +116,7 @@ mod tests {
     fn support() -> Support {
         let rows = [[0.0, 0.0, 0.0, 2.0], [0.5, 1.0, 2.0, 0.0], [0.1, -1.0, 9.0, 10.0]];
         let support = Support::of(rows.map(|row| with(row, |transition| transition.features().collect())), 5.0);
-        support.check(4).unwrap();
+        support.check(5).unwrap();
         support
     }
 
@@ -126,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_transition_is_outside_if_an_average_a_change_or_an_output_leaves_its_range() {
-        assert_eq!(support().ranges, [[0.0, 0.5], [-1.0, 1.0], [0.0, 10.0], [-2.0, 2.0]]);
+        assert_eq!(support().ranges, [[-1.0, 1.0], [0.0, 0.5], [-1.0, 1.0], [0.0, 10.0], [-2.0, 2.0]]);
         assert_eq!(distance([0.2, 0.5, 4.0, 5.0], 0.0), 0.0);
         assert_eq!(distance([1.0, 0.5, 4.0, 5.0], 0.0), 1.0);
         assert_eq!(distance([0.2, -2.0, 4.0, 5.0], 0.0), 0.5);
@@ -151,9 +152,9 @@ mod tests {
 
     #[test]
     fn a_support_that_makes_no_sense_is_refused() {
-        assert!(support().check(3).is_err());
-        assert!(Support { samples: 0.5, ..support() }.check(4).is_err());
-        assert!(Support { ranges: vec![[1.0, 0.0]; 4], samples: 5.0 }.check(4).is_err());
-        assert!(Support { ranges: vec![[0.0, f64::NAN]; 4], samples: 5.0 }.check(4).is_err());
+        assert!(support().check(4).is_err());
+        assert!(Support { samples: 0.5, ..support() }.check(5).is_err());
+        assert!(Support { ranges: vec![[1.0, 0.0]; 5], samples: 5.0 }.check(5).is_err());
+        assert!(Support { ranges: vec![[0.0, f64::NAN]; 5], samples: 5.0 }.check(5).is_err());
     }
 }
