@@ -289,4 +289,4 @@ def test_a_table_that_is_a_pipe_is_refused(tmp_path):
     )
     command = [METAFMU, "sample", tmp_path / "study.toml", "--dry-run"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=20)
-    assert result.returncode == 2 and "runs.csv: it is not a regular file" in result.stderr, result.stderr
+    assert result.returncode == 2 and "runs.csv: cannot read: it is not a regular file" in result.stderr, result.stderr

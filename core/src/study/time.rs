@@ -103,6 +103,5 @@ mod tests {
             assert!(grid.windows(2).all(|pair| pair[0] < pair[1]) && training[..grid.len()] == grid[..]);
             assert!(training.len() > grid.len() && training[grid.len()] > stop);
         }
-        assert!(1.98 * 99.0 / 99.0 > 1.98, "or there is nothing to test");
     }
 }
