@@ -58,6 +58,8 @@ const MOST_STEPS: u64 = 100_000;
 const HALVINGS: i32 = 6;
 /// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
 const SLOWEST: f64 = 1e-3;
+/// How much smaller than wanted the error is to be where it is measured, for what lies between: a motion that nearly comes to rest upright.
+const RESERVE: f64 = 3.0;
 /// How much farther than in the training runs velocities may go.
 const MARGIN: f64 = 1.5;
 
@@ -277,9 +279,10 @@ impl<'a> Measure<'a> {
         paths.par_iter().enumerate().map(|(trial, path)| self.error(trial, path)).collect()
     }
 
-    /// The largest tolerance that is good enough, and the longest step with which the training runs take the fewest evaluations.
+    /// The largest tolerance that is good enough with a reserve, and the longest step with which the training runs take the fewest evaluations.
     fn chosen(&self, largest: f64, wanted: f64) -> Integration {
         let mut tolerance = FIRST;
+        let wanted = wanted / RESERVE;
         loop {
             let paths = self.paths(Integration::ErrorControlled { tolerance, longest: largest }, self.trials.len());
             let error = self.errors(&paths).into_iter().fold(0.0, f64::max);
