@@ -3,11 +3,9 @@
 import json
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import threading
-import time
 import warnings
 import zipfile
 from pathlib import Path
@@ -281,14 +279,25 @@ def test_a_study_is_built(tmp_path, capfd):
         metafmu.Study.load(tmp_path / "study.toml")
 
 
+INTERRUPTED = """
+import os, signal, threading
+import numpy as np
+import metafmu
+
+rows = np.random.default_rng(0).normal(size=(20000, 3))
+threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    metafmu.fit(rows, rows.sum(axis=1), epochs=100000, hidden=(64, 64), training={"schedule": "constant"})
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_ctrl_c_ends_a_training():
-    rows = np.random.default_rng(0).normal(size=(20000, 3))
-    threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
-    began = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        metafmu.fit(rows, rows.sum(axis=1), epochs=100000, hidden=(64, 64), training={"schedule": "constant"})
-    assert time.monotonic() - began < 60
+    """In a process of its own: other packages change what a signal does."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "interrupted\n", done.stderr
 
 
 def test_other_threads_go_on_meanwhile():
