@@ -173,46 +173,48 @@ static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 }
 
 #if MODEL_HAS_SUPPORT
-/* How far a value is beyond the ends of its feature's range, in parts of that. */
-static double beyond(size_t feature, double value)
+/* Distance of a value from its feature's range, relative to the width of the range. */
+static Real beyond(size_t feature, Real value)
 {
-    const double min = model_support_ranges[2 * feature];
-    const double max = model_support_ranges[2 * feature + 1];
-    double width = max - min;
-    if (!(width > 0.0)) {
-        width = max != 0.0 ? fabs(max) : 1.0;
+    const Real min = model_support_ranges[2 * feature];
+    const Real max = model_support_ranges[2 * feature + 1];
+    Real width = max - min;
+    if (!(width > R(0.0))) {
+        width = max != R(0.0) ? MATH(fabs)(max) : R(1.0);
     }
     return (min - value > value - max ? min - value : value - max) / width;
 }
 
-/* Notes how far the transition to the next sample is from those of the training. */
+/* Updates the distance of the transition to the next sample from those of the training. */
 static void compare(double point[COLUMN_COUNT])
 {
-    static const double negligible = 0.003; /* part of a range */
-    const double *now = point + MEMORY;
-    const double *next = point + MEMORY_NEXT;
-    double features[FEATURE_COUNT];
+    static const Real negligible = R(0.003); /* relative to the width of a range */
+    const double *input = point + MEMORY_INPUTS;
     const size_t mean_count = MEAN_COUNT;
-    double lasting = point[MEMORY_DISTANCE] * model_support_fading;
+    Real features[FEATURE_COUNT];
+    Real lasting = (Real)point[MEMORY_DISTANCE] * model_support_fading;
     for (size_t i = 0; i < mean_count; i++) {
-        double *mean = point + MEMORY_MEANS + i;
-        *mean += (point[MEMORY_INPUTS + i] - *mean) / model_support_samples;
-        features[i] = point[MEMORY_INPUTS + i];
-        features[MEAN_COUNT + i] = *mean;
-        features[2 * MEAN_COUNT + i] = point[MEMORY_INPUTS + i] - point[MEMORY_INPUTS + DRIVEN_COUNT + i];
+        const Real now = (Real)input[i];
+        Real mean = (Real)point[MEMORY_MEANS + i];
+        mean += (now - mean) / model_support_samples;
+        point[MEMORY_MEANS + i] = (double)mean;
+        features[i] = now;
+        features[MEAN_COUNT + i] = mean;
+        features[2 * MEAN_COUNT + i] = now - (Real)input[DRIVEN_COUNT + i];
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        features[3 * MEAN_COUNT + i] = next[i];
-        features[3 * MEAN_COUNT + OUTPUT_COUNT + i] = next[i] - now[i];
+        const Real next = (Real)point[MEMORY_NEXT + i];
+        features[3 * MEAN_COUNT + i] = next;
+        features[3 * MEAN_COUNT + OUTPUT_COUNT + i] = next - (Real)point[MEMORY + i];
     }
     for (size_t i = 0; i < FEATURE_COUNT; i++) {
-        const double distance = beyond(i, features[i]);
+        const Real distance = beyond(i, features[i]);
         lasting = distance > lasting ? distance : lasting;
     }
     if (lasting < negligible) {
-        lasting = 0.0;
+        lasting = R(0.0);
     }
-    point[MEMORY_DISTANCE] = lasting < DBL_MAX ? lasting : DBL_MAX;
+    point[MEMORY_DISTANCE] = lasting < REAL_HUGE ? (double)lasting : DBL_MAX;
 }
 #endif
 

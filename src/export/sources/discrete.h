@@ -7,7 +7,7 @@
  * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
  * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
  * first; averages of inputs and the distance from the support of the training (below), if it is known; the next y; the
- * time since sample k in sample times. The model goes on at multiples of the sample time
+ * time since sample k in sample times. The model advances at multiples of the sample time
  * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
  * that is nearer to it than a millionth of the sample time.
  */
@@ -45,12 +45,12 @@ extern const Real model_hidden[];              /* what is hidden, at the start *
  *
  *     u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
  *
- * without those of inputs if m = 1. How far a feature is from its range, in parts of that, is the distance of a transition.
- * A distance lasts, and fades.
+ * without those of inputs if m = 1. The distance of a transition is that of its farthest feature from the feature's range,
+ * relative to the width of the range. A distance lasts, and fades.
  */
-extern const double model_support_ranges[FEATURE_COUNT * 2];
-extern const double model_support_samples; /* M */
-extern const double model_support_fading;  /* of a distance, from sample to sample */
+extern const Real model_support_ranges[FEATURE_COUNT * 2];
+extern const Real model_support_samples; /* M */
+extern const Real model_support_fading;  /* of a distance, from sample to sample */
 #endif
 extern const NetworkTerm model_samples_network;                    /* N */
 

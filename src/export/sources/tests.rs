@@ -834,6 +834,7 @@ fn in_single_precision_nothing_is_computed_in_double_precision_but_times_turns_a
         turning(Activation::Gelu),
         example::oscillator_by_graph(),
         example::recorded(),
+        example::supported(),
         example::cell(),
     ] {
         let folder = tempfile::tempdir().unwrap();

@@ -1,11 +1,12 @@
 //! Sizes and weights of a model of samples.
 
 use super::{
-    Part, array, double, doubles,
+    Part, array, double,
     functions::{Cost, Term, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
+    real,
 };
 use metafmu_runtime::{
     Discrete, Map, Surrogate,
@@ -112,11 +113,11 @@ fn data(discrete: &Discrete, network: Option<&Term>) -> String {
     array(&mut text, "const Real model_hidden", &padded(&discrete.hidden));
     array(&mut text, "const Real model_constants", &discrete.constants);
     if let Some(support) = &discrete.support {
-        doubles(&mut text, "const double model_support_ranges", support.ranges.as_flattened());
+        array(&mut text, "const Real model_support_ranges", support.ranges.as_flattened());
         text.push_str(&format!(
-            "\nconst double model_support_samples = {};\nconst double model_support_fading = {};\n",
-            double(support.samples),
-            double(support.fading()),
+            "\nconst Real model_support_samples = {};\nconst Real model_support_fading = {};\n",
+            real(support.samples),
+            real(support.fading()),
         ));
     }
     write_network(&mut text, "samples", network);
