@@ -5,10 +5,9 @@ For each mechanism file (those of examples/dynamics/ unless given) `metafmu new 
 tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equations nor the solver with the FMU.
 
 What the FMU states is the error of a start: `wanted` of the solver in training.json, and the error of the equations. The bound of an output at a
-time is what a start of the truth that is off by at most so much in each state may have changed in it up to there, at least so much of the output's
-range in training. For
-each corner the script prints the largest error over this bound while `in_domain` is true, and for how long it is. It exits with 1 if an error
-passes the bound there, or if a step inside the domain fails.
+time is the largest change up to there by an initial state of the truth that is perturbed by so much in each component, at least so much of the
+output's range in training. For each corner the script prints the largest error over this bound while `in_domain` is true, and for how long it is.
+It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
 Usage: .venv/bin/python scripts/check-corners.py [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
 """

@@ -25,7 +25,7 @@ from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
 LENGTHS = 10
-# what FMUs say about their domain is known from `in_domain`
+# `in_domain` has what FMUs log about their domain
 SILENT = fmi2CallbackFunctions(logger=fmi2CallbackLoggerTYPE(lambda *_: None))
 
 
@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("study", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, default=Path("out"), help="where `metafmu build` wrote its results")
     parser.add_argument("--source", type=Path, help="FMU to compare with, unless the study names one")
-    parser.add_argument("--runs", type=int, help="the first so many combinations only")
+    parser.add_argument("--runs", type=int, help="number of combinations; all unless given")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
     options = parser.parse_args()
     found = [check(study, options.out, options.source, options.runs) for study in options.study]

@@ -20,7 +20,7 @@ pub struct OfTraining {
 
 /// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
 const CHAOTIC: f64 = 1e-3;
-/// Part by which an error is larger than that of a baseline and still as good.
+/// Relative difference up to which two errors count as equal.
 const TIE: f64 = 1e-3;
 /// Variance of an angle that is spread evenly over a turn.
 const TURN_VARIANCE: f64 = PI * PI / 3.0;

@@ -246,7 +246,7 @@ fn output_metrics(
     OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }
 }
 
-/// Part of the magnitude of values by which they may differ from rounding alone, and of their range in training that is as good as nothing.
+/// Largest spread that counts as rounding, relative to the magnitude of the values and to their range in training.
 const ROUNDING: [f64; 2] = [1e-14, 1e-10];
 
 /// Returns true if values differ by more than rounding explains; `range`: that of the quantity in training.

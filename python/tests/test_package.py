@@ -295,7 +295,7 @@ except KeyboardInterrupt:
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_ctrl_c_ends_a_training():
-    """In a process of its own: other packages change what a signal does."""
+    """Runs in a separate process, because other packages install signal handlers."""
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60)
     assert done.stdout == "interrupted\n", done.stderr
 

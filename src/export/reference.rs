@@ -36,7 +36,7 @@ pub struct ReferenceOptions {
     pub start_values: IndexMap<String, f64>,
     /// Largest difference of each output that is no sign of a mistake.
     pub tolerances: IndexMap<String, f64>,
-    /// Of an FMU with fixed steps: largest error of its solver in each output, which model exchange does not have.
+    /// Largest error of fixed solver steps in each output; model exchange is free of it. Empty with error control.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub solver_errors: IndexMap<String, f64>,
 }
@@ -102,10 +102,10 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     (json + "\n", csv)
 }
 
-/// Tolerance of a solver that the errors of fixed steps are measured with.
+/// Solver tolerance of the solution with which fixed steps are compared.
 const EXACT: f64 = 1e-10;
 
-/// Outputs at these times, a step apart, up to where a motion cannot be computed any more: one row at least.
+/// Outputs at `times`, `step` apart, up to the last time point that can be computed; at least one row.
 fn rows(surrogate: &Surrogate, evaluator: &Evaluator, point: &[f64], (times, step): (&[f64], f64)) -> Vec<Vec<f64>> {
     let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
     let mut point = point.to_vec();

@@ -18,7 +18,7 @@ const MOST_CORNERS: usize = 48;
 /// Of more parameters than these not all combinations of ends are tried.
 const ALL_COMBINATIONS: usize = 4;
 const COMBINATIONS: usize = 16;
-/// Of the search for eigenvalues, at most.
+/// Maximum number of iterations of the eigenvalue search.
 const ITERATIONS: usize = 1000;
 
 /// Values of the inputs all along a run.
@@ -28,8 +28,8 @@ const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at thei
 const SPEEDS: usize = 4;
 
 /// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and starts as those of the
-/// training runs or at the ends of the velocities' ranges. `velocities`: of each state its range, if it is a velocity with one. Of many
-/// parameters the combination in which `surrogate` is stiffest is among them.
+/// training runs or at the ends of the velocities' ranges. `velocities`: range of each state that is a velocity with one. With more than
+/// [`ALL_COMBINATIONS`] parameters, the combination in which `surrogate` is stiffest is added.
 pub(super) fn corners(
     study: &Study,
     driven: &Driven,
@@ -102,8 +102,7 @@ pub(super) fn corners(
     trials
 }
 
-/// The combination of ends in which the largest eigenvalue of the equations at the start of a run is largest, as far as single
-/// exchanges of ends find it from those given.
+/// Combination of ends with the largest eigenvalue at the start of a run. Local search from each given combination, one end at a time.
 fn stiffest(
     surrogate: &Surrogate,
     run: &Run,

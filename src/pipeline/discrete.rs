@@ -125,11 +125,11 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     Ok(Trained { surrogate, history: one.history, record })
 }
 
-/// Parts of a run over which inputs are averaged, and a distance from the support fades.
+/// Run length over the time in which inputs are averaged and a distance fades.
 const PARTS: f64 = 20.0;
 
-/// The support of the transitions in all runs; `of_inputs`: whether more than one past input counts, so that there are features of inputs.
-/// Inputs have the ranges that they are given, `ranges`, where those are finite.
+/// Support of the transitions in all runs. `of_inputs`: `true` with more than one past input, which adds features of inputs. `ranges`:
+/// stated ranges of the inputs, which replace those of the training where they are finite.
 fn support(study: &Study, dataset: &Dataset, of_inputs: bool, ranges: impl Iterator<Item = [f64; 2]>) -> Support {
     let (inputs, outputs) = (dataset.inputs.len(), dataset.outputs.len());
     let starts = study.parameters.len() + outputs;

@@ -58,7 +58,7 @@ const MOST_STEPS: u64 = 100_000;
 const HALVINGS: i32 = 6;
 /// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
 const SLOWEST: f64 = 1e-3;
-/// How much smaller than wanted the error is to be where it is measured, for what lies between: a motion that nearly comes to rest upright.
+/// Safety factor on the wanted error, for motions between the corners, such as one that nearly comes to rest upright.
 const RESERVE: f64 = 3.0;
 /// How much farther than in the training runs velocities may go.
 const MARGIN: f64 = 1.5;

@@ -12,12 +12,12 @@ use std::collections::HashMap;
 #[derive(Clone, Debug, Default)]
 pub struct Kinds(HashMap<Vec<u64>, (SignalKind, Corner)>);
 
-/// Corner of the ranges of inputs: that of a number, of which number `2 k + 1` is opposite number `2 k`.
+/// Corner of the ranges of inputs, by number; corner `2 k + 1` is opposite corner `2 k`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Corner(usize);
 
 impl Corner {
-    /// Whether an input is at the upper end of its range, and not at the lower one.
+    /// Returns true if an input is at the upper end of its range.
     pub fn is_high(self, input: usize) -> bool {
         let Self(number) = self;
         let bit = number.checked_shr(input as u32 + 1).unwrap_or(0) & 1;
@@ -25,7 +25,7 @@ impl Corner {
     }
 }
 
-/// Corners of so many inputs are all tried where runs differ in nothing else.
+/// Number of inputs up to which runs that differ in nothing else try all corners.
 const MOST_CORNERS: usize = 4;
 
 /// Runs of each further kind beyond the fewest that bounds can be measured on: some may fail.
@@ -77,7 +77,6 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
             SignalKind::Decay => parameters_vary || starts_vary || study.is_discrete(),
             SignalKind::Ends => {
                 let corners = 1 << driven.drivers().len().min(MOST_CORNERS);
-                // of both ends, though inputs are many
                 return if parameters_vary || starts_vary { 2 * many } else { corners };
             }
             SignalKind::Signals => return 0,

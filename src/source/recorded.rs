@@ -209,7 +209,7 @@ impl Recorded {
         self.read(stop).map(|(sets, _)| sets)
     }
 
-    /// [`Recorded::sample`], and what to say about runs that do not begin at rest.
+    /// [`Recorded::sample`], and a notice about runs that do not begin at rest.
     ///
     /// # Errors
     /// As [`Recorded::sample`].

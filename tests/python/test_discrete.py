@@ -373,7 +373,7 @@ def test_runs_of_a_table_that_do_not_begin_at_rest_are_noticed(earlier, tmp_path
     text = STUDY.replace("[parameters]\ngain = { min = 0.5, max = 1.5 }\n", "")
     (tmp_path / "plant.toml").write_text(text.replace(f"stop = {STEP * (ROWS - 1)}", f"stop = {STEP * (ROWS - 1 - earlier)}"))
     said = metafmu("sample", tmp_path / "plant.toml", "--out", tmp_path / "out").stderr
-    notice = "of the first 6 runs do not begin at rest, and are simulated as if they did: rows with negative times tell what was before a run"
+    notice = "of the first 6 runs do not begin at rest, but are simulated from rest: add the rows before them, with negative times"
     assert (notice in said) == bool(earlier), said
 
 
@@ -399,7 +399,7 @@ def with_row(number, **values):
         (lambda rows: [row[:3] + row[4:] for row in rows], "runs.csv:1: no column `force`"),
         (
             lambda rows: [*rows, *(["again", *row[1:]] for row in rows[1 + 2 * ROWS : 1 + 3 * ROWS])],
-            "run `again` has the same rows as run `r2`: runs must differ, else tests repeat what was learned",
+            "run `again` has the same rows as run `r2`: runs must differ, or tests repeat training runs",
         ),
     ],
 )

@@ -36,7 +36,7 @@ impl DomainPolicy {
 pub struct Domain {
     inputs: Vec<Valid>,
     data: Option<Cubes>,
-    /// Column of a point that has its distance from the support of the training, see [`Support`](crate::Support).
+    /// Column of a point with its distance from the [`Support`](crate::Support) of the training.
     distance: Option<usize>,
 }
 
@@ -130,7 +130,7 @@ impl Domain {
         self.data.is_some() || self.distance.is_some()
     }
 
-    /// Distance from the support of the training that a point has itself.
+    /// Distance from the support of the training, which a point contains.
     #[inline]
     fn own_distance(&self, point: &[f64]) -> f64 {
         self.distance.and_then(|column| point.get(column)).copied().unwrap_or(0.0)
@@ -203,8 +203,8 @@ impl Domain {
         value.clamp(min, max)
     }
 
-    /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain, and where the distance follows
-    /// from what was before.
+    /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain, and where
+    /// earlier samples determine the distance.
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
         let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
         let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;

@@ -61,7 +61,7 @@ pub struct Known {
     pub time: bool,
     /// Whether it knows where its training data are.
     pub data: bool,
-    /// Whether it knows the ranges of what it feeds back.
+    /// `true` if it knows the training ranges of the outputs that it feeds back.
     pub fed_back: bool,
 }
 
@@ -86,11 +86,11 @@ impl BuiltIn {
                 "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
             }
             (Self::InDomain, Known { fed_back: true, .. }) => {
-                "Whether inputs and parameters are all in the training ranges, and changes, averages and outputs have been lately"
+                "Whether inputs and parameters are all in the training ranges, and outputs, changes and averages were recently"
             }
             (Self::DomainDistance, Known { fed_back: true, .. }) => {
-                "Largest distance of an input or parameter, or lately of a change, an average or an output, from its training range, relative to the \
-                 range; 0 inside"
+                "Largest distance of an input or parameter, or recently of an output, change or average, from its training range, relative to \
+                 the range; 0 inside"
             }
             (Self::InDomain, Known { time: true, data: false, .. }) => {
                 "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \

@@ -192,7 +192,7 @@ impl<'a> Runs<'a> {
             let numbers = parameters.iter().chain(&times[..1]).chain(inputs).chain(outputs);
             numbers.for_each(|number| number.to_bits().hash(&mut hasher));
             if let Some(other) = self.recordings.insert(hasher.finish(), run.clone()) {
-                let expected = "runs must differ, else tests repeat what was learned";
+                let expected = "runs must differ, or tests repeat training runs";
                 return Err(table.mistake(&format!("{run} has the same rows as {other}: {expected}")));
             }
         }
@@ -208,7 +208,7 @@ impl<'a> Runs<'a> {
     }
 
     /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it. The first
-    /// rows of a record that does not begin at rest are what was before its first piece. Returns what to say about runs that do not begin at rest.
+    /// rows of a record that does not begin at rest are what was before its first piece. Returns a notice about runs that do not begin at rest.
     pub(super) fn cut(&mut self) -> Option<String> {
         let (step, longest) = self.recorded.samples?;
         let first = self.finished.first()?;
@@ -241,15 +241,15 @@ impl<'a> Runs<'a> {
         if is_record { None } else { self.moving(longest) }
     }
 
-    /// A sentence if most runs of a table of several contradict rest before them.
+    /// Warning if most runs of a table do not begin at rest.
     fn moving(&self, longest: usize) -> Option<String> {
         let from_zero = self.finished.iter().filter(|run| run.times[0] >= 0.0).take(TRIED);
         let (tried, moving) =
             from_zero.fold((0, 0), |(tried, moving), run| (tried + 1, moving + usize::from(self.moves(run, longest))));
         (2 * moving > tried).then(|| {
             format!(
-                "{moving} of the first {tried} runs do not begin at rest, and are simulated as if they did: rows with negative times tell what was \
-                 before a run"
+                "{moving} of the first {tried} runs do not begin at rest, but are simulated from rest: add the rows before them, with \
+                 negative times"
             )
         })
     }

@@ -113,7 +113,7 @@ pub enum FormatError {
     /// A discrete model whose map is of another kind, or the other way around.
     #[error("a discrete model has a linear part, a network or a graph beside one, and no other map")]
     DiscreteMap,
-    /// A support whose numbers make no sense.
+    /// Support with a descending range, or with less than one sample.
     #[error("the support of the training has a range that does not ascend, or a number of samples below 1")]
     Support,
     /// The value at the start of nothing.

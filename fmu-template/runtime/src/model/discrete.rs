@@ -88,7 +88,7 @@ impl Discrete {
         past_outputs + past_inputs + self.supported() + self.numbers() + 1
     }
 
-    /// Numbers that the memory has for the support: averages of inputs, and the distance.
+    /// Number of values for the support: averages of inputs, and the distance.
     fn supported(&self) -> usize {
         if self.support.is_some() { self.past_starts() + 1 } else { 0 }
     }
@@ -344,7 +344,7 @@ impl PreparedDiscrete {
         }
     }
 
-    /// Notes how far the transition to the next outputs is from those of the training.
+    /// Updates the distance of the transition to the next outputs from those of the training.
     fn compare(&self, point: &mut [f64]) {
         let Some(support) = &self.discrete.support else { return };
         let outputs = self.discrete.counts[2];

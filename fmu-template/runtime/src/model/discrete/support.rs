@@ -1,11 +1,11 @@
-//! Where a model was trained: the ranges of what it feeds back, and of what has driven it.
+//! Training ranges of the outputs that a model feeds back, and of the inputs that drove it.
 
 use crate::{
     FormatError,
     map::{expect_finite, expect_shape},
 };
 
-/// Part of a range by which a feature may leave it: less counts as inside.
+/// Smallest distance that counts as outside, relative to the width of a range.
 const NEGLIGIBLE: f64 = 0.003;
 
 /// Ranges of the transitions in training. The features of the transition from sample k to sample k + 1 are
@@ -14,10 +14,10 @@ const NEGLIGIBLE: f64 = 0.003;
 /// u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
 /// ```
 ///
-/// `s` is what the inputs have been on average: a constant input at an end of its range is in the range all the time, and its average is
-/// beyond that of inputs that change. Of inputs there are no features if one past input counts only. A transition is as far away as its farthest feature from
-/// that feature's range, relative to the width of the range. An error that is made outside is fed back, so that a distance lasts: it fades by
-/// a factor `exp(-1 / M)` from sample to sample, and ends where it is negligible.
+/// `s` is the average of the inputs. A constant input at an end of its range never leaves the range, but its average leaves that of inputs
+/// that change. A model with one past input has no features of inputs. The distance of a transition is that of its farthest feature from the
+/// feature's range, relative to the width of the range. Errors made outside are fed back, so a distance lasts: it fades by a factor
+/// `exp(-1 / M)` from sample to sample, and ends where it is negligible.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Support {
     /// Smallest and largest value of each feature.
@@ -26,12 +26,12 @@ pub struct Support {
     pub samples: f64,
 }
 
-/// Numbers from which the features of a transition follow.
+/// Values that determine the features of a transition.
 #[derive(Clone, Copy, Debug)]
 pub struct Transition<'a> {
-    /// Averages of the inputs; empty if one past input counts only.
+    /// Averages of the inputs; empty with one past input.
     pub means: &'a [f64],
-    /// Inputs at the sample before and at the sample, as many as there are averages.
+    /// Inputs at the previous sample and at this one, one for each average.
     pub inputs: [&'a [f64]; 2],
     /// Outputs at the sample and at the next one.
     pub outputs: [&'a [f64]; 2],
@@ -65,7 +65,7 @@ impl Support {
         means.iter_mut().zip(inputs).for_each(|(mean, input)| *mean += (input - *mean) / self.samples);
     }
 
-    /// Makes sure that it has so many features.
+    /// Checks the number of features, and that ranges and `M` are valid.
     ///
     /// # Errors
     /// A [`FormatError`].
@@ -82,7 +82,7 @@ impl Support {
         (-1.0 / self.samples).exp()
     }
 
-    /// The distance that counts after a transition, given the one that counted before; `fading`: [`Support::fading`]. Does not allocate.
+    /// Distance after a transition, from the distance before it; `fading`: [`Support::fading`]. Does not allocate.
     pub(super) fn distance(&self, transition: &Transition, before: f64, fading: f64) -> f64 {
         let distances = transition.features().zip(&self.ranges).map(|(value, range)| distance(value, *range));
         let lasting = distances.fold(before * fading, f64::max);
@@ -90,7 +90,7 @@ impl Support {
     }
 }
 
-/// How far a value is beyond the ends of its range, relative to the range's width; of a feature that was constant, to its magnitude.
+/// Distance of a value from its range, relative to the width of the range, or to the magnitude of a constant feature.
 #[inline]
 fn distance(value: f64, [min, max]: [f64; 2]) -> f64 {
     let width = match max - min {
