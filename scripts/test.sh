@@ -9,6 +9,7 @@
 # Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+root=$PWD
 
 extent=default
 case ${1:-} in
@@ -19,8 +20,10 @@ for tool in cargo cc python3; do
   command -v "$tool" >/dev/null || { echo "scripts/test.sh: $tool is missing" >&2; exit 1; }
 done
 step() { printf '\n== %s, after %d s\n' "$*" $SECONDS >&2; }
+# a test that hangs fails after minutes, and says where it was; after a crash nothing is waited for
+pytest() { "$root/.venv/bin/python" -m pytest -p no:cacheprovider --timeout 900 --max-worker-restart 0 --durations 12 "$@"; }
 # one worker more than CI has cores, as some tests wait, and each file's tests in one worker, because they share what the first of them builds
-tests() { .venv/bin/python -m pytest -p no:cacheprovider --durations 12 -n 3 --dist loadfile --no-loadscope-reorder "$@" tests/python; }
+tests() { pytest -n 3 --dist loadfile --no-loadscope-reorder "$@" tests/python; }
 
 if [ $extent = quick ]; then
   step "Python packages";   scripts/venv.sh
@@ -48,7 +51,7 @@ python_package() {
   rm -rf target/wheels
   .venv/bin/maturin build --quiet --release --locked --manifest-path python/Cargo.toml
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
-  (cd python/tests && ../../.venv/bin/python -m pytest -p no:cacheprovider -n 2 --dist load --no-skips --ignore test_torch.py -k "not torch")
+  (cd python/tests && pytest -n 2 --dist load --no-skips --ignore test_torch.py -k "not torch")
 }
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 
