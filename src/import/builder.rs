@@ -325,26 +325,12 @@ fn uses(steps: &[Step]) -> Vec<usize> {
     let mut uses = vec![0; steps.len() + 1];
     uses[steps.len()] = 1;
     for step in steps {
-        let mut of = values(step);
+        let mut of: Vec<usize> = step.values().collect();
         of.sort_unstable();
         of.dedup();
         of.into_iter().for_each(|value| uses[value] += 1);
     }
     uses
-}
-
-fn values(step: &Step) -> Vec<usize> {
-    match step {
-        Step::Affine { of, .. }
-        | Step::Elementwise { of, .. }
-        | Step::Standardise { of, .. }
-        | Step::Softmax { of }
-        | Step::Distances { of, .. }
-        | Step::Forest { of, .. } => vec![*of],
-        Step::Combine { of, .. } => of.to_vec(),
-        Step::Select { of } => of.to_vec(),
-        Step::Columns { columns } => columns.iter().map(|[of, _]| *of as usize).collect(),
-    }
 }
 
 /// The steps without one; what takes its value takes `instead`.

@@ -178,7 +178,7 @@ pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Ve
         cover::start_among(rows, cover, &mut inputs, is_free);
     }
     let ranges: Vec<[f64; 2]> = inputs.iter().map(|input| [input.min, input.max]).collect();
-    let is_single = about.is_single && matches!(&map, Map::Network(network) if network.fits_single(&ranges));
+    let is_single = about.is_single && map.fits_single(&ranges);
     let metadata = Metadata {
         precision: if is_single { Precision::Single } else { Precision::Double },
         stop_time: (!has_time).then_some(interface.time.stop),

@@ -47,7 +47,7 @@ impl Activation {
 impl Activation {
     /// The same with functions that keep their digits where they are small: other steps of a graph may divide by them, or take logarithms.
     #[inline(always)]
-    fn with_exact<U: User<f64>>(self, user: U) {
+    pub(crate) fn with_exact<T: Real, U: User<T>>(self, user: U) {
         match self {
             Self::Tanh => user.run::<Tanh>(),
             Self::Sigmoid => user.run::<ExactSigmoid>(),
@@ -57,6 +57,11 @@ impl Activation {
             Self::Sine => user.run::<Sine>(),
             Self::Identity => user.run::<Identity>(),
         }
+    }
+
+    /// Whether networks have the function of graphs.
+    pub(crate) fn is_exact(self) -> bool {
+        !matches!(self, Self::Sigmoid | Self::Silu)
     }
 }
 
@@ -103,30 +108,30 @@ impl<T: Real> Function<T> for Sigmoid {
 
 struct ExactSigmoid;
 
-impl Function<f64> for ExactSigmoid {
+impl<T: Real> Function<T> for ExactSigmoid {
     #[inline(always)]
-    fn value<const SIMD: u8>(x: f64) -> f64 {
-        exact_sigmoid::<SIMD>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        exact_sigmoid::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const SIMD: u8>(x: f64) -> [f64; 3] {
-        let [_, slope, curvature] = sigmoid_series::<f64, SIMD>(x);
-        [exact_sigmoid::<SIMD>(x), slope, curvature]
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        let [_, slope, curvature] = sigmoid_series::<T, SIMD>(x);
+        [exact_sigmoid::<T, SIMD>(x), slope, curvature]
     }
 }
 
 struct ExactSilu;
 
-impl Function<f64> for ExactSilu {
+impl<T: Real> Function<T> for ExactSilu {
     #[inline(always)]
-    fn value<const SIMD: u8>(x: f64) -> f64 {
-        x * exact_sigmoid::<SIMD>(x)
+    fn value<const SIMD: u8>(x: T) -> T {
+        x * exact_sigmoid::<T, SIMD>(x)
     }
 
     #[inline(always)]
-    fn series<const SIMD: u8>(x: f64) -> [f64; 3] {
-        silu_of::<f64, SIMD>(x, ExactSigmoid::series::<SIMD>(x))
+    fn series<const SIMD: u8>(x: T) -> [T; 3] {
+        silu_of::<T, SIMD>(x, ExactSigmoid::series::<SIMD>(x))
     }
 }
 
@@ -211,11 +216,11 @@ pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
 
 /// The same with functions that keep their digits where they are small.
 #[inline(always)]
-pub(crate) fn activate_exactly<const SIMD: u8, const WIDTH: usize>(
+pub(crate) fn activate_exactly<T: Real, const SIMD: u8, const WIDTH: usize>(
     activation: Activation,
-    values: &mut [Lanes<f64, WIDTH>],
+    values: &mut [Lanes<T, WIDTH>],
 ) {
-    activation.with_exact(Activate::<f64, SIMD, WIDTH> { values });
+    activation.with_exact(Activate::<T, SIMD, WIDTH> { values });
 }
 
 struct Activate<'a, T, const SIMD: u8, const WIDTH: usize> {
@@ -279,11 +284,12 @@ fn sigmoid<T: Real, const SIMD: u8>(x: T) -> T {
 ///
 /// With `e = exp(|x|) - 1` it is `1 / (e + 2)` of a negative `x`, else `(e + 1) / (e + 2)`.
 #[inline(always)]
-fn exact_sigmoid<const SIMD: u8>(x: f64) -> f64 {
-    let half = magnitude(0.5 * x, f64::EXP_HALF_MAX);
-    let e = if SIMD != PLAIN { precise_exp_minus_one(half) } else { exp_minus_one::<f64, SIMD>(half) };
-    let share = if x < 0.0 { 1.0 } else { e + 1.0 } / (e + 2.0);
-    if x < -2.0 * f64::EXP_HALF_MAX { 0.0 } else { share }
+fn exact_sigmoid<T: Real, const SIMD: u8>(x: T) -> T {
+    let half = magnitude(T::from(0.5) * x, T::EXP_HALF_MAX);
+    let is_precise = SIMD != PLAIN && !T::IS_SINGLE;
+    let e = if is_precise { precise_exp_minus_one(half) } else { exp_minus_one::<T, SIMD>(half) };
+    let share = if x < T::ZERO { T::ONE } else { e + T::ONE } / (e + 2.0.into());
+    if x < T::from(-2.0) * T::EXP_HALF_MAX { T::ZERO } else { share }
 }
 
 /// `max(0, x)`, NaN for NaN. What is negligible becomes zero.
@@ -323,12 +329,12 @@ fn fused_exp_minus_one<T: Real>(x: T) -> T {
 
 /// As [`fused_exp_minus_one`], up to `EXP_HALF_MAX`: so far off the last digits of `2 log2 e` count.
 #[inline(always)]
-fn precise_exp_minus_one(x: f64) -> f64 {
+fn precise_exp_minus_one<T: Real>(x: T) -> T {
     /// `2 log2 e` minus the double next to it.
     const LOW: f64 = 2.0 * 2.035_527_374_093_103_3e-17;
     let (two_to_k, r) = powers(x);
-    let r = x.mul_add(LOW, r);
-    two_to_k.mul_add(r * exp2_quotient(r), two_to_k - 1.0)
+    let r = x.mul_add(T::narrow(LOW), r);
+    two_to_k.mul_add(r * exp2_quotient(r), two_to_k - T::ONE)
 }
 
 /// `2^k` and `r` of `2 x log2 e = k + r`, `|r| <= 1/2`.
@@ -560,7 +566,8 @@ mod tests {
             // 1 + exp(-|x|) has no digits to lose
             let small = (-x.abs()).exp();
             let expected = if x < 0.0 { small } else { 1.0 } / (1.0 + small);
-            for (found, what) in [(exact_sigmoid::<FUSED>(x), "fused"), (exact_sigmoid::<PLAIN>(x), "plain")] {
+            for (found, what) in [(exact_sigmoid::<f64, FUSED>(x), "fused"), (exact_sigmoid::<f64, PLAIN>(x), "plain")]
+            {
                 assert!((found - expected).abs() <= 1e-15 * expected, "{what} {x}: {found} {expected}");
             }
             let [value, slope, curvature] = ExactSilu::series::<FUSED>(x);
@@ -574,10 +581,10 @@ mod tests {
                 "{x}: {curvature} {second}"
             );
         }
-        assert_eq!(exact_sigmoid::<FUSED>(f64::NEG_INFINITY), 0.0);
-        assert_eq!(exact_sigmoid::<FUSED>(f64::INFINITY), 1.0);
-        assert!(exact_sigmoid::<FUSED>(f64::NAN).is_nan());
-        let logarithm = exact_sigmoid::<FUSED>(-35.0).ln();
+        assert_eq!(exact_sigmoid::<f64, FUSED>(f64::NEG_INFINITY), 0.0);
+        assert_eq!(exact_sigmoid::<f64, FUSED>(f64::INFINITY), 1.0);
+        assert!(exact_sigmoid::<f64, FUSED>(f64::NAN).is_nan());
+        let logarithm = exact_sigmoid::<f64, FUSED>(-35.0).ln();
         assert!((logarithm + 35.0).abs() < 1e-14, "{logarithm}");
     }
 

@@ -19,7 +19,8 @@ pub(crate) enum PreparedMap {
     Double(Scaled<f64, 8>),
     Single(Scaled<f32, 16>),
     Regression(Regression),
-    Graph(PreparedGraph),
+    Graph(PreparedGraph<f64, 8>),
+    SingleGraph(PreparedGraph<f32, 16>),
 }
 
 /// A network laid out, with its scaling.
@@ -35,7 +36,8 @@ pub(crate) enum MapScratch {
     Double(Buffers<f64, 8>),
     Single(Buffers<f32, 16>),
     Regression(RegressionScratch),
-    Graph(GraphScratch),
+    Graph(GraphScratch<f64, 8>),
+    SingleGraph(GraphScratch<f32, 16>),
 }
 
 /// What to compute at a point.
@@ -54,7 +56,10 @@ impl PreparedMap {
         match map {
             Map::Network(network) => Self::of_network(network, precision),
             Map::Regression(regression) => Self::Regression(regression.clone()),
-            Map::Graph(graph) => Self::Graph(PreparedGraph::new(graph)),
+            Map::Graph(graph) => match precision {
+                Precision::Double => Self::Graph(PreparedGraph::new(graph)),
+                Precision::Single => Self::SingleGraph(PreparedGraph::new(graph)),
+            },
         }
     }
 
@@ -71,6 +76,7 @@ impl PreparedMap {
             Self::Single(scaled) => MapScratch::Single(scaled.buffers()),
             Self::Regression(regression) => MapScratch::Regression(regression.scratch()),
             Self::Graph(graph) => MapScratch::Graph(graph.scratch()),
+            Self::SingleGraph(graph) => MapScratch::SingleGraph(graph.scratch()),
         }
     }
 
@@ -114,6 +120,7 @@ impl PreparedMap {
                 Task::Adjoint { weights, gradient } => regression.adjoint(point, weights, gradient, scratch),
             },
             (Self::Graph(graph), MapScratch::Graph(scratch)) => graph.run::<SIMD>(point, task, scratch),
+            (Self::SingleGraph(graph), MapScratch::SingleGraph(scratch)) => graph.run::<SIMD>(point, task, scratch),
             _ => panic!("the scratch belongs to another map"),
         }
     }

@@ -164,10 +164,9 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         }
     }
 
-    /// `W^T y`, `y` padded with anything that is finite.
+    /// Adds `W^T y`, `y` padded with anything that is finite.
     #[inline(always)]
     pub(crate) fn apply_transposed<const SIMD: u8>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
-        output.fill(Lanes::ZERO);
         match self.block {
             WIDE => self.apply_transposed_blocks::<SIMD, WIDE>(input, output),
             _ => self.apply_transposed_blocks::<SIMD, NARROW>(input, output),
@@ -208,12 +207,14 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
 
     /// `W x + b`, or `W x` without `BIAS`; `sums` is working memory of a lane a row.
     #[inline(always)]
-    pub(crate) fn apply<const SIMD: u8, const BIAS: bool>(
+    pub(crate) fn apply<const SIMD: u8, const BIAS: bool, O>(
         &self,
         input: &mut [Lanes<T, WIDTH>],
-        output: &mut [f64],
+        output: &mut [O],
         sums: &mut [Lanes<T, WIDTH>],
-    ) {
+    ) where
+        T: Into<O>,
+    {
         let input = &mut input[..self.lanes];
         // what an earlier evaluation left behind the last column may be NaN, which no weight of zero takes away
         flat_mut(input)[self.inputs..].fill(T::ZERO);
@@ -227,14 +228,13 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         }
     }
 
-    /// `W^T y`
+    /// Adds `W^T y`.
     #[inline(always)]
     pub(crate) fn apply_transposed<const SIMD: u8>(
         &self,
         input: impl Iterator<Item = T>,
         output: &mut [Lanes<T, WIDTH>],
     ) {
-        output.fill(Lanes::ZERO);
         for (y, row) in input.zip(self.weights.chunks_exact(self.lanes)) {
             for (x, w) in output.iter_mut().zip(row) {
                 for (x, w) in x.0.iter_mut().zip(&w.0) {

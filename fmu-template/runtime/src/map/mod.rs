@@ -168,36 +168,16 @@ fn at_rows(map: &PreparedMap, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>
 }
 
 impl ScaledNetwork {
-    /// Whether single precision loses no more than rounding does, for inputs of these ranges: there numbers of layers that are below 1e-15 count as
-    /// zero, as those of networks that were trained on standardised rows may. An output in coulomb, or an input in square metres per second, may
-    /// have weights of that size that matter.
+    /// Whether single precision loses no more than rounding does, for inputs of these ranges.
     pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
-        const SMALL: f64 = <f32 as Real>::NEGLIGIBLE as f64;
-        /// Of the largest term of a sum.
-        const ROUNDING: f64 = 1e-8;
         let Scaling { input_mean, input_scale, .. } = &self.scaling;
         let size = |((range, mean), scale): ((&[f64; 2], &f64), &f64)| {
             range.iter().map(|end| ((end - mean) / scale).abs()).fold(0.0, f64::max)
         };
-        let mut sizes: Vec<f64> = ranges.iter().zip(input_mean).zip(input_scale).map(size).collect();
-        if sizes.iter().any(|size| *size != 0.0 && *size < SMALL / ROUNDING) {
-            return false;
-        }
-        for layer in &self.layers {
-            let weights: Vec<f64> = layer.weight.iter().collect();
-            for (row, bias) in weights.chunks(layer.inputs).zip(layer.bias.iter()) {
-                let terms = row.iter().zip(&sizes).map(|(weight, size)| (*weight, (weight * size).abs()));
-                let terms: Vec<(f64, f64)> = terms.chain([(bias, bias.abs())]).collect();
-                let largest = terms.iter().map(|(_, term)| *term).fold(0.0, f64::max);
-                let is_lost = |(number, term): &(f64, f64)| number.abs() < SMALL && *term > ROUNDING * largest;
-                if terms.iter().any(is_lost) {
-                    return false;
-                }
-            }
-            // most activations are bounded by 1, and the others seldom far from it
-            sizes = vec![1.0; layer.outputs];
-        }
-        true
+        let sizes: Vec<f64> = ranges.iter().zip(input_mean).zip(input_scale).map(size).collect();
+        let mut layers = self.layers.iter();
+        layers.next().is_none_or(|first| fits_single(&first.weight, &first.bias, &sizes))
+            && layers.all(|layer| fits_single(&layer.weight, &layer.bias, &vec![USUAL_SIZE; layer.inputs]))
     }
 
     /// The outputs at each row of columns, in double precision.
@@ -230,6 +210,39 @@ impl ScaledNetwork {
             width = rows;
         }
         Ok(())
+    }
+}
+
+/// Of hidden values: most activations are bounded by it, and the others seldom far from it.
+const USUAL_SIZE: f64 = 1.0;
+
+/// Whether a product with columns of these sizes loses no more in single precision than rounding does: there numbers that are below 1e-15
+/// count as zero, as those of networks that were trained on standardised rows may. An output in coulomb, or an input in square metres per
+/// second, may have weights of that size that matter.
+fn fits_single(weight: &Numbers, bias: &Numbers, sizes: &[f64]) -> bool {
+    const SMALL: f64 = <f32 as Real>::NEGLIGIBLE as f64;
+    /// Of the largest term of a sum.
+    const ROUNDING: f64 = 1e-8;
+    if sizes.iter().any(|size| *size != 0.0 && *size < SMALL / ROUNDING) {
+        return false;
+    }
+    let weights: Vec<f64> = weight.iter().collect();
+    weights.chunks(sizes.len()).zip(bias.iter()).all(|(row, bias)| {
+        let terms = row.iter().zip(sizes).map(|(weight, size)| (*weight, (weight * size).abs()));
+        let terms: Vec<(f64, f64)> = terms.chain([(bias, bias.abs())]).collect();
+        let largest = terms.iter().map(|(_, term)| *term).fold(0.0, f64::max);
+        terms.iter().all(|(number, term)| number.abs() >= SMALL || *term <= ROUNDING * largest)
+    })
+}
+
+impl Map {
+    /// Whether single precision loses no more than rounding does, for inputs of these ranges.
+    pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
+        match self {
+            Self::Network(network) => network.fits_single(ranges),
+            Self::Graph(graph) => graph.fits_single(ranges),
+            Self::Regression(_) => false,
+        }
     }
 }
 

@@ -18,9 +18,9 @@ pub(crate) struct Network<T, const WIDTH: usize> {
 /// Values of a layer with their first and second derivative along a curve.
 #[derive(Clone, Debug)]
 pub(crate) struct Series<T, const WIDTH: usize> {
-    value: Vec<Lanes<T, WIDTH>>,
-    first: Vec<Lanes<T, WIDTH>>,
-    second: Vec<Lanes<T, WIDTH>>,
+    pub(super) value: Vec<Lanes<T, WIDTH>>,
+    pub(super) first: Vec<Lanes<T, WIDTH>>,
+    pub(super) second: Vec<Lanes<T, WIDTH>>,
 }
 
 /// Working memory: the layer at hand, the one after it, and the slopes of all activations.
@@ -36,9 +36,13 @@ pub(crate) struct Buffers<T, const WIDTH: usize> {
 }
 
 impl<T: Real, const WIDTH: usize> Series<T, WIDTH> {
-    fn new(lanes: usize) -> Self {
+    pub(super) fn new(lanes: usize) -> Self {
         let zeros = vec![Lanes::ZERO; lanes];
         Self { value: zeros.clone(), first: zeros.clone(), second: zeros }
+    }
+
+    pub(super) fn lanes(&self) -> usize {
+        self.value.len()
     }
 }
 
@@ -94,7 +98,7 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             layer.apply::<SIMD, true>(current, next, buffers.order, *activation);
             std::mem::swap(current, next);
         }
-        self.last.apply::<SIMD, true>(current, outputs, next);
+        self.last.apply::<SIMD, true, f64>(current, outputs, next);
         if self.last_activation != Activation::Identity {
             outputs.iter_mut().for_each(|y| [*y, ..] = series(self.last_activation, *y));
         }
@@ -120,13 +124,13 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
             activation.with(Pass::<T, SIMD, WIDTH> { series: next, lanes: layer.lanes() });
             std::mem::swap(current, next);
         }
-        self.last.apply::<SIMD, false>(&mut current.first, first, &mut next.first);
+        self.last.apply::<SIMD, false, f64>(&mut current.first, first, &mut next.first);
         // not in a closure, which would not be compiled with the caller's instruction set
         if let Some(second) = second.as_deref_mut() {
-            self.last.apply::<SIMD, false>(&mut current.second, second, &mut next.second);
+            self.last.apply::<SIMD, false, f64>(&mut current.second, second, &mut next.second);
         }
         if self.last_activation != Activation::Identity {
-            self.last.apply::<SIMD, true>(&mut current.value, last, &mut next.value);
+            self.last.apply::<SIMD, true, f64>(&mut current.value, last, &mut next.value);
             pass_last(self.last_activation, last, first, second);
         }
     }
@@ -144,13 +148,15 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
         if self.last_activation == Activation::Identity {
             last.fill(1.0);
         } else {
-            self.last.apply::<SIMD, true>(current, last, next);
+            self.last.apply::<SIMD, true, f64>(current, last, next);
             last.iter_mut().for_each(|y| [_, *y, _] = series(self.last_activation, *y));
         }
         let weights = weights.zip(&*last).map(|(weight, slope)| T::narrow(weight * slope));
+        current.fill(Lanes::ZERO);
         self.last.apply_transposed::<SIMD>(weights, current);
         for ((layer, _), slopes) in self.hidden.iter().zip(&*slopes).rev() {
             flat_mut(current).iter_mut().zip(flat(slopes)).for_each(|(x, &slope)| *x = *x * slope);
+            next.fill(Lanes::ZERO);
             layer.apply_transposed::<SIMD>(&current[..layer.lanes()], next);
             std::mem::swap(current, next);
         }
@@ -158,9 +164,9 @@ impl<T: Real, const WIDTH: usize> Network<T, WIDTH> {
 }
 
 /// Passes the first `lanes` of a series through an activation.
-struct Pass<'a, T, const SIMD: u8, const WIDTH: usize> {
-    series: &'a mut Series<T, WIDTH>,
-    lanes: usize,
+pub(super) struct Pass<'a, T, const SIMD: u8, const WIDTH: usize> {
+    pub(super) series: &'a mut Series<T, WIDTH>,
+    pub(super) lanes: usize,
 }
 
 impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Pass<'_, T, SIMD, WIDTH> {
@@ -176,9 +182,9 @@ impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Pass<'_, T, SIMD, 
 }
 
 /// Replaces values by the activation of them and notes its slopes.
-struct Record<'a, T, const SIMD: u8, const WIDTH: usize> {
-    values: &'a mut [Lanes<T, WIDTH>],
-    slopes: &'a mut [Lanes<T, WIDTH>],
+pub(super) struct Record<'a, T, const SIMD: u8, const WIDTH: usize> {
+    pub(super) values: &'a mut [Lanes<T, WIDTH>],
+    pub(super) slopes: &'a mut [Lanes<T, WIDTH>],
 }
 
 impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Record<'_, T, SIMD, WIDTH> {

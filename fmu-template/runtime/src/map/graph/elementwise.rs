@@ -84,6 +84,12 @@ impl Elementwise {
         }
     }
 
+    /// Whether it is continuous, and of slopes that are seldom far from 1.
+    pub(super) fn is_smooth(self) -> bool {
+        let is_steep = matches!(self, Self::Exponential | Self::Logarithm | Self::Reciprocal | Self::Power);
+        !is_steep && !matches!(self, Self::ThresholdedRelu | Self::Single | Self::Positive)
+    }
+
     /// `f(x)` with its parameters; those that it does not have are not looked at.
     pub fn value(self, x: f64, parameters: [f64; 2]) -> f64 {
         self.series(x, parameters)[0]

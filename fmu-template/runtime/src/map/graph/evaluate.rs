@@ -1,147 +1,135 @@
 //! A graph laid out for evaluation: its value, and its exact derivatives.
+//!
+//! Every task is one or two passes over the steps. Outputs take the value of each; derivatives along a curve take the derivatives with it;
+//! `J^T weights` takes the values and the slopes of activations first, and then goes back from the last step to the columns.
 
-use super::{Elementwise, Graph, Operation, Step};
+use super::{Elementwise, Graph, Step, other::OtherStep};
 use crate::{
     map::{
         Activation, Layer,
         activation::activate_exactly,
         evaluate::Task,
-        jet::{Jet, Number},
-        layers::{Dense, Order},
-        regression::Forest,
+        layers::{Dense, Order, Rows},
+        network::{Pass, Record, Series},
     },
-    simd::{Lanes, flat, flat_mut},
+    simd::{Lanes, Real, flat, flat_mut},
 };
 
-/// Numbers of a vector register.
-const WIDTH: usize = 8;
-
-/// The steps of a [`Graph`], and the lengths of all values.
+/// The steps of a [`Graph`] in the order of their evaluation, and the lengths of all values.
 #[derive(Clone, Debug)]
-pub(crate) struct PreparedGraph {
-    steps: Vec<Prepared>,
+pub(crate) struct PreparedGraph<T, const WIDTH: usize> {
+    steps: Vec<Prepared<T, WIDTH>>,
     widths: Vec<usize>,
 }
 
+/// A step, and the number of the value that it makes.
 #[derive(Clone, Debug)]
-enum Prepared {
-    Affine { of: usize, layer: Dense<f64, WIDTH> },
-    Elementwise { of: usize, function: Elementwise, parameters: Vec<f64> },
-    Combine { of: [usize; 2], operation: Operation },
-    Select { of: [usize; 3] },
-    Columns { columns: Vec<[u32; 2]> },
-    Standardise { of: usize, epsilon: f64 },
-    Softmax { of: usize },
-    Distances { of: usize, centres: Vec<f64>, inverse_lengths: Vec<f64> },
-    Forest { of: usize, forest: Forest },
+struct Prepared<T, const WIDTH: usize> {
+    to: usize,
+    kind: Kind<T, WIDTH>,
+}
+
+#[derive(Clone, Debug)]
+enum Kind<T, const WIDTH: usize> {
+    /// An activation of `W x + b`: two steps, if nothing else needs what is between them.
+    Dense { of: usize, product: Product<T, WIDTH>, activation: Activation },
+    /// An activation of a value.
+    Activate { of: usize, activation: Activation },
+    /// A step that is not compiled once for each instruction set.
+    Other(OtherStep),
+}
+
+/// `W x + b`, laid out for many or for few rows.
+#[derive(Clone, Debug)]
+enum Product<T, const WIDTH: usize> {
+    Many(Dense<T, WIDTH>),
+    Few(Rows<T, WIDTH>),
 }
 
 /// Working memory of one evaluation at a time: all values.
 #[derive(Clone, Debug)]
-pub(crate) struct GraphScratch {
-    values: Vec<Series>,
+pub(crate) struct GraphScratch<T, const WIDTH: usize> {
+    /// With their derivatives along a curve; for an adjoint derivative with the slopes of activations as the first, and with the
+    /// derivatives of the weighted outputs as the second.
+    values: Vec<Series<T, WIDTH>>,
+    /// A sum for each of few rows.
+    sums: Vec<Lanes<T, WIDTH>>,
+    /// Order of the next evaluation.
+    order: Order,
 }
 
-/// A value with its first and second derivative along a curve.
-#[derive(Clone, Debug)]
-struct Series {
-    value: Vec<Lanes<f64, WIDTH>>,
-    first: Vec<Lanes<f64, WIDTH>>,
-    second: Vec<Lanes<f64, WIDTH>>,
+/// What a pass from the columns to the outputs takes beside the values.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Forward {
+    Values,
+    First,
+    Second,
+    Slopes,
 }
 
-/// What a graph is evaluated in: plain numbers, or numbers with their derivatives.
-trait Cell: Number {
-    const HAS_DERIVATIVES: bool;
-    fn load(from: &Series, index: usize) -> Self;
-    fn store(self, to: &mut Series, index: usize);
-    /// A function of it, of which the value and the derivatives at a number are given.
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self;
-}
+/// For how many rows a product has its columns in vectors, not its rows.
+const FEW: usize = 8;
 
-impl Cell for f64 {
-    const HAS_DERIVATIVES: bool = false;
-
-    #[inline(always)]
-    fn load(from: &Series, index: usize) -> Self {
-        flat(&from.value)[index]
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut Series, index: usize) {
-        flat_mut(&mut to.value)[index] = self;
-    }
-
-    #[inline(always)]
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self {
-        series(self)[0]
-    }
-}
-
-impl Cell for Jet {
-    const HAS_DERIVATIVES: bool = true;
-
-    #[inline(always)]
-    fn load(from: &Series, index: usize) -> Self {
-        let [value, first, second] = [&from.value, &from.first, &from.second].map(|of| flat(of)[index]);
-        Self { value, first, second }
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut Series, index: usize) {
-        flat_mut(&mut to.value)[index] = self.value;
-        flat_mut(&mut to.first)[index] = self.first;
-        flat_mut(&mut to.second)[index] = self.second;
-    }
-
-    #[inline(always)]
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self {
-        let [value, slope, curvature] = series(self.value);
-        let Self { first, second, .. } = self;
-        Self { value, first: slope * first, second: slope * second + curvature * first * first }
-    }
-}
-
-impl PreparedGraph {
+impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     /// # Panics
     /// If [`Graph::check`] fails.
     pub(crate) fn new(graph: &Graph) -> Self {
         let widths = graph.widths().expect("a checked graph");
-        let prepared = |step: &Step| match step {
-            Step::Affine { of, weight, bias } => {
-                let (inputs, outputs) = (widths[*of], bias.len());
-                let (weight, bias, activation) = (weight.clone(), bias.clone(), Activation::Identity);
-                let layer = Dense::new(&Layer { inputs, outputs, weight, bias, activation });
-                Prepared::Affine { of: *of, layer }
+        let mut uses = vec![0usize; widths.len()];
+        graph.steps.iter().for_each(|step| step.values().for_each(|of| uses[of] += 1));
+        // the steps that are part of an activation behind them
+        let mut is_fused = vec![false; graph.steps.len()];
+        for step in &graph.steps {
+            if let Step::Elementwise { of, function: Elementwise::Activation(_), .. } = step
+                && let Some(before) = of.checked_sub(1)
+                && matches!(graph.steps[before], Step::Affine { .. })
+                && uses[*of] == 1
+            {
+                is_fused[before] = true;
             }
-            Step::Elementwise { of, function, parameters } => {
-                Prepared::Elementwise { of: *of, function: *function, parameters: parameters.clone() }
-            }
-            Step::Combine { of, operation } => Prepared::Combine { of: *of, operation: *operation },
-            Step::Select { of } => Prepared::Select { of: *of },
-            Step::Columns { columns } => Prepared::Columns { columns: columns.clone() },
-            Step::Standardise { of, epsilon } => Prepared::Standardise { of: *of, epsilon: *epsilon },
-            Step::Softmax { of } => Prepared::Softmax { of: *of },
-            Step::Distances { of, centres, lengths } => Prepared::Distances {
-                of: *of,
-                centres: centres.clone(),
-                inverse_lengths: lengths.iter().map(|length| 1.0 / length).collect(),
-            },
-            Step::Forest { of, forest, .. } => Prepared::Forest { of: *of, forest: forest.clone() },
+        }
+        let product = |of: usize, step: &Step, activation| {
+            let Step::Affine { weight, bias, .. } = step else { unreachable!("a product is made of an affine step") };
+            let (weight, bias) = (weight.clone(), bias.clone());
+            let layer =
+                Layer { inputs: widths[of], outputs: bias.len(), weight, bias, activation: Activation::Identity };
+            let is_few = layer.outputs <= FEW;
+            let product = if is_few { Product::Few(Rows::new(&layer)) } else { Product::Many(Dense::new(&layer)) };
+            Kind::Dense { of, product, activation }
         };
-        Self { steps: graph.steps.iter().map(prepared).collect(), widths }
+        let prepared = |(number, step): (usize, &Step)| {
+            let kind = match step {
+                Step::Affine { of, .. } => product(*of, step, Activation::Identity),
+                Step::Elementwise { of, function: Elementwise::Activation(activation), .. } => {
+                    match of.checked_sub(1).filter(|before| is_fused[*before]).map(|before| &graph.steps[before]) {
+                        Some(affine @ Step::Affine { of, .. }) => product(*of, affine, *activation),
+                        _ => Kind::Activate { of: *of, activation: *activation },
+                    }
+                }
+                other => Kind::Other(OtherStep::new(other)),
+            };
+            Prepared { to: number + 1, kind }
+        };
+        let kept = graph.steps.iter().enumerate().filter(|(number, _)| !is_fused[*number]);
+        Self { steps: kept.map(prepared).collect(), widths }
     }
 
-    pub(crate) fn scratch(&self) -> GraphScratch {
-        let lanes = |value: usize| match value.checked_sub(1).map(|step| &self.steps[step]) {
-            Some(Prepared::Affine { layer, .. }) => layer.lanes(),
-            _ => self.widths[value].div_ceil(WIDTH),
-        };
-        let series = |value| {
-            let zeros = vec![Lanes::ZERO; lanes(value)];
-            Series { value: zeros.clone(), first: zeros.clone(), second: zeros }
-        };
-        GraphScratch { values: (0..self.widths.len()).map(series).collect() }
+    pub(crate) fn scratch(&self) -> GraphScratch<T, WIDTH> {
+        let mut values = vec![Series::new(0); self.widths.len()];
+        values[0] = Series::new(self.widths[0].div_ceil(WIDTH));
+        let mut rows = 0;
+        for Prepared { to, kind } in &self.steps {
+            let lanes = match kind {
+                Kind::Dense { product: Product::Many(dense), .. } => dense.lanes(),
+                Kind::Activate { of, .. } => values[*of].lanes(),
+                _ => self.widths[*to].div_ceil(WIDTH),
+            };
+            values[*to] = Series::new(lanes);
+            if let Kind::Dense { product: Product::Few(few), .. } = kind {
+                rows = rows.max(few.outputs());
+            }
+        }
+        GraphScratch { values, sums: vec![Lanes::ZERO; rows], order: Order::Forward }
     }
 
     /// Does a task at a point. Does not allocate.
@@ -149,177 +137,179 @@ impl PreparedGraph {
     /// # Panics
     /// If the scratch belongs to another graph.
     #[inline(always)]
-    pub(crate) fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut GraphScratch) {
-        let values = &mut scratch.values;
-        flat_mut(&mut values[0].value)[..self.widths[0]].copy_from_slice(point);
-        let mut task = match task {
-            Task::Outputs(outputs) => {
-                self.forward::<SIMD, f64>(values);
-                outputs.copy_from_slice(&flat(&self.last(values).value)[..outputs.len()]);
-                return;
+    pub(crate) fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut GraphScratch<T, WIDTH>) {
+        load(&mut scratch.values[0].value, point, self.widths[0]);
+        let forward = match &task {
+            Task::Outputs(_) => Forward::Values,
+            Task::Series { rates, second, .. } => {
+                let Series { first: velocity, second: change, .. } = &mut scratch.values[0];
+                load(velocity, rates[0], self.widths[0]);
+                load(change, rates[1], self.widths[0]);
+                if second.is_some() { Forward::Second } else { Forward::First }
             }
-            derivatives => derivatives,
+            Task::Adjoint { .. } => Forward::Slopes,
         };
-        let columns = &mut values[0];
-        let (rates, passes) = match &task {
-            Task::Series { rates, .. } => (*rates, 1),
-            Task::Adjoint { gradient, .. } => ([&[] as &[f64]; 2], gradient.len()),
-            Task::Outputs(_) => ([&[] as &[f64]; 2], 0),
-        };
-        for (to, rates) in [&mut columns.first, &mut columns.second].into_iter().zip(rates) {
-            flat_mut(to).fill(0.0);
-            flat_mut(to)[..rates.len()].copy_from_slice(rates);
+        // in one place for all, as it is compiled for each instruction set
+        self.forward::<SIMD>(forward, scratch);
+        if let Task::Adjoint { weights, .. } = &task {
+            scratch.values.iter_mut().for_each(|value| value.second.fill(Lanes::ZERO));
+            let last = self.last();
+            load(&mut scratch.values[last].second, weights, weights.len());
+            self.backward::<SIMD>(&mut scratch.values);
         }
-        // in one place for both, as it is compiled for each instruction set
-        for pass in 0..passes {
-            if let Task::Adjoint { .. } = task {
-                // along one column after the other
-                let along = flat_mut(&mut values[0].first);
-                along.fill(0.0);
-                along[pass] = 1.0;
+        let last = &scratch.values[self.last()];
+        match task {
+            Task::Outputs(outputs) => store(&last.value, outputs),
+            Task::Series { first, second, .. } => {
+                store(&last.first, first);
+                second.into_iter().for_each(|second| store(&last.second, second));
             }
-            self.forward::<SIMD, Jet>(values);
-            let Series { first: found, second: bent, .. } = self.last(values);
-            match &mut task {
-                Task::Series { first, second, .. } => {
-                    first.copy_from_slice(&flat(found)[..first.len()]);
-                    if let Some(second) = second {
-                        second.copy_from_slice(&flat(bent)[..second.len()]);
-                    }
-                }
-                Task::Adjoint { weights, gradient } => {
-                    gradient[pass] = weights.iter().zip(flat(found)).map(|(weight, first)| weight * first).sum();
-                }
-                Task::Outputs(_) => {}
-            }
+            Task::Adjoint { gradient, .. } => store(&scratch.values[0].second, gradient),
         }
+        scratch.order.reverse();
     }
 
-    fn last<'a>(&self, values: &'a [Series]) -> &'a Series {
-        &values[self.steps.len()]
+    fn last(&self) -> usize {
+        self.widths.len() - 1
     }
 
     #[inline(always)]
-    fn forward<const SIMD: u8, N: Cell>(&self, values: &mut [Series]) {
-        for (number, step) in self.steps.iter().enumerate() {
-            let (before, after) = values.split_at_mut(number + 1);
+    fn forward<const SIMD: u8>(
+        &self,
+        forward: Forward,
+        GraphScratch { values, sums, order }: &mut GraphScratch<T, WIDTH>,
+    ) {
+        let linear = (*order, Activation::Identity);
+        for Prepared { to, kind } in &self.steps {
+            let width = self.widths[*to];
+            let (before, after) = values.split_at_mut(*to);
             let to = &mut after[0];
-            match step {
-                Prepared::Affine { of, layer } => affine::<SIMD, N>(layer, &before[*of], to),
-                Prepared::Elementwise { of, function: Elementwise::Activation(activation), .. }
-                    if !N::HAS_DERIVATIVES =>
-                {
-                    let lanes = to.value.len();
-                    to.value.copy_from_slice(&before[*of].value[..lanes]);
-                    activate_exactly::<SIMD, WIDTH>(*activation, &mut to.value);
+            match kind {
+                Kind::Dense { of, product, activation } => {
+                    let from = &mut before[*of];
+                    // block by block, while the next one is computed, if it may be the function of networks
+                    let at_once = forward == Forward::Values && activation.is_exact();
+                    let first = if at_once { *activation } else { Activation::Identity };
+                    product.apply::<SIMD, true>(&mut from.value, &mut to.value, (*order, first), sums);
+                    if matches!(forward, Forward::First | Forward::Second) {
+                        product.apply::<SIMD, false>(&mut from.first, &mut to.first, linear, sums);
+                    }
+                    if forward == Forward::Second {
+                        product.apply::<SIMD, false>(&mut from.second, &mut to.second, linear, sums);
+                    }
+                    if *activation != first {
+                        activate::<T, SIMD, WIDTH>(*activation, forward, to);
+                    } else if forward == Forward::Slopes {
+                        to.first.fill(Lanes([T::ONE; WIDTH]));
+                    }
                 }
-                other => self.other::<N>(other, before, to, self.widths[number + 1]),
+                Kind::Activate { of, activation } => {
+                    let from = &before[*of];
+                    to.value.copy_from_slice(&from.value);
+                    if matches!(forward, Forward::First | Forward::Second) {
+                        to.first.copy_from_slice(&from.first);
+                        to.second.copy_from_slice(&from.second);
+                    }
+                    activate::<T, SIMD, WIDTH>(*activation, forward, to);
+                }
+                Kind::Other(step) => {
+                    if matches!(forward, Forward::First | Forward::Second) {
+                        step.series(before, to, width);
+                    } else {
+                        step.value(before, to, width);
+                    }
+                }
             }
         }
     }
 
-    /// Steps that are not compiled once for each instruction set: FMUs stay small.
-    #[inline(never)]
-    fn other<N: Cell>(&self, step: &Prepared, before: &[Series], to: &mut Series, width: usize) {
-        match step {
-            Prepared::Affine { .. } => unreachable!("a product of its own for each instruction set"),
-            Prepared::Elementwise { of, function, parameters } => {
-                elementwise::<N>((*function, parameters), &before[*of], to, width);
+    /// Adds to what the values before each step have as derivatives of the weighted outputs, last step first.
+    #[inline(always)]
+    fn backward<const SIMD: u8>(&self, values: &mut [Series<T, WIDTH>]) {
+        for Prepared { to, kind } in self.steps.iter().rev() {
+            let width = self.widths[*to];
+            let (before, after) = values.split_at_mut(*to);
+            let Series { value, first: slopes, second: change } = &mut after[0];
+            // a slope where nothing goes on may be infinite
+            if flat(change)[..width].iter().all(|change| *change == T::ZERO) {
+                continue;
             }
-            Prepared::Combine { of: [a, b], operation } => {
-                let (a, b) = (&before[*a], &before[*b]);
-                (0..width).for_each(|i| combine(*operation, N::load(a, i), N::load(b, i)).store(to, i));
-            }
-            Prepared::Select { of } => {
-                let [condition, a, b] = of.map(|of| &before[of]);
-                let conditions = flat(&condition.value)[..width].iter().enumerate();
-                conditions.for_each(|(i, condition)| N::load(if *condition > 0.0 { a } else { b }, i).store(to, i));
-            }
-            Prepared::Columns { columns } => {
-                let column = |[of, column]: &[u32; 2]| N::load(&before[*of as usize], *column as usize);
-                columns.iter().enumerate().for_each(|(i, from)| column(from).store(to, i));
-            }
-            Prepared::Standardise { of, epsilon } => standardise::<N>(*epsilon, &before[*of], to, width),
-            Prepared::Softmax { of } => softmax::<N>(&before[*of], to, width),
-            Prepared::Distances { of, centres, inverse_lengths } => {
-                distances::<N>((centres, inverse_lengths), &before[*of], to);
-            }
-            Prepared::Forest { of, forest } => {
-                let inputs = &flat(&before[*of].value)[..self.widths[*of]];
-                forest.evaluate(inputs, &mut flat_mut(&mut to.value)[..width]);
-                if N::HAS_DERIVATIVES {
-                    flat_mut(&mut to.first).fill(0.0);
-                    flat_mut(&mut to.second).fill(0.0);
+            if !matches!(kind, Kind::Other(_)) {
+                for (change, slope) in flat_mut(change).iter_mut().zip(flat(slopes)) {
+                    *change = if *change == T::ZERO { T::ZERO } else { *change * *slope };
                 }
+            }
+            match kind {
+                Kind::Dense { of, product, .. } => {
+                    product.apply_transposed::<SIMD>(change, &mut before[*of].second);
+                }
+                Kind::Activate { of, .. } => {
+                    let sums = flat_mut(&mut before[*of].second).iter_mut();
+                    sums.zip(flat(change)).for_each(|(sum, change)| *sum = *sum + *change);
+                }
+                Kind::Other(step) => step.adjoint(before, value, change, width),
             }
         }
     }
 }
 
+/// Passes a value through an activation, with what the pass takes beside it.
 #[inline(always)]
-fn affine<const SIMD: u8, N: Cell>(layer: &Dense<f64, WIDTH>, from: &Series, to: &mut Series) {
-    let (order, linear) = (Order::Forward, Activation::Identity);
-    layer.apply::<SIMD, true>(&from.value, &mut to.value, order, linear);
-    if N::HAS_DERIVATIVES {
-        layer.apply::<SIMD, false>(&from.first, &mut to.first, order, linear);
-        layer.apply::<SIMD, false>(&from.second, &mut to.second, order, linear);
+fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
+    activation: Activation,
+    forward: Forward,
+    to: &mut Series<T, WIDTH>,
+) {
+    match forward {
+        Forward::Values => activate_exactly::<T, SIMD, WIDTH>(activation, &mut to.value),
+        Forward::First | Forward::Second => {
+            let lanes = to.lanes();
+            activation.with_exact(Pass::<T, SIMD, WIDTH> { series: to, lanes });
+        }
+        Forward::Slopes => {
+            activation.with_exact(Record::<T, SIMD, WIDTH> { values: &mut to.value, slopes: &mut to.first });
+        }
     }
 }
 
-fn elementwise<N: Cell>((function, parameters): (Elementwise, &[f64]), from: &Series, to: &mut Series, width: usize) {
-    let count = function.parameters();
-    // one for all, or one for each
-    let stride = usize::from(parameters.len() > count) * width;
-    let places = if stride == 0 { [0, 1] } else { [0, stride] };
-    for i in 0..width {
-        let of_number = if stride == 0 { 0 } else { i };
-        let p = places.map(|place| parameters.get(place + of_number).copied().unwrap_or(0.0));
-        N::load(from, i).through(|x| function.series(x, p)).store(to, i);
+/// Takes numbers, and zeros where there are none.
+fn load<T: Real, const WIDTH: usize>(to: &mut [Lanes<T, WIDTH>], from: &[f64], width: usize) {
+    let to = flat_mut(to);
+    to[from.len()..].fill(T::ZERO);
+    to[..width].iter_mut().zip(from).for_each(|(to, from)| *to = T::narrow(*from));
+}
+
+fn store<T: Real, const WIDTH: usize>(from: &[Lanes<T, WIDTH>], to: &mut [f64]) {
+    to.iter_mut().zip(flat(from)).for_each(|(to, from)| *to = (*from).into());
+}
+
+impl<T: Real, const WIDTH: usize> Product<T, WIDTH> {
+    /// The activation of `W x + b`, or of `W x` without `BIAS`.
+    #[inline(always)]
+    fn apply<const SIMD: u8, const BIAS: bool>(
+        &self,
+        from: &mut [Lanes<T, WIDTH>],
+        to: &mut [Lanes<T, WIDTH>],
+        (order, activation): (Order, Activation),
+        sums: &mut [Lanes<T, WIDTH>],
+    ) {
+        match self {
+            Self::Many(dense) => dense.apply::<SIMD, BIAS>(from, to, order, activation),
+            Self::Few(rows) => {
+                rows.apply::<SIMD, BIAS, T>(from, flat_mut(to), sums);
+                if activation != Activation::Identity {
+                    activate_exactly::<T, SIMD, WIDTH>(activation, to);
+                }
+            }
+        }
     }
-}
 
-#[inline]
-fn combine<N: Cell>(operation: Operation, a: N, b: N) -> N {
-    match operation {
-        Operation::Add => a + b,
-        Operation::Subtract => a - b,
-        Operation::Multiply => a * b,
-        Operation::Divide => a * b.recip(),
-        Operation::Maximum if b.value() > a.value() => b,
-        Operation::Minimum if b.value() < a.value() => b,
-        Operation::Maximum | Operation::Minimum => a,
-    }
-}
-
-fn standardise<N: Cell>(epsilon: f64, from: &Series, to: &mut Series, width: usize) {
-    let share = 1.0 / width as f64;
-    let mean = (0..width).fold(N::from(0.0), |sum, i| sum + N::load(from, i)).scaled(share);
-    let square = |difference: N| difference * difference;
-    let variance = (0..width).fold(N::from(0.0), |sum, i| sum + square(N::load(from, i) - mean)).scaled(share);
-    let inverse = (variance + N::from(epsilon)).through(|x| Elementwise::Power.series(x, [-0.5, 0.0]));
-    (0..width).for_each(|i| ((N::load(from, i) - mean) * inverse).store(to, i));
-}
-
-fn softmax<N: Cell>(from: &Series, to: &mut Series, width: usize) {
-    // the same for all, so that nothing overflows
-    let largest = flat(&from.value)[..width].iter().fold(f64::NEG_INFINITY, |largest, x| largest.max(*x));
-    let mut sum = N::from(0.0);
-    for i in 0..width {
-        let power = (N::load(from, i) - N::from(largest)).exp();
-        power.store(to, i);
-        sum = sum + power;
-    }
-    let inverse = sum.recip();
-    (0..width).for_each(|i| (N::load(to, i) * inverse).store(to, i));
-}
-
-fn distances<N: Cell>((centres, inverse_lengths): (&[f64], &[f64]), from: &Series, to: &mut Series) {
-    for (index, centre) in centres.chunks_exact(inverse_lengths.len()).enumerate() {
-        let columns = centre.iter().zip(inverse_lengths).enumerate();
-        let sum = columns.fold(N::from(0.0), |sum, (i, (centre, inverse))| {
-            let distance = (N::load(from, i) - N::from(*centre)).scaled(*inverse);
-            sum + distance * distance
-        });
-        sum.store(to, index);
+    /// Adds `W^T y`.
+    #[inline(always)]
+    fn apply_transposed<const SIMD: u8>(&self, from: &[Lanes<T, WIDTH>], to: &mut [Lanes<T, WIDTH>]) {
+        match self {
+            Self::Many(dense) => dense.apply_transposed::<SIMD>(from, to),
+            Self::Few(rows) => rows.apply_transposed::<SIMD>(flat(from)[..rows.outputs()].iter().copied(), to),
+        }
     }
 }

@@ -2,17 +2,18 @@
 
 mod elementwise;
 mod evaluate;
+mod other;
 mod tensors;
 #[cfg(test)]
 mod tests;
 
-use super::{Numbers, expect_finite, expect_positive, expect_shape, regression::Forest};
+use super::{Numbers, USUAL_SIZE, expect_finite, expect_positive, expect_shape, fits_single, regression::Forest};
 use crate::FormatError;
 pub use elementwise::Elementwise;
 pub(crate) use evaluate::{GraphScratch, PreparedGraph};
 
 /// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
-/// value is the outputs. It is computed in double precision, with exact derivatives.
+/// value is the outputs. Derivatives are exact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Graph {
     /// Number of input columns.
@@ -133,6 +134,29 @@ impl Graph {
         Ok(widths)
     }
 
+    /// Whether single precision loses no more than rounding does, for inputs of these ranges: no input is large beside its range, and no
+    /// step divides, chooses or compares, where a rounded number may make a large difference.
+    pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
+        /// Size of an input for each unit of its range.
+        const FAR: f64 = 16.0;
+        let size = |[min, max]: &[f64; 2]| min.abs().max(max.abs());
+        if ranges.iter().any(|range| range[0] < range[1] && size(range) > FAR * (range[1] - range[0])) {
+            return false;
+        }
+        let Ok(widths) = self.widths() else { return false };
+        let sizes = |of: usize| match of {
+            0 => ranges.iter().map(size).collect(),
+            _ => vec![USUAL_SIZE; widths[of]],
+        };
+        self.steps.iter().all(|step| match step {
+            Step::Affine { of, weight, bias } => fits_single(weight, bias, &sizes(*of)),
+            Step::Elementwise { function, .. } => function.is_smooth(),
+            Step::Combine { operation, .. } => *operation != Operation::Divide,
+            Step::Columns { .. } | Step::Standardise { .. } | Step::Softmax { .. } => true,
+            Step::Select { .. } | Step::Distances { .. } | Step::Forest { .. } => false,
+        })
+    }
+
     /// Makes sure that lengths fit so many columns and outputs, and that every number is finite.
     pub(crate) fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
         if self.steps.is_empty() {
@@ -145,6 +169,22 @@ impl Graph {
 }
 
 impl Step {
+    /// Numbers of the values that it takes, each as often as it does.
+    pub fn values(&self) -> impl Iterator<Item = usize> + '_ {
+        let (few, columns): (&[usize], &[[u32; 2]]) = match self {
+            Self::Affine { of, .. }
+            | Self::Elementwise { of, .. }
+            | Self::Standardise { of, .. }
+            | Self::Softmax { of }
+            | Self::Distances { of, .. }
+            | Self::Forest { of, .. } => (std::slice::from_ref(of), &[]),
+            Self::Combine { of, .. } => (of, &[]),
+            Self::Select { of } => (of, &[]),
+            Self::Columns { columns } => (&[], columns),
+        };
+        few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
+    }
+
     /// Length of what the step makes, of the values before it; every number of it is checked.
     fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
         let name = |what: &str| format!("graph.{number}.{what}");

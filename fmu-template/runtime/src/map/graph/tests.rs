@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    Activation, Evaluator, Map, Model, Surrogate, example,
+    Activation, Evaluator, Map, Metadata, Model, Precision, Surrogate, example,
     map::regression::{LEAF, Node, Tree},
 };
 
@@ -104,6 +104,111 @@ fn derivatives_are_those_of_differences() {
     let by_rows: f64 = gradient.iter().zip(rates).map(|(slope, rate)| slope * rate).sum();
     let by_columns: f64 = directional.iter().zip(weights).map(|(slope, weight)| slope * weight).sum();
     assert!((by_rows - by_columns).abs() < 1e-13, "{by_rows} {by_columns}");
+}
+
+/// `J^T weights` column by column, from directional derivatives.
+fn by_columns(evaluator: &Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
+    let mut scratch = evaluator.scratch();
+    let column = |column: usize| {
+        let (mut direction, mut derivative) = (vec![0.0; point.len()], vec![0.0; weights.len()]);
+        direction[column] = 1.0;
+        evaluator.directional(point, &direction, &mut derivative, &mut scratch);
+        derivative.iter().zip(weights).map(|(slope, weight)| slope * weight).sum()
+    };
+    (0..point.len()).map(column).collect()
+}
+
+fn gradient(evaluator: &Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
+    let mut gradient = vec![f64::NAN; point.len()];
+    evaluator.adjoint(point, weights, &mut gradient, &mut evaluator.scratch());
+    gradient
+}
+
+#[test]
+fn adjoint_derivatives_are_those_of_each_column() {
+    let (point, weights) = ([0.16, 1.1, 1.3], [0.8, -1.7]);
+    let columns = |of: [u32; 2]| Step::Columns { columns: of.map(|column| [0, column]).to_vec() };
+    let mut graphs = vec![graph()];
+    for operation in Operation::ALL {
+        let steps = vec![columns([0, 1]), columns([1, 2]), Step::Combine { of: [1, 2], operation }];
+        graphs.push(Graph { inputs: 3, steps: [steps, vec![Step::Combine { of: [3, 1], operation }]].concat() });
+        let squared = Step::Combine { of: [1, 1], operation };
+        graphs.push(Graph { inputs: 3, steps: vec![columns([2, 0]), squared] });
+    }
+    for function in Elementwise::ALL {
+        let parameters = [0.9, 1.2][..function.parameters()].to_vec();
+        let of = |of| Step::Elementwise { of, function, parameters: parameters.clone() };
+        // of what has one use, of what has another, and of columns
+        let affine =
+            |of, weight: &[f64]| Step::Affine { of, weight: weight.to_vec().into(), bias: vec![1.3, 1.1].into() };
+        let first = affine(0, &[0.5, 0.2, 0.7, 0.4, 0.3, 0.1]);
+        let sum = Step::Combine { of: [4, 1], operation: Operation::Multiply };
+        let steps = vec![first, of(1), affine(2, &[0.7, 0.2, 0.1, 0.6]), of(3), sum];
+        graphs.push(Graph { inputs: 3, steps });
+    }
+    for graph in graphs {
+        let evaluator = Evaluator::new(&surrogate(graph.clone()));
+        let (found, expected) = (gradient(&evaluator, &point, &weights), by_columns(&evaluator, &point, &weights));
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-13 * expected.abs().max(1.0), "{found} {expected}: {graph:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_not_chosen_adds_nothing_to_an_adjoint_derivative() {
+    let of = |of, function, parameters: &[f64]| Step::Elementwise { of, function, parameters: parameters.to_vec() };
+    let steps = vec![
+        Step::Columns { columns: vec![[0, 0], [0, 1]] },
+        of(1, Elementwise::Power, &[0.5]),
+        of(1, Elementwise::Logarithm, &[]),
+        Step::Combine { of: [2, 3], operation: Operation::Multiply },
+        Step::Select { of: [1, 4, 1] },
+    ];
+    let evaluator = Evaluator::new(&surrogate(Graph { inputs: 3, steps }));
+    for point in [[-0.5, 1.1, 0.0], [0.0, -1.0, 0.0]] {
+        let found = gradient(&evaluator, &point, &[0.8, -1.7]);
+        let expected = by_columns(&evaluator, &point, &[0.8, -1.7]);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-14), "{found:?} {expected:?}");
+        assert!(found[0] == 0.8 && found[2] == 0.0);
+    }
+}
+
+#[test]
+fn in_single_precision_it_is_the_same_but_for_rounding() {
+    let graph = graph();
+    let double = surrogate(graph.clone());
+    let metadata = Metadata { precision: Precision::Single, ..double.metadata().clone() };
+    let single = Surrogate::new(metadata, Model::Response(Map::Graph(graph))).unwrap();
+    let [double, single] = [&double, &single].map(Evaluator::new);
+    let weights = [0.8, -1.7];
+    for point in [[0.16, 1.1, 1.3], [-0.7, 0.2, 0.9], [0.0, 0.0, 0.0]] {
+        let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
+        double.evaluate(&point, &mut expected, &mut double.scratch());
+        single.evaluate(&point, &mut found, &mut single.scratch());
+        let slopes = gradient(&double, &point, &weights);
+        let pairs = found.iter().zip(&expected).map(|(found, expected)| (*found, *expected));
+        let of_adjoint = gradient(&single, &point, &weights).into_iter().zip(slopes.clone());
+        let of_columns = by_columns(&single, &point, &weights).into_iter().zip(slopes);
+        for (found, expected) in pairs.chain(of_adjoint).chain(of_columns) {
+            assert!((found - expected).abs() < 4e-6 * expected.abs().max(1.0), "{found} {expected}");
+        }
+        assert!(found.iter().zip(expected).any(|(found, expected)| *found != expected), "it is in double precision");
+    }
+}
+
+#[test]
+fn what_may_lose_digits_in_single_precision_stays_in_double() {
+    let of = |function, parameters: &[f64]| Step::Elementwise { of: 0, function, parameters: parameters.to_vec() };
+    let fits = |step, range| Graph { inputs: 1, steps: vec![step] }.fits_single(&[range]);
+    let affine = |weight: f64| Step::Affine { of: 0, weight: vec![weight].into(), bias: vec![1e-20].into() };
+    assert!(fits(affine(2.0), [-1.0, 1.0]) && fits(of(Elementwise::GeluExact, &[]), [0.0, 1.0]));
+    assert!(!fits(affine(2e-16), [-1.0, 1.0]), "below what counts");
+    assert!(!fits(affine(2.0), [101_000.0, 102_000.0]), "a pressure has few digits left");
+    assert!(!fits(of(Elementwise::Logarithm, &[]), [0.5, 1.0]) && !fits(of(Elementwise::Positive, &[]), [-1.0, 1.0]));
+    let combined = |operation| fits(Step::Combine { of: [0, 0], operation }, [1.0, 2.0]);
+    assert!(combined(Operation::Add) && !combined(Operation::Divide));
+    assert!(!fits(Step::Select { of: [0; 3] }, [1.0, 2.0]));
 }
 
 #[test]

@@ -1,9 +1,6 @@
 //! Sums of decision trees.
 
-use crate::{
-    FormatError,
-    map::{expect_finite, jet::Number},
-};
+use crate::{FormatError, map::expect_finite};
 
 /// In place of an input column: the node is a leaf.
 pub const LEAF: u32 = u32::MAX;
@@ -71,17 +68,16 @@ impl Forest {
         Ok(())
     }
 
-    pub(in crate::map) fn evaluate<N: Number>(&self, inputs: &[N], outputs: &mut [N]) {
-        outputs.fill(N::from(0.0));
+    /// Calls back with an output and what a tree adds to it, for each tree.
+    pub(in crate::map) fn evaluate(&self, input: impl Fn(usize) -> f64, mut add: impl FnMut(usize, f64)) {
         for tree in &self.trees {
             let mut node = &self.nodes[tree.root as usize];
             while node.column != LEAF {
                 // a NaN goes to the second node, as in smartcore
-                let first = inputs[node.column as usize].value() <= node.number;
+                let first = input(node.column as usize) <= node.number;
                 node = &self.nodes[node.below[usize::from(!first)] as usize];
             }
-            let sum = &mut outputs[tree.output as usize];
-            *sum = *sum + N::from(node.number);
+            add(tree.output as usize, node.number);
         }
     }
 }

@@ -159,7 +159,11 @@ impl Function {
         let Columns { inputs, outputs, table } = columns;
         match self {
             Self::Polynomial(polynomial) => polynomial.evaluate(inputs, outputs, table),
-            Self::Forest(forest) => forest.evaluate(inputs, outputs),
+            Self::Forest(forest) => {
+                outputs.fill(N::from(0.0));
+                let add = |output: usize, more| outputs[output] = outputs[output] + N::from(more);
+                forest.evaluate(|column| inputs[column].value(), add);
+            }
             Self::Kernel(machines) => machines.evaluate(inputs, outputs),
         }
     }

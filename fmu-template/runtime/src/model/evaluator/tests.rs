@@ -425,7 +425,7 @@ fn no_hidden_value_is_ever_denormal() {
                 let hidden: Vec<f64> = match &working.map {
                     MapScratch::Double(buffers) => buffers.hidden().collect(),
                     MapScratch::Single(buffers) => buffers.hidden().collect(),
-                    MapScratch::Regression(_) | MapScratch::Graph(_) => Vec::new(),
+                    MapScratch::Regression(_) | MapScratch::Graph(_) | MapScratch::SingleGraph(_) => Vec::new(),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }
