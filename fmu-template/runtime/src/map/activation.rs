@@ -28,40 +28,59 @@ impl Activation {
     /// All of them.
     pub const ALL: [Self; 7] =
         [Self::Tanh, Self::Sigmoid, Self::Relu, Self::Gelu, Self::Silu, Self::Sine, Self::Identity];
+}
 
-    /// Calls the user with the function of this activation. This is the only place where the two are matched.
+/// What computes an activation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kernel {
+    Tanh,
+    Sigmoid,
+    ExactSigmoid,
+    Relu,
+    Gelu,
+    Silu,
+    ExactSilu,
+    Sine,
+    Identity,
+}
+
+impl Kernel {
+    /// For layers of networks, whose small values do not count: what is negligible becomes zero.
+    pub(crate) fn of_network(activation: Activation) -> Self {
+        match activation {
+            Activation::Tanh => Self::Tanh,
+            Activation::Sigmoid => Self::Sigmoid,
+            Activation::Relu => Self::Relu,
+            Activation::Gelu => Self::Gelu,
+            Activation::Silu => Self::Silu,
+            Activation::Sine => Self::Sine,
+            Activation::Identity => Self::Identity,
+        }
+    }
+
+    /// For graphs, whose other steps may divide by small values, or take logarithms: they keep their digits.
+    pub(crate) fn of_graph(activation: Activation) -> Self {
+        match activation {
+            Activation::Sigmoid => Self::ExactSigmoid,
+            Activation::Silu => Self::ExactSilu,
+            other => Self::of_network(other),
+        }
+    }
+
+    /// Calls the user with the function. This is the only place where the two are matched.
     #[inline(always)]
     pub(crate) fn with<T: Real, U: User<T>>(self, user: U) {
         match self {
             Self::Tanh => user.run::<Tanh>(),
             Self::Sigmoid => user.run::<Sigmoid>(),
+            Self::ExactSigmoid => user.run::<ExactSigmoid>(),
             Self::Relu => user.run::<Relu>(),
             Self::Gelu => user.run::<Gelu>(),
             Self::Silu => user.run::<Silu>(),
+            Self::ExactSilu => user.run::<ExactSilu>(),
             Self::Sine => user.run::<Sine>(),
             Self::Identity => user.run::<Identity>(),
         }
-    }
-}
-
-impl Activation {
-    /// The same with functions that keep their digits where they are small: other steps of a graph may divide by them, or take logarithms.
-    #[inline(always)]
-    pub(crate) fn with_exact<T: Real, U: User<T>>(self, user: U) {
-        match self {
-            Self::Tanh => user.run::<Tanh>(),
-            Self::Sigmoid => user.run::<ExactSigmoid>(),
-            Self::Relu => user.run::<Relu>(),
-            Self::Gelu => user.run::<Gelu>(),
-            Self::Silu => user.run::<ExactSilu>(),
-            Self::Sine => user.run::<Sine>(),
-            Self::Identity => user.run::<Identity>(),
-        }
-    }
-
-    /// Whether networks have the function of graphs.
-    pub(crate) fn is_exact(self) -> bool {
-        !matches!(self, Self::Sigmoid | Self::Silu)
     }
 }
 
@@ -207,20 +226,8 @@ impl<T: Real> Function<T> for Identity {
 
 /// Passes numbers through an activation.
 #[inline(always)]
-pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
-    activation: Activation,
-    values: &mut [Lanes<T, WIDTH>],
-) {
-    activation.with(Activate::<T, SIMD, WIDTH> { values });
-}
-
-/// The same with functions that keep their digits where they are small.
-#[inline(always)]
-pub(crate) fn activate_exactly<T: Real, const SIMD: u8, const WIDTH: usize>(
-    activation: Activation,
-    values: &mut [Lanes<T, WIDTH>],
-) {
-    activation.with_exact(Activate::<T, SIMD, WIDTH> { values });
+pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(kernel: Kernel, values: &mut [Lanes<T, WIDTH>]) {
+    kernel.with(Activate::<T, SIMD, WIDTH> { values });
 }
 
 struct Activate<'a, T, const SIMD: u8, const WIDTH: usize> {
@@ -237,12 +244,11 @@ impl<T: Real, const SIMD: u8, const WIDTH: usize> User<T> for Activate<'_, T, SI
     }
 }
 
-/// The activation of one number, with its first and second derivative: for a last layer that is not linear, and for derivatives of graphs.
-/// Compiled once, as it has few numbers.
+/// The activation of one number, with its first and second derivative.
 #[inline(never)]
 pub(crate) fn series(activation: Activation, x: f64) -> [f64; 3] {
     let mut result = [0.0; 3];
-    activation.with_exact(Scalar { x, result: &mut result });
+    Kernel::of_graph(activation).with(Scalar { x, result: &mut result });
     result
 }
 

@@ -1,43 +1,31 @@
 //! A map prepared for evaluation: its value, and its exact derivatives.
 
 use super::{
-    Map, ScaledNetwork, Scaling,
+    Map, ScaledNetwork,
     graph::{GraphScratch, PreparedGraph},
-    network::{Buffers, Network},
     regression::{Regression, RegressionScratch},
 };
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::{
     Precision,
-    simd::{PORTABLE, Real, Simd, fma},
+    simd::{PORTABLE, Simd},
 };
 
-/// A map laid out for fast evaluation. Scaling is done in double precision whatever the network computes in.
+/// A map laid out for fast evaluation: a network is a graph of layers.
 #[derive(Clone, Debug)]
 pub(crate) enum PreparedMap {
-    Double(Scaled<f64, 8>),
-    Single(Scaled<f32, 16>),
+    Double(PreparedGraph<f64, 8>),
+    Single(PreparedGraph<f32, 16>),
     Regression(Regression),
-    Graph(PreparedGraph<f64, 8>),
-    SingleGraph(PreparedGraph<f32, 16>),
-}
-
-/// A network laid out, with its scaling.
-#[derive(Clone, Debug)]
-pub(crate) struct Scaled<T, const WIDTH: usize> {
-    scaling: Scaling,
-    network: Network<T, WIDTH>,
 }
 
 /// Working memory of one evaluation at a time. Networks whose layers have the same sizes can share it.
 #[derive(Clone, Debug)]
 pub(crate) enum MapScratch {
-    Double(Buffers<f64, 8>),
-    Single(Buffers<f32, 16>),
+    Double(GraphScratch<f64, 8>),
+    Single(GraphScratch<f32, 16>),
     Regression(RegressionScratch),
-    Graph(GraphScratch<f64, 8>),
-    SingleGraph(GraphScratch<f32, 16>),
 }
 
 /// What to compute at a point.
@@ -57,26 +45,24 @@ impl PreparedMap {
             Map::Network(network) => Self::of_network(network, precision),
             Map::Regression(regression) => Self::Regression(regression.clone()),
             Map::Graph(graph) => match precision {
-                Precision::Double => Self::Graph(PreparedGraph::new(graph)),
-                Precision::Single => Self::SingleGraph(PreparedGraph::new(graph)),
+                Precision::Double => Self::Double(PreparedGraph::new(graph)),
+                Precision::Single => Self::Single(PreparedGraph::new(graph)),
             },
         }
     }
 
     pub(crate) fn of_network(network: &ScaledNetwork, precision: Precision) -> Self {
         match precision {
-            Precision::Double => Self::Double(Scaled::new(network)),
-            Precision::Single => Self::Single(Scaled::new(network)),
+            Precision::Double => Self::Double(PreparedGraph::of_network(network)),
+            Precision::Single => Self::Single(PreparedGraph::of_network(network)),
         }
     }
 
     pub(crate) fn scratch(&self) -> MapScratch {
         match self {
-            Self::Double(scaled) => MapScratch::Double(scaled.buffers()),
-            Self::Single(scaled) => MapScratch::Single(scaled.buffers()),
+            Self::Double(graph) => MapScratch::Double(graph.scratch()),
+            Self::Single(graph) => MapScratch::Single(graph.scratch()),
             Self::Regression(regression) => MapScratch::Regression(regression.scratch()),
-            Self::Graph(graph) => MapScratch::Graph(graph.scratch()),
-            Self::SingleGraph(graph) => MapScratch::SingleGraph(graph.scratch()),
         }
     }
 
@@ -112,59 +98,14 @@ impl PreparedMap {
     #[inline(always)]
     fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
         match (self, scratch) {
-            (Self::Double(scaled), MapScratch::Double(buffers)) => scaled.run::<SIMD>(point, task, buffers),
-            (Self::Single(scaled), MapScratch::Single(buffers)) => scaled.run::<SIMD>(point, task, buffers),
+            (Self::Double(graph), MapScratch::Double(scratch)) => graph.run::<SIMD>(point, task, scratch),
+            (Self::Single(graph), MapScratch::Single(scratch)) => graph.run::<SIMD>(point, task, scratch),
             (Self::Regression(regression), MapScratch::Regression(scratch)) => match task {
                 Task::Outputs(outputs) => regression.evaluate(point, outputs, scratch),
                 Task::Series { rates, first, second } => regression.along_curve(point, rates, first, second, scratch),
                 Task::Adjoint { weights, gradient } => regression.adjoint(point, weights, gradient, scratch),
             },
-            (Self::Graph(graph), MapScratch::Graph(scratch)) => graph.run::<SIMD>(point, task, scratch),
-            (Self::SingleGraph(graph), MapScratch::SingleGraph(scratch)) => graph.run::<SIMD>(point, task, scratch),
             _ => panic!("the scratch belongs to another map"),
-        }
-    }
-}
-
-impl<T: Real, const WIDTH: usize> Scaled<T, WIDTH> {
-    fn new(ScaledNetwork { scaling, layers }: &ScaledNetwork) -> Self {
-        Self { scaling: scaling.clone(), network: Network::new(layers) }
-    }
-
-    fn buffers(&self) -> Buffers<T, WIDTH> {
-        self.network.buffers(self.scaling.input_mean.len())
-    }
-
-    #[inline(always)]
-    fn run<const SIMD: u8>(&self, point: &[f64], task: Task, buffers: &mut Buffers<T, WIDTH>) {
-        let Self { scaling: Scaling { input_mean, input_scale, output_mean, output_scale }, network } = self;
-        let standardised = point.iter().zip(input_mean).zip(input_scale);
-        buffers.load(standardised.map(|((x, mean), scale)| (x - mean) / scale));
-        match task {
-            Task::Outputs(outputs) => {
-                network.forward::<SIMD>(buffers, outputs);
-                for ((y, mean), scale) in outputs.iter_mut().zip(output_mean).zip(output_scale) {
-                    *y = fma::<f64, SIMD>(*y, *scale, *mean);
-                }
-            }
-            Task::Series { rates, first, mut second } => {
-                for (order, rate) in (1..).zip(rates) {
-                    buffers.load_rates(order, rate.iter().zip(input_scale).map(|(rate, scale)| rate / scale));
-                }
-                network.series::<SIMD>(buffers, first, second.as_deref_mut());
-                let rescale = |derivative: &mut [f64]| {
-                    derivative.iter_mut().zip(output_scale).for_each(|(dy, scale)| *dy *= scale);
-                };
-                rescale(first);
-                second.into_iter().for_each(rescale);
-            }
-            Task::Adjoint { weights, gradient } => {
-                network
-                    .adjoint::<SIMD>(buffers, weights.iter().zip(output_scale).map(|(weight, scale)| weight * scale));
-                for ((dx, dz), scale) in gradient.iter_mut().zip(buffers.gradient()).zip(input_scale) {
-                    *dx = dz / scale;
-                }
-            }
         }
     }
 }

@@ -1,6 +1,9 @@
 //! Layers laid out for fast products with a vector.
 
-use super::{Activation, Layer, activation::activate};
+use super::{
+    Layer,
+    activation::{Kernel, activate},
+};
 use crate::simd::{Lanes, Real, flat, flat_mut, flush, fma};
 
 /// `W x + b` with the rows of `W` padded to whole blocks of lanes.
@@ -66,33 +69,35 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         self.bias.len()
     }
 
-    /// The activation of `W x + b`, or of `W x` without `BIAS`. It is computed block by block: the processor does so while
+    /// The activation of `W x + b`, or of `W x` without the bias. It is computed block by block: the processor does so while
     /// it begins with the products of the next one.
     ///
     /// `order` is that of the blocks; the result is the same. A layer larger than the first cache is read faster if it
     /// is read from the end where the last reading stopped.
     #[inline(always)]
-    pub(crate) fn apply<const SIMD: u8, const BIAS: bool>(
+    pub(crate) fn apply<const SIMD: u8>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
+        has_bias: bool,
         order: Order,
-        activation: Activation,
+        kernel: Kernel,
     ) {
         match self.block {
-            WIDE => self.apply_wide::<SIMD, BIAS>(input, output, order, activation),
-            _ => self.apply_narrow::<SIMD, BIAS>(input, output, order, activation),
+            WIDE => self.apply_wide::<SIMD>(input, output, has_bias, order, kernel),
+            _ => self.apply_narrow::<SIMD>(input, output, has_bias, order, kernel),
         }
     }
 
     /// [`WIDE`] lanes and two columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add.
     #[inline(always)]
-    fn apply_wide<const SIMD: u8, const BIAS: bool>(
+    fn apply_wide<const SIMD: u8>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
+        has_bias: bool,
         order: Order,
-        activation: Activation,
+        kernel: Kernel,
     ) {
         let input = &flat(input)[..self.inputs];
         let weights = self.weights.as_chunks::<WIDE>().0;
@@ -102,7 +107,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
             let block = if order == Order::Forward { step } else { bias.len() - 1 - step };
             let columns = &weights[block * self.inputs..][..self.inputs];
             // arrays of accumulators would be too large for the compiler to keep them in registers
-            let [mut a0, mut a1, mut a2, mut a3] = if BIAS { bias[block] } else { [Lanes::ZERO; WIDE] };
+            let [mut a0, mut a1, mut a2, mut a3] = if has_bias { bias[block] } else { [Lanes::ZERO; WIDE] };
             let [mut b0, mut b1, mut b2, mut b3] = [Lanes::ZERO; WIDE];
             let (pairs, rest) = input.as_chunks::<2>();
             let (weight_pairs, weight_rest) = columns.as_chunks::<2>();
@@ -123,18 +128,19 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
                 T::add_scaled::<SIMD, WIDTH>(sum, &other, T::ONE);
             }
             output[block] = [a0, a1, a2, a3];
-            activate::<T, SIMD, WIDTH>(activation, &mut output[block]);
+            activate::<T, SIMD, WIDTH>(kernel, &mut output[block]);
         }
     }
 
     /// [`NARROW`] lanes and four columns at a time, likewise.
     #[inline(always)]
-    fn apply_narrow<const SIMD: u8, const BIAS: bool>(
+    fn apply_narrow<const SIMD: u8>(
         &self,
         input: &[Lanes<T, WIDTH>],
         output: &mut [Lanes<T, WIDTH>],
+        has_bias: bool,
         order: Order,
-        activation: Activation,
+        kernel: Kernel,
     ) {
         let input = &flat(input)[..self.inputs];
         let weights = self.weights.as_chunks::<NARROW>().0;
@@ -143,7 +149,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         for step in 0..bias.len() {
             let block = if order == Order::Forward { step } else { bias.len() - 1 - step };
             let columns = &weights[block * self.inputs..][..self.inputs];
-            let mut a = if BIAS { bias[block] } else { [Lanes::ZERO; NARROW] };
+            let mut a = if has_bias { bias[block] } else { [Lanes::ZERO; NARROW] };
             let [mut b, mut c, mut d] = [[Lanes::ZERO; NARROW]; 3];
             let (groups, rest) = input.as_chunks::<4>();
             let (weight_groups, weight_rest) = columns.as_chunks::<4>();
@@ -160,7 +166,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
             accumulate::<T, SIMD, WIDTH>(&mut c, &d, T::ONE);
             accumulate::<T, SIMD, WIDTH>(&mut a, &c, T::ONE);
             output[block] = a;
-            activate::<T, SIMD, WIDTH>(activation, &mut output[block]);
+            activate::<T, SIMD, WIDTH>(kernel, &mut output[block]);
         }
     }
 
@@ -205,16 +211,15 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         self.bias.len()
     }
 
-    /// `W x + b`, or `W x` without `BIAS`; `sums` is working memory of a lane a row.
+    /// `W x + b`, or `W x` without the bias; `sums` is working memory of a lane a row.
     #[inline(always)]
-    pub(crate) fn apply<const SIMD: u8, const BIAS: bool, O>(
+    pub(crate) fn apply<const SIMD: u8>(
         &self,
         input: &mut [Lanes<T, WIDTH>],
-        output: &mut [O],
+        output: &mut [T],
+        has_bias: bool,
         sums: &mut [Lanes<T, WIDTH>],
-    ) where
-        T: Into<O>,
-    {
+    ) {
         let input = &mut input[..self.lanes];
         // what an earlier evaluation left behind the last column may be NaN, which no weight of zero takes away
         flat_mut(input)[self.inputs..].fill(T::ZERO);
@@ -224,7 +229,7 @@ impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
         }
         for ((y, &bias), sum) in output.iter_mut().zip(&self.bias).zip(sums) {
             let product = total(sum);
-            *y = if BIAS { bias + product } else { product }.into();
+            *y = if has_bias { bias + product } else { product };
         }
     }
 

@@ -7,8 +7,8 @@ pub mod graph;
 pub(crate) mod jet;
 pub mod law;
 mod layers;
-mod network;
 pub mod regression;
+mod series;
 
 use crate::{
     FormatError, Precision,

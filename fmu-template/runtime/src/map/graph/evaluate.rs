@@ -1,4 +1,4 @@
-//! A graph laid out for evaluation: its value, and its exact derivatives.
+//! A graph laid out for evaluation: its value, and its exact derivatives. A network is one, of layers.
 //!
 //! Every task is one or two passes over the steps. Outputs take the value of each; derivatives along a curve take the derivatives with it;
 //! `J^T weights` takes the values and the slopes of activations first, and then goes back from the last step to the columns.
@@ -6,13 +6,13 @@
 use super::{Elementwise, Graph, Step, other::OtherStep};
 use crate::{
     map::{
-        Activation, Layer,
-        activation::activate_exactly,
+        Activation, Layer, ScaledNetwork, Scaling,
+        activation::{Kernel, activate},
         evaluate::Task,
         layers::{Dense, Order, Rows},
-        network::{Pass, Record, Series},
+        series::{Pass, Record, Series},
     },
-    simd::{Lanes, Real, flat, flat_mut},
+    simd::{Lanes, Real, flat, flat_mut, flush, fma},
 };
 
 /// The steps of a [`Graph`] in the order of their evaluation, and the lengths of all values.
@@ -20,6 +20,8 @@ use crate::{
 pub(crate) struct PreparedGraph<T, const WIDTH: usize> {
     steps: Vec<Prepared<T, WIDTH>>,
     widths: Vec<usize>,
+    /// Of a network: what is done in double precision before the first layer and after the last one.
+    scaling: Option<Scaling>,
 }
 
 /// A step, and the number of the value that it makes.
@@ -32,9 +34,9 @@ struct Prepared<T, const WIDTH: usize> {
 #[derive(Clone, Debug)]
 enum Kind<T, const WIDTH: usize> {
     /// An activation of `W x + b`: two steps, if nothing else needs what is between them.
-    Dense { of: usize, product: Product<T, WIDTH>, activation: Activation },
+    Dense { of: usize, product: Product<T, WIDTH>, kernel: Kernel },
     /// An activation of a value.
-    Activate { of: usize, activation: Activation },
+    Activate { of: usize, kernel: Kernel },
     /// A step that is not compiled once for each instruction set.
     Other(OtherStep),
 }
@@ -54,6 +56,8 @@ pub(crate) struct GraphScratch<T, const WIDTH: usize> {
     values: Vec<Series<T, WIDTH>>,
     /// A sum for each of few rows.
     sums: Vec<Lanes<T, WIDTH>>,
+    /// In place of second derivatives.
+    spare: Vec<Lanes<T, WIDTH>>,
     /// Order of the next evaluation.
     order: Order,
 }
@@ -69,6 +73,14 @@ enum Forward {
 
 /// For how many rows a product has its columns in vectors, not its rows.
 const FEW: usize = 8;
+
+#[cfg(test)]
+impl<T: Real, const WIDTH: usize> GraphScratch<T, WIDTH> {
+    /// Every value of the last evaluation but the outputs.
+    pub(crate) fn hidden(&self) -> impl Iterator<Item = f64> {
+        self.values[..self.values.len() - 1].iter().flat_map(|value| flat(&value.value)).map(|x| (*x).into())
+    }
+}
 
 impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     /// # Panics
@@ -91,11 +103,9 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
         let product = |of: usize, step: &Step, activation| {
             let Step::Affine { weight, bias, .. } = step else { unreachable!("a product is made of an affine step") };
             let (weight, bias) = (weight.clone(), bias.clone());
-            let layer =
-                Layer { inputs: widths[of], outputs: bias.len(), weight, bias, activation: Activation::Identity };
+            let layer = Layer { inputs: widths[of], outputs: bias.len(), weight, bias, activation };
             let is_few = layer.outputs <= FEW;
-            let product = if is_few { Product::Few(Rows::new(&layer)) } else { Product::Many(Dense::new(&layer)) };
-            Kind::Dense { of, product, activation }
+            Kind::Dense { of, product: Product::new(&layer, is_few), kernel: Kernel::of_graph(activation) }
         };
         let prepared = |(number, step): (usize, &Step)| {
             let kind = match step {
@@ -103,7 +113,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                 Step::Elementwise { of, function: Elementwise::Activation(activation), .. } => {
                     match of.checked_sub(1).filter(|before| is_fused[*before]).map(|before| &graph.steps[before]) {
                         Some(affine @ Step::Affine { of, .. }) => product(*of, affine, *activation),
-                        _ => Kind::Activate { of: *of, activation: *activation },
+                        _ => Kind::Activate { of: *of, kernel: Kernel::of_graph(*activation) },
                     }
                 }
                 other => Kind::Other(OtherStep::new(other)),
@@ -111,7 +121,21 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
             Prepared { to: number + 1, kind }
         };
         let kept = graph.steps.iter().enumerate().filter(|(number, _)| !is_fused[*number]);
-        Self { steps: kept.map(prepared).collect(), widths }
+        Self { steps: kept.map(prepared).collect(), widths, scaling: None }
+    }
+
+    /// The layers one after the other. The last one, which has few rows, is laid out in another way than those before it.
+    pub(crate) fn of_network(ScaledNetwork { scaling, layers }: &ScaledNetwork) -> Self {
+        let step = |(of, layer): (usize, &Layer)| {
+            let product = Product::new(layer, of + 1 == layers.len());
+            let kernel = Kernel::of_network(layer.activation);
+            Prepared { to: of + 1, kind: Kind::Dense { of, product, kernel } }
+        };
+        Self {
+            steps: layers.iter().enumerate().map(step).collect(),
+            widths: [scaling.input_mean.len()].into_iter().chain(layers.iter().map(|layer| layer.outputs)).collect(),
+            scaling: Some(scaling.clone()),
+        }
     }
 
     pub(crate) fn scratch(&self) -> GraphScratch<T, WIDTH> {
@@ -129,7 +153,9 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                 rows = rows.max(few.outputs());
             }
         }
-        GraphScratch { values, sums: vec![Lanes::ZERO; rows], order: Order::Forward }
+        let longest = values.iter().map(Series::lanes).max().unwrap_or(0);
+        let spare = vec![Lanes::ZERO; longest];
+        GraphScratch { values, sums: vec![Lanes::ZERO; rows], spare, order: Order::Forward }
     }
 
     /// Does a task at a point. Does not allocate.
@@ -138,33 +164,68 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     /// If the scratch belongs to another graph.
     #[inline(always)]
     pub(crate) fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut GraphScratch<T, WIDTH>) {
-        load(&mut scratch.values[0].value, point, self.widths[0]);
+        let (columns, scaling) = (&mut scratch.values[0], self.scaling.as_ref());
+        match scaling {
+            Some(Scaling { input_mean, input_scale, .. }) => {
+                let standardised = point.iter().zip(input_mean).zip(input_scale);
+                load(&mut columns.value, standardised.map(|((x, mean), scale)| flush(T::narrow((x - mean) / scale))));
+            }
+            None => load(&mut columns.value, point.iter().map(|x| T::narrow(*x))),
+        }
         let forward = match &task {
             Task::Outputs(_) => Forward::Values,
             Task::Series { rates, second, .. } => {
-                let Series { first: velocity, second: change, .. } = &mut scratch.values[0];
-                load(velocity, rates[0], self.widths[0]);
-                load(change, rates[1], self.widths[0]);
+                for (to, rates) in [&mut columns.first, &mut columns.second].into_iter().zip(rates) {
+                    match scaling {
+                        Some(Scaling { input_scale, .. }) => {
+                            load(to, rates.iter().zip(input_scale).map(|(rate, scale)| T::narrow(rate / scale)));
+                        }
+                        None => load(to, rates.iter().map(|rate| T::narrow(*rate))),
+                    }
+                }
                 if second.is_some() { Forward::Second } else { Forward::First }
             }
             Task::Adjoint { .. } => Forward::Slopes,
         };
         // in one place for all, as it is compiled for each instruction set
         self.forward::<SIMD>(forward, scratch);
+        let last = self.last();
         if let Task::Adjoint { weights, .. } = &task {
             scratch.values.iter_mut().for_each(|value| value.second.fill(Lanes::ZERO));
-            let last = self.last();
-            load(&mut scratch.values[last].second, weights, weights.len());
+            let to = &mut scratch.values[last].second;
+            match scaling {
+                Some(Scaling { output_scale, .. }) => {
+                    load(to, weights.iter().zip(output_scale).map(|(weight, scale)| T::narrow(weight * scale)));
+                }
+                None => load(to, weights.iter().map(|weight| T::narrow(*weight))),
+            }
             self.backward::<SIMD>(&mut scratch.values);
         }
-        let last = &scratch.values[self.last()];
+        let outputs = &scratch.values[last];
         match task {
-            Task::Outputs(outputs) => store(&last.value, outputs),
-            Task::Series { first, second, .. } => {
-                store(&last.first, first);
-                second.into_iter().for_each(|second| store(&last.second, second));
+            Task::Outputs(to) => {
+                store(&outputs.value, to);
+                if let Some(Scaling { output_mean, output_scale, .. }) = scaling {
+                    for ((y, mean), scale) in to.iter_mut().zip(output_mean).zip(output_scale) {
+                        *y = fma::<f64, SIMD>(*y, *scale, *mean);
+                    }
+                }
             }
-            Task::Adjoint { gradient, .. } => store(&scratch.values[0].second, gradient),
+            Task::Series { first, second, .. } => {
+                for (from, to) in [(&outputs.first, Some(first)), (&outputs.second, second)] {
+                    let Some(to) = to else { continue };
+                    store(from, to);
+                    if let Some(Scaling { output_scale, .. }) = scaling {
+                        to.iter_mut().zip(output_scale).for_each(|(dy, scale)| *dy *= scale);
+                    }
+                }
+            }
+            Task::Adjoint { gradient, .. } => {
+                store(&scratch.values[0].second, gradient);
+                if let Some(Scaling { input_scale, .. }) = scaling {
+                    gradient.iter_mut().zip(input_scale).for_each(|(dx, scale)| *dx /= scale);
+                }
+            }
         }
         scratch.order.reverse();
     }
@@ -177,47 +238,55 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     fn forward<const SIMD: u8>(
         &self,
         forward: Forward,
-        GraphScratch { values, sums, order }: &mut GraphScratch<T, WIDTH>,
+        GraphScratch { values, sums, spare, order }: &mut GraphScratch<T, WIDTH>,
     ) {
-        let linear = (*order, Activation::Identity);
+        let orders = match forward {
+            Forward::Values | Forward::Slopes => 0,
+            Forward::First => 1,
+            Forward::Second => 2,
+        };
         for Prepared { to, kind } in &self.steps {
             let width = self.widths[*to];
             let (before, after) = values.split_at_mut(*to);
             let to = &mut after[0];
-            match kind {
-                Kind::Dense { of, product, activation } => {
-                    let from = &mut before[*of];
-                    // block by block, while the next one is computed, if it may be the function of networks
-                    let at_once = forward == Forward::Values && activation.is_exact();
-                    let first = if at_once { *activation } else { Activation::Identity };
-                    product.apply::<SIMD, true>(&mut from.value, &mut to.value, (*order, first), sums);
-                    if matches!(forward, Forward::First | Forward::Second) {
-                        product.apply::<SIMD, false>(&mut from.first, &mut to.first, linear, sums);
+            // each of these is compiled for each instruction set and activation: there is one of each
+            let rest = match kind {
+                Kind::Dense { of, product, kernel } => {
+                    let (from, to) = (before[*of].orders_mut(), to.orders_mut());
+                    // many values block by block, while the next block is computed
+                    let at_once = forward == Forward::Values && matches!(product, Product::Many(_));
+                    for (number, (from, to)) in from.into_iter().zip(to).take(1 + orders).enumerate() {
+                        let kernel = if at_once { *kernel } else { Kernel::Identity };
+                        product.apply::<SIMD>(from, to, number == 0, (*order, kernel), sums);
                     }
-                    if forward == Forward::Second {
-                        product.apply::<SIMD, false>(&mut from.second, &mut to.second, linear, sums);
-                    }
-                    if *activation != first {
-                        activate::<T, SIMD, WIDTH>(*activation, forward, to);
-                    } else if forward == Forward::Slopes {
-                        to.first.fill(Lanes([T::ONE; WIDTH]));
-                    }
+                    if at_once { Kernel::Identity } else { *kernel }
                 }
-                Kind::Activate { of, activation } => {
-                    let from = &before[*of];
-                    to.value.copy_from_slice(&from.value);
-                    if matches!(forward, Forward::First | Forward::Second) {
-                        to.first.copy_from_slice(&from.first);
-                        to.second.copy_from_slice(&from.second);
+                Kind::Activate { of, kernel } => {
+                    for (from, to) in before[*of].orders_mut().into_iter().zip(to.orders_mut()).take(1 + orders) {
+                        to[..from.len()].copy_from_slice(from);
                     }
-                    activate::<T, SIMD, WIDTH>(*activation, forward, to);
+                    *kernel
                 }
                 Kind::Other(step) => {
-                    if matches!(forward, Forward::First | Forward::Second) {
-                        step.series(before, to, width);
+                    if orders > 0 {
+                        step.series(before, to, width)
                     } else {
-                        step.value(before, to, width);
+                        step.value(before, to, width)
                     }
+                    continue;
+                }
+            };
+            match forward {
+                Forward::Slopes => {
+                    rest.with(Record::<T, SIMD, WIDTH> { values: &mut to.value, slopes: &mut to.first });
+                }
+                _ if rest == Kernel::Identity => {}
+                Forward::Values => activate::<T, SIMD, WIDTH>(rest, &mut to.value),
+                Forward::First | Forward::Second => {
+                    let [value, first, second] = to.orders_mut();
+                    // what nobody asked for stays in the first cache
+                    let second = if forward == Forward::Second { second } else { &mut spare[..second.len()] };
+                    rest.with(Pass::<T, SIMD, WIDTH> { value, first, second });
                 }
             }
         }
@@ -253,30 +322,12 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     }
 }
 
-/// Passes a value through an activation, with what the pass takes beside it.
-#[inline(always)]
-fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(
-    activation: Activation,
-    forward: Forward,
-    to: &mut Series<T, WIDTH>,
-) {
-    match forward {
-        Forward::Values => activate_exactly::<T, SIMD, WIDTH>(activation, &mut to.value),
-        Forward::First | Forward::Second => {
-            let lanes = to.lanes();
-            activation.with_exact(Pass::<T, SIMD, WIDTH> { series: to, lanes });
-        }
-        Forward::Slopes => {
-            activation.with_exact(Record::<T, SIMD, WIDTH> { values: &mut to.value, slopes: &mut to.first });
-        }
-    }
-}
-
 /// Takes numbers, and zeros where there are none.
-fn load<T: Real, const WIDTH: usize>(to: &mut [Lanes<T, WIDTH>], from: &[f64], width: usize) {
-    let to = flat_mut(to);
-    to[from.len()..].fill(T::ZERO);
-    to[..width].iter_mut().zip(from).for_each(|(to, from)| *to = T::narrow(*from));
+#[inline(always)]
+fn load<T: Real, const WIDTH: usize>(to: &mut [Lanes<T, WIDTH>], from: impl ExactSizeIterator<Item = T>) {
+    let (to, rest) = flat_mut(to).split_at_mut(from.len());
+    to.iter_mut().zip(from).for_each(|(to, from)| *to = from);
+    rest.fill(T::ZERO);
 }
 
 fn store<T: Real, const WIDTH: usize>(from: &[Lanes<T, WIDTH>], to: &mut [f64]) {
@@ -284,23 +335,23 @@ fn store<T: Real, const WIDTH: usize>(from: &[Lanes<T, WIDTH>], to: &mut [f64]) 
 }
 
 impl<T: Real, const WIDTH: usize> Product<T, WIDTH> {
-    /// The activation of `W x + b`, or of `W x` without `BIAS`.
+    fn new(layer: &Layer, is_few: bool) -> Self {
+        if is_few { Self::Few(Rows::new(layer)) } else { Self::Many(Dense::new(layer)) }
+    }
+
+    /// The activation of `W x + b`, or of `W x` without the bias; that of few rows is left out.
     #[inline(always)]
-    fn apply<const SIMD: u8, const BIAS: bool>(
+    fn apply<const SIMD: u8>(
         &self,
         from: &mut [Lanes<T, WIDTH>],
         to: &mut [Lanes<T, WIDTH>],
-        (order, activation): (Order, Activation),
+        has_bias: bool,
+        (order, kernel): (Order, Kernel),
         sums: &mut [Lanes<T, WIDTH>],
     ) {
         match self {
-            Self::Many(dense) => dense.apply::<SIMD, BIAS>(from, to, order, activation),
-            Self::Few(rows) => {
-                rows.apply::<SIMD, BIAS, T>(from, flat_mut(to), sums);
-                if activation != Activation::Identity {
-                    activate_exactly::<T, SIMD, WIDTH>(activation, to);
-                }
-            }
+            Self::Many(dense) => dense.apply::<SIMD>(from, to, has_bias, order, kernel),
+            Self::Few(rows) => rows.apply::<SIMD>(from, flat_mut(to), has_bias, sums),
         }
     }
 

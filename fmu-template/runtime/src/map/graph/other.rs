@@ -5,8 +5,8 @@ use super::{Elementwise, Operation, Step};
 use crate::{
     map::{
         jet::{Jet, Number},
-        network::Series,
         regression::Forest,
+        series::Series,
     },
     simd::{Lanes, Real, flat, flat_mut},
 };

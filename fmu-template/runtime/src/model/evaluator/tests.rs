@@ -423,9 +423,9 @@ fn no_hidden_value_is_ever_denormal() {
                 };
                 let Working::Maps(working) = &scratch.0 else { unreachable!("it has no states") };
                 let hidden: Vec<f64> = match &working.map {
-                    MapScratch::Double(buffers) => buffers.hidden().collect(),
-                    MapScratch::Single(buffers) => buffers.hidden().collect(),
-                    MapScratch::Regression(_) | MapScratch::Graph(_) | MapScratch::SingleGraph(_) => Vec::new(),
+                    MapScratch::Double(scratch) => scratch.hidden().collect(),
+                    MapScratch::Single(scratch) => scratch.hidden().collect(),
+                    MapScratch::Regression(_) => unreachable!("it is a network"),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }
