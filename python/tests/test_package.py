@@ -284,6 +284,8 @@ import os, signal, threading
 import numpy as np
 import metafmu
 
+# what runs in the background of a shell ignores it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 rows = np.random.default_rng(0).normal(size=(20000, 3))
 threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
 try:
