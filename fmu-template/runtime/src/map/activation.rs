@@ -30,7 +30,7 @@ impl Activation {
         [Self::Tanh, Self::Sigmoid, Self::Relu, Self::Gelu, Self::Silu, Self::Sine, Self::Identity];
 }
 
-/// What computes an activation.
+/// Implementation of an activation function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kernel {
     Tanh,
@@ -45,7 +45,7 @@ pub(crate) enum Kernel {
 }
 
 impl Kernel {
-    /// For layers of networks, whose small values do not count: what is negligible becomes zero.
+    /// Implementation for layers of networks: negligible values become zero.
     pub(crate) fn of_network(activation: Activation) -> Self {
         match activation {
             Activation::Tanh => Self::Tanh,
@@ -58,7 +58,7 @@ impl Kernel {
         }
     }
 
-    /// For graphs, whose other steps may divide by small values, or take logarithms: they keep their digits.
+    /// Implementation for graphs: small values keep their digits, since other steps may divide by them or take logarithms.
     pub(crate) fn of_graph(activation: Activation) -> Self {
         match activation {
             Activation::Sigmoid => Self::ExactSigmoid,

@@ -168,7 +168,7 @@ fn at_rows(map: &PreparedMap, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>
 }
 
 impl ScaledNetwork {
-    /// Whether single precision loses no more than rounding does, for inputs of these ranges.
+    /// Returns true if single precision adds only rounding errors for inputs in these ranges.
     pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
         let Scaling { input_mean, input_scale, .. } = &self.scaling;
         let size = |((range, mean), scale): ((&[f64; 2], &f64), &f64)| {
@@ -213,12 +213,11 @@ impl ScaledNetwork {
     }
 }
 
-/// Of hidden values: most activations are bounded by it, and the others seldom far from it.
+/// Typical magnitude of hidden values: the bound of most activations.
 const USUAL_SIZE: f64 = 1.0;
 
-/// Whether a product with columns of these sizes loses no more in single precision than rounding does: there numbers that are below 1e-15
-/// count as zero, as those of networks that were trained on standardised rows may. An output in coulomb, or an input in square metres per
-/// second, may have weights of that size that matter.
+/// Returns true if single precision adds only rounding errors to a product with columns of these magnitudes. It treats weights below 1e-15
+/// as zero. Networks trained on standardized rows do not need them, but an output in coulomb may.
 fn fits_single(weight: &Numbers, bias: &Numbers, sizes: &[f64]) -> bool {
     const SMALL: f64 = <f32 as Real>::NEGLIGIBLE as f64;
     /// Of the largest term of a sum.
@@ -236,7 +235,7 @@ fn fits_single(weight: &Numbers, bias: &Numbers, sizes: &[f64]) -> bool {
 }
 
 impl Map {
-    /// Whether single precision loses no more than rounding does, for inputs of these ranges.
+    /// Returns true if single precision adds only rounding errors for inputs in these ranges.
     pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
         match self {
             Self::Network(network) => network.fits_single(ranges),

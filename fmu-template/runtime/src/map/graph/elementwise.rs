@@ -84,7 +84,7 @@ impl Elementwise {
         }
     }
 
-    /// Whether it is continuous, and of slopes that are seldom far from 1.
+    /// Returns true if the function is continuous and its slope seldom far from 1.
     pub(super) fn is_smooth(self) -> bool {
         let is_steep = matches!(self, Self::Exponential | Self::Logarithm | Self::Reciprocal | Self::Power);
         !is_steep && !matches!(self, Self::ThresholdedRelu | Self::Single | Self::Positive)

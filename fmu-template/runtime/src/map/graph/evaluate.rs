@@ -20,7 +20,7 @@ use crate::{
 pub(crate) struct PreparedGraph<T, const WIDTH: usize> {
     steps: Vec<Prepared<T, WIDTH>>,
     widths: Vec<usize>,
-    /// Of a network: what is done in double precision before the first layer and after the last one.
+    /// Scaling of a network's inputs and outputs, applied in double precision; none for a graph.
     scaling: Option<Scaling>,
 }
 
@@ -62,7 +62,7 @@ pub(crate) struct GraphScratch<T, const WIDTH: usize> {
     order: Order,
 }
 
-/// What a pass from the columns to the outputs takes beside the values.
+/// Quantities that a forward pass computes: values, with derivatives along a curve or slopes of activations.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Forward {
     Values,
@@ -71,7 +71,7 @@ enum Forward {
     Slopes,
 }
 
-/// For how many rows a product has its columns in vectors, not its rows.
+/// Largest number of rows for which a product is laid out row by row.
 const FEW: usize = 8;
 
 #[cfg(test)]
@@ -284,7 +284,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                 Forward::Values => activate::<T, SIMD, WIDTH>(rest, &mut to.value),
                 Forward::First | Forward::Second => {
                     let [value, first, second] = to.orders_mut();
-                    // what nobody asked for stays in the first cache
+                    // unused second derivatives stay in the first cache
                     let second = if forward == Forward::Second { second } else { &mut spare[..second.len()] };
                     rest.with(Pass::<T, SIMD, WIDTH> { value, first, second });
                 }
@@ -299,7 +299,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
             let width = self.widths[*to];
             let (before, after) = values.split_at_mut(*to);
             let Series { value, first: slopes, second: change } = &mut after[0];
-            // a slope where nothing goes on may be infinite
+            // without a derivative to pass back, an infinite slope would make NaN
             if flat(change)[..width].iter().all(|change| *change == T::ZERO) {
                 continue;
             }

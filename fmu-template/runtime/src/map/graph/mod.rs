@@ -134,8 +134,8 @@ impl Graph {
         Ok(widths)
     }
 
-    /// Whether single precision loses no more than rounding does, for inputs of these ranges: no input is large beside its range, and no
-    /// step divides, chooses or compares, where a rounded number may make a large difference.
+    /// Returns true if single precision adds only rounding errors for inputs in these ranges. No input may be large compared with its
+    /// range, and no step may divide, select or compare: there rounding may make a large difference.
     pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
         /// Size of an input for each unit of its range.
         const FAR: f64 = 16.0;
@@ -169,7 +169,7 @@ impl Graph {
 }
 
 impl Step {
-    /// Numbers of the values that it takes, each as often as it does.
+    /// Indices of the operand values, repeated operands included.
     pub fn values(&self) -> impl Iterator<Item = usize> + '_ {
         let (few, columns): (&[usize], &[[u32; 2]]) = match self {
             Self::Affine { of, .. }

@@ -24,7 +24,7 @@ pub(super) enum OtherStep {
     Forest { of: usize, forest: Forest },
 }
 
-/// What a step is computed in: plain numbers, or numbers with their derivatives.
+/// Number type of a step: plain numbers, or numbers with derivatives along a curve.
 trait Cell: Number {
     const HAS_DERIVATIVES: bool;
     fn load<T: Real, const WIDTH: usize>(from: &Series<T, WIDTH>, index: usize) -> Self;
@@ -190,8 +190,8 @@ impl OtherStep {
         }
     }
 
-    /// Adds to the derivatives of the weighted outputs, which are the second of each value before it, what comes from `change`, those of the
-    /// step's own numbers `y`. Where nothing comes nothing is added: a slope there may be infinite.
+    /// Adjoint of the step: adds its contribution to the cotangents of the operands, which are in `second`. `y` is the step's value and
+    /// `change` its cotangent. Elements with a cotangent of zero are skipped, since their slopes may be infinite.
     #[inline(never)]
     pub(super) fn adjoint<T: Real, const WIDTH: usize>(
         &self,
