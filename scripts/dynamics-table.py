@@ -35,9 +35,8 @@ def row(name, folder, networks):
         assert old in text, (name, old)
         text = text.replace(old, new, 1)
     if networks:
-        text += "\n[dynamics]\nmodel = \"network\"\n"
-    # however poor, it is evaluated, and so is a run of 60 s in which a load goes around
-    text += "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n"
+        # however poor they are
+        text += "\n[dynamics]\nmodel = \"network\"\n\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n"
     study.write_text(text)
     before = processor_time()
     subprocess.run([METAFMU, "build", study.name], cwd=folder, check=True, capture_output=True)

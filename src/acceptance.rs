@@ -2,7 +2,7 @@
 
 use crate::{
     baseline::{Comparison, ModelRow, Status, comparison::NETWORK},
-    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, Verdict},
+    evaluation::{Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict},
     html::number,
     study::{AcceptOptions, Study},
 };
@@ -18,8 +18,6 @@ pub struct OfTraining {
     pub advice: Vec<String>,
 }
 
-/// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
-const CHAOTIC: f64 = 1e-3;
 /// Relative difference up to which two errors count as equal.
 const TIE: f64 = 1e-3;
 /// Variance of an angle that is spread evenly over a turn.
@@ -36,7 +34,8 @@ pub fn judge(
 ) -> Verdict {
     let baselines: Vec<&ModelRow> = comparison.map_or(Vec::new(), |comparison| of_build(study, comparison));
     let outputs = surrogate.outputs().iter().filter_map(|output| Some((output, accuracy.outputs.get(&output.name)?)));
-    // nobody predicts a chaotic motion to its end: what counts is a sixth of the runs' length
+    // nobody predicts a chaotic motion to its end: what counts is a sixth of the runs' length, or the runs that are not chaotic
+    let of_regular = format!("{runs} that are not chaotic");
     let is_chaotic = accuracy.roll_outs.as_ref().is_some_and(is_chaotic);
     let mut judged = Judged { options: study.accept, runs, problems: training.problems, limits: Vec::new() };
     if let Some(roll_outs) = &accuracy.roll_outs {
@@ -45,9 +44,12 @@ pub fn judge(
     let mut better = None;
     for (output, metrics) in outputs {
         if !is_chaotic {
-            judged.unexplained(output, metrics);
-            judged.turned(output, metrics);
-            judged.constant(output, metrics);
+            let regular = accuracy.regular_outputs.get(&output.name);
+            judged.runs = if regular.is_some() { &of_regular } else { runs };
+            judged.unexplained(output, regular.unwrap_or(metrics));
+            judged.turned(output, regular.unwrap_or(metrics));
+            judged.constant(output, regular.unwrap_or(metrics));
+            judged.runs = runs;
         }
         judged.missed(study, output, metrics);
         better = better.or(judged.beaten(output, metrics, &baselines));
@@ -248,6 +250,7 @@ mod tests {
     fn accuracy(angle: OutputMetrics, velocity: OutputMetrics) -> Accuracy {
         Accuracy {
             outputs: [("angle".to_owned(), angle), ("velocity".to_owned(), velocity)].into(),
+            regular_outputs: [].into(),
             test_runs: 20,
             test_rows: 100,
             given_rows: 0,
@@ -364,6 +367,7 @@ mod tests {
                 |seconds, median, sensitivity| Horizon { seconds, median, q90: 1.0, sensitivity: [sensitivity; 2] };
             let roll_outs = RollOuts {
                 horizons: vec![horizon(1.0, median, 1e-9), horizon(6.0, 0.5, sensitivity)],
+                chaotic_runs: Vec::new(),
                 divergence_time: None,
                 energy_drift: None,
                 constraint_residual: None,
@@ -379,6 +383,25 @@ mod tests {
         let found = of(0.3, 0.5);
         let expected = "R² 0.750 in the median of the test runs up to 1 s, expected at least 0.9 (accept.r2): the motion is chaotic";
         assert!(found.len() == 1 && found[0].starts_with(expected), "{found:?}");
+    }
+
+    #[test]
+    fn a_few_chaotic_runs_do_not_reject_an_angle_that_is_right_in_the_others() {
+        let mut metadata = example::surrogate().metadata().clone();
+        (metadata.outputs[0].min, metadata.outputs[0].max) = (0.0, 40.0);
+        let surrogate = Surrogate::new(metadata, example::surrogate().model().clone()).unwrap();
+        let angle = |largest| OutputMetrics { max_abs_error: largest, ..metrics(Some(0.9), 2.0) };
+        let of = |regular: Option<OutputMetrics>| {
+            let regular = regular.map(|regular| ("angle".to_owned(), regular));
+            let measured = accuracy(angle(17.0), metrics(Some(1.0), 0.0));
+            let measured = Accuracy { regular_outputs: regular.into_iter().collect(), ..measured };
+            judge(&study("baseline_factor = inf"), &surrogate, (&measured, "test runs"), None, OfTraining::default())
+        };
+        assert!(of(None).problems[0].starts_with("angle: largest error 17.000 rad on the test runs, 2.706 turns"));
+        let exact = OutputMetrics { max_abs_error: 1e-3, ..metrics(Some(1.0), 1e-8) };
+        assert_eq!(of(Some(exact)).grade, Grade::Good);
+        let problems = of(Some(angle(4.4))).problems;
+        assert!(problems[0].starts_with("angle: largest error 4.400 rad on the test runs that are not chaotic"));
     }
 
     #[test]

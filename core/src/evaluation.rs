@@ -14,7 +14,7 @@ use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Model, Scratch, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
-pub use roll_outs::{Horizon, OFF, RollOuts, constraint_residual};
+pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 pub use verdict::{Grade, Verdict};
@@ -75,6 +75,9 @@ pub enum TestRows {
 pub struct Accuracy {
     /// Accuracy of each output, by name.
     pub outputs: IndexMap<String, OutputMetrics>,
+    /// The same over the runs that are not chaotic, see [`RollOuts::chaotic_runs`]; empty if all or none are.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub regular_outputs: IndexMap<String, OutputMetrics>,
     /// Number of test runs; of rows without runs each is one.
     pub test_runs: usize,
     /// Number of predicted rows of all of them: those that the figures are of.
@@ -109,16 +112,24 @@ impl Accuracy {
 
     /// The same from [`predict_all`]'s predictions.
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
-        let metrics = compare(test, predictions, Some(surrogate));
-        let names = surrogate.outputs().iter().map(|output| output.name.clone());
+        let roll_outs = surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions));
+        let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
+        let of_runs = |runs: &[usize]| -> IndexMap<String, OutputMetrics> {
+            let names = surrogate.outputs().iter().map(|output| output.name.clone());
+            names.zip(compare_runs(test, runs, predictions, Some(surrogate))).collect()
+        };
+        let all: Vec<usize> = (0..test.runs.len()).collect();
+        let regular: Vec<usize> = all.iter().copied().filter(|run| !chaotic.contains(run)).collect();
+        let some_are_chaotic = !regular.is_empty() && !chaotic.is_empty();
         let given_rows = test.runs.iter().map(|run| first_predicted(surrogate, run)).sum();
         Self {
-            outputs: names.zip(metrics).collect(),
+            outputs: of_runs(&all),
+            regular_outputs: if some_are_chaotic { of_runs(&regular) } else { IndexMap::new() },
             test_runs: test.runs.len(),
             test_rows: test.row_count() - given_rows,
             given_rows,
             content_digest: surrogate.metadata().provenance.content_digest.clone(),
-            roll_outs: surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions)),
+            roll_outs,
             rows: None,
             seen_until: None,
             calibration: Vec::new(),
@@ -201,13 +212,24 @@ pub fn first_predicted(surrogate: &Surrogate, run: &Run) -> usize {
 /// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output, over the predicted rows; `surrogate`:
 /// whose they are, if it has ranges and bounds.
 pub fn compare(test: &Dataset, predictions: &[Vec<f64>], surrogate: Option<&Surrogate>) -> Vec<OutputMetrics> {
+    let all: Vec<usize> = (0..test.runs.len()).collect();
+    compare_runs(test, &all, predictions, surrogate)
+}
+
+/// The same over some of the runs.
+fn compare_runs(
+    test: &Dataset,
+    runs: &[usize],
+    predictions: &[Vec<f64>],
+    surrogate: Option<&Surrogate>,
+) -> Vec<OutputMetrics> {
     let columns = (0..test.outputs.len()).into_par_iter();
-    columns.map(|column| output_metrics(test, predictions, column, surrogate)).collect()
+    columns.map(|column| output_metrics(test, (runs, predictions), column, surrogate)).collect()
 }
 
 fn output_metrics(
     test: &Dataset,
-    predictions: &[Vec<f64>],
+    (runs, predictions): (&[usize], &[Vec<f64>]),
     column: usize,
     surrogate: Option<&Surrogate>,
 ) -> OutputMetrics {
@@ -217,15 +239,16 @@ fn output_metrics(
     let first = |run: &Run| surrogate.map_or(0, |surrogate| first_predicted(surrogate, run));
     let labels =
         |run: &Run| run.outputs.iter().skip(column).step_by(width).skip(first(run)).copied().collect::<Vec<_>>();
-    let all: Vec<f64> = test.runs.iter().flat_map(labels).collect();
+    let all: Vec<f64> = runs.iter().flat_map(|&run| labels(&test.runs[run])).collect();
     let rows = all.len().max(1) as f64;
     let mean = all.iter().sum::<f64>() / rows;
     let (mut residual, mut total) = (0.0, 0.0);
     let mut worst = (0.0, 0, 0.0);
     let mut within = 0;
-    for (index, (run, predictions)) in test.runs.iter().zip(predictions).enumerate() {
+    for &index in runs {
+        let run = &test.runs[index];
         let first = first(run);
-        let predicted = predictions.iter().skip(column).step_by(width).skip(first);
+        let predicted = predictions[index].iter().skip(column).step_by(width).skip(first);
         for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(&run.times[first..]) {
             let error = finite((label - prediction).abs());
             residual += error * error;

@@ -474,6 +474,7 @@ mod tests {
         };
         let accuracy = Accuracy {
             outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),
+            regular_outputs: [].into(),
             test_runs: 20,
             test_rows: 4020,
             given_rows: 0,

@@ -159,6 +159,9 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     }
     if let Some(roll_outs) = &metrics.accuracy.roll_outs {
         let _ = write!(text, "\n{}", roll_out_table(roll_outs));
+        if let Some(chaos) = roll_outs.describe_chaos(*test_runs) {
+            let _ = writeln!(text, "{chaos}");
+        }
     }
     if outputs.values().any(|metrics| metrics.bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
@@ -177,7 +180,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
 
 /// How errors grow along the roll-outs, for people.
 fn roll_out_table(
-    RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite] }: &RollOuts,
+    RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
 ) -> String {
     let mut text =
         format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");

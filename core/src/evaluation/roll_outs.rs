@@ -16,6 +16,9 @@ use serde::{Deserialize, Serialize};
 pub struct RollOuts {
     /// At a sixth of the runs' length, and at their end; once if there is no row between.
     pub horizons: Vec<Horizon>,
+    /// Indices of the test runs that are chaotic: their sensitivity at their end exceeds [`CHAOTIC`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub chaotic_runs: Vec<usize>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
     /// than half of the runs never come to that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -48,14 +51,28 @@ pub struct Horizon {
 
 /// What a start is off by where a motion's own sensitivity is measured.
 pub const OFF: f64 = 1e-9;
+/// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
+pub const CHAOTIC: f64 = 1e-3;
 /// Part of its standard deviation that an error of an output has when a roll-out has diverged.
 const DIVERGED: f64 = 0.1;
+/// Largest number of chaotic runs that a description names.
+const NAMED_RUNS: usize = 8;
 /// Lengths of a run after which it is to be finite.
 const LENGTHS: usize = 10;
 /// Runs that are rolled out so far.
 const LONG_RUNS: usize = 2;
 
 impl RollOuts {
+    /// Says which of so many test runs are chaotic; nothing if none is.
+    pub fn describe_chaos(&self, test_runs: usize) -> Option<String> {
+        let chaotic = &self.chaotic_runs;
+        let first: Vec<String> = chaotic.iter().take(NAMED_RUNS).map(usize::to_string).collect();
+        let more = if chaotic.len() > NAMED_RUNS { ", ..." } else { "" };
+        let (verb, runs) = if chaotic.len() == 1 { ("is", "run") } else { ("are", "runs") };
+        let list = format!("{runs} {}{more}", first.join(", "));
+        (!chaotic.is_empty()).then(|| format!("{} of {test_runs} test runs {verb} chaotic: {list}", chaotic.len()))
+    }
+
     /// Measures the predictions of the test runs.
     pub(super) fn of(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let evaluator = Evaluator::new(surrogate);
@@ -70,15 +87,17 @@ impl RollOuts {
         let exact = exact.as_deref().unwrap_or(predictions);
         let off: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict_off(surrogate, &evaluator, run)).collect();
         let rows = test.runs.iter().map(|run| run.times.len() - first(run)).max().unwrap_or(0);
-        let horizon = |rows: usize| {
-            let relative = |run: &Run, truth: &[f64], found: &[f64]| {
-                let from = first(run) * width;
-                relative_error(&truth[from..], &found[from..], &ranges, rows)
-            };
-            let errors = quantiles(pairs().map(|(run, found)| relative(run, &run.outputs, found)).collect());
+        let relative = |run: &Run, truth: &[f64], found: &[f64], rows: usize| {
+            let from = first(run) * width;
+            relative_error(&truth[from..], &found[from..], &ranges, rows)
+        };
+        let sensitivities = |rows: usize| -> Vec<f64> {
             let changes = test.runs.par_iter().zip(exact).zip(&off);
-            let changes = changes.map(|((run, one), other)| relative(run, one, other));
-            let changes = quantiles(changes.collect());
+            changes.map(|((run, one), other)| relative(run, one, other, rows)).collect()
+        };
+        let horizon = |rows: usize| {
+            let errors = quantiles(pairs().map(|(run, found)| relative(run, &run.outputs, found, rows)).collect());
+            let changes = quantiles(sensitivities(rows));
             let times = test.runs.iter().filter_map(|run| run.times.get(first(run) + rows - 1));
             let seconds = times.copied().fold(0.0, f64::max);
             Horizon { seconds, median: errors[0], q90: errors[1], sensitivity: changes }
@@ -89,9 +108,12 @@ impl RollOuts {
         let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, first(run), &ranges)).collect();
         times.sort_by(f64::total_cmp);
         let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
+        let is_chaotic = |sensitivity: f64| sensitivity.is_nan() || sensitivity > CHAOTIC;
+        let at_end = sensitivities(rows);
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
         Self {
             horizons: lengths.into_iter().map(horizon).collect(),
+            chaotic_runs: (0..at_end.len()).filter(|&run| is_chaotic(at_end[run])).collect(),
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
             constraint_residual: None,
@@ -225,7 +247,7 @@ pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Da
 pub struct RollOut<'a> {
     surrogate: &'a Surrogate,
     /// With the parameters of the run.
-    evaluator: Evaluator,
+    evaluator: &'a Evaluator,
     run: &'a Run,
     /// Number of inputs.
     inputs: usize,
@@ -246,8 +268,7 @@ pub struct RollOut<'a> {
 
 impl<'a> RollOut<'a> {
     /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
-    pub fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
-        let evaluator = evaluator.held(&run.parameters);
+    pub fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
         let mut point = run.parameters.clone();
         point.resize(evaluator.columns(), 0.0);
         evaluator.start(&mut point);
@@ -397,6 +418,35 @@ mod tests {
             "#
         );
         Mechanism::parse(&text, Path::new("crane.toml")).unwrap()
+    }
+
+    #[test]
+    fn a_run_whose_start_decides_all_is_chaotic_and_apart_from_the_regular_ones() {
+        let surrogate = example::crane();
+        let evaluator = Evaluator::new(&surrogate);
+        let times: std::sync::Arc<[f64]> = (0..=200).map(|row| 0.05 * f64::from(row)).collect();
+        // the load hangs, or stands upright on its rope
+        let run = |angle: f64| {
+            let (parameters, inputs) = (vec![1.2, 0.0, angle, 0.0, 0.0], vec![0.0; times.len()]);
+            let run = Run { inputs, parameters, times: times.clone(), outputs: Vec::new() };
+            let outputs = RollOut::along(&surrogate, &evaluator, &run).predictions();
+            Run { outputs, ..run }
+        };
+        let mut runs = vec![run(0.8), run(std::f64::consts::PI), run(0.3)];
+        let width = surrogate.outputs().len();
+        runs[1].outputs[width * 180 + 1] += 17.0;
+        runs[2].outputs[width * 180 + 1] += 0.1;
+        let variable = |name: &str| Variable::new(name, "", "");
+        let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
+        let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
+        let inputs = vec![variable("force")];
+        let test = Dataset { inputs, parameters, outputs, runs };
+        let accuracy = crate::evaluation::Accuracy::of(&surrogate, &test);
+        assert_eq!(accuracy.roll_outs.unwrap().chaotic_runs, [1]);
+        let [all, regular] = [&accuracy.outputs["theta"], &accuracy.regular_outputs["theta"]];
+        assert!((all.max_abs_error - 17.0).abs() < 1e-12 && all.worst_run == 1, "{all:?}");
+        assert!((regular.max_abs_error - 0.1).abs() < 1e-12 && regular.worst_run == 2, "{regular:?}");
+        assert!((regular.mse / (0.01 / 402.0) - 1.0).abs() < 1e-9, "{regular:?}");
     }
 
     #[test]

@@ -63,7 +63,8 @@ pub fn summary(material: &Material) -> Section {
         ]
     });
     blocks.push(table(&headings, rows));
-    blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(roll_outs));
+    let test_runs = evaluated.accuracy.test_runs;
+    blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(|found| roll_outs(found, test_runs)));
     let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
     blocks.push(paragraph(&format!("{trust}A range of an output is that of the training runs.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
@@ -92,8 +93,10 @@ fn both(error: f64, share: Option<f64>) -> String {
 
 /// How errors grow along roll-outs.
 fn roll_outs(
-    RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite] }: &RollOuts,
+    found @ RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
+    test_runs: usize,
 ) -> [Block; 2] {
+    let chaos = found.describe_chaos(test_runs).map_or(String::new(), |chaos| format!(" {chaos}."));
     let headings = ["after", "relative RMS error, median", "90 % of the runs", "start off by 1e-9, median", "90 %"];
     let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] }| {
         let numbers = [median, q90, changed, changed_q90].map(|value| format!("{value:.1e}"));
@@ -115,7 +118,7 @@ fn roll_outs(
     let text = format!(
         "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. What a start that is off \
          by 1e-9 changes is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
-         length."
+         length.{chaos}"
     );
     [table(&headings, rows), paragraph(&text)]
 }
