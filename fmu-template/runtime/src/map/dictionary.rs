@@ -9,7 +9,10 @@
 //! The entries of a mass matrix of revolute and prismatic joints are such sums exactly, with harmonics of order two at most; those of
 //! a closed loop are analytic and periodic, so that their series converge geometrically.
 
-use super::{expect_finite, expect_shape, jet::Number};
+use super::{
+    expect_finite, expect_shape,
+    tape::{Register, TapeBuilder},
+};
 use crate::FormatError;
 use std::{collections::BTreeMap, ops::Range};
 
@@ -25,17 +28,6 @@ pub enum Factor {
         /// Half of its range.
         half: f64,
     },
-}
-
-impl Factor {
-    /// `f(e, x)`.
-    fn value(self, exponent: i16, x: f64) -> f64 {
-        match self {
-            Self::Angle if exponent < 0 => (-f64::from(exponent) * x).sin(),
-            Self::Angle => (f64::from(exponent) * x).cos(),
-            Self::Power { middle, half } => ((x - middle) / half).powi(i32::from(exponent)),
-        }
-    }
 }
 
 /// A product and what each output has of it.
@@ -59,27 +51,6 @@ pub struct Dictionary {
     factors: Vec<(usize, usize)>,
     /// Output and coefficient, product by product.
     coefficients: Vec<(usize, f64)>,
-    /// The same output by output: product and coefficient.
-    of_outputs: Sums,
-    /// Of the derivatives, output by output and, in an output, column by column: position among `factors` and coefficient.
-    of_slopes: Sums,
-}
-
-/// Sums of some numbers with coefficients, as they are computed: one after the other, so that each stays in a register.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Sums {
-    /// Position of a number, and its coefficient.
-    parts: Vec<(usize, f64)>,
-    /// Of each sum.
-    ranges: Vec<Range<usize>>,
-}
-
-/// Working memory of an evaluation of a [`Dictionary`].
-#[derive(Clone, Debug)]
-pub(crate) struct DictionaryWork<T> {
-    atoms: Vec<Atom<T>>,
-    /// Values of the products and, after them, for each factor the product with its derivative in its place.
-    products: Vec<T>,
 }
 
 /// A column and the functions of it that are computed.
@@ -98,9 +69,9 @@ struct Product {
 
 /// A function of a column and its derivative.
 #[derive(Clone, Copy, Debug)]
-struct Atom<T> {
-    value: T,
-    slope: T,
+struct Atom {
+    value: f64,
+    slope: f64,
 }
 
 impl Dictionary {
@@ -128,8 +99,6 @@ impl Dictionary {
             products: Vec::new(),
             factors: Vec::new(),
             coefficients: Vec::new(),
-            of_outputs: Sums::default(),
-            of_slopes: Sums::default(),
         };
         for term in terms {
             expect_shape("exponents", &[term.exponents.len()], &[factors.len()])?;
@@ -137,23 +106,12 @@ impl Dictionary {
             expect_finite("coefficients", term.coefficients.iter().copied())?;
             dictionary.add(term)?;
         }
-        dictionary.lay_sums_out();
         Ok(dictionary)
     }
 
-    fn lay_sums_out(&mut self) {
-        let columns = self.columns.len();
-        let mut of_outputs = vec![Vec::new(); self.outputs];
-        let mut of_slopes = vec![Vec::new(); self.outputs * columns];
-        for (index, product) in self.products.iter().enumerate() {
-            for &(output, coefficient) in &self.coefficients[product.coefficients.clone()] {
-                of_outputs[output].push((index, coefficient));
-                for factor in product.factors.clone() {
-                    of_slopes[output * columns + self.factors[factor].0].push((factor, coefficient));
-                }
-            }
-        }
-        (self.of_outputs, self.of_slopes) = (Sums::new(of_outputs), Sums::new(of_slopes));
+    /// Returns true if an output has no product.
+    pub fn is_zero(&self, output: usize) -> bool {
+        self.coefficients.iter().all(|(of, _)| *of != output)
     }
 
     fn add(&mut self, term: &Term) -> Result<(), FormatError> {
@@ -181,30 +139,6 @@ impl Dictionary {
         Ok(())
     }
 
-    /// The same with the columns from `first` on held at some values: they stay, and no term depends on them.
-    ///
-    /// # Errors
-    /// [`FormatError`] if a coefficient is too large for a number.
-    ///
-    /// # Panics
-    /// If there are not as many values as columns from `first` on.
-    pub fn held(&self, first: usize, values: &[f64]) -> Result<Self, FormatError> {
-        let factors: Vec<Factor> = self.factors().collect();
-        assert_eq!(values.len(), factors.len() - first, "number of values");
-        let mut sums: BTreeMap<Vec<i16>, Vec<f64>> = BTreeMap::new();
-        for Term { mut exponents, coefficients } in self.terms() {
-            let held = exponents[first..].iter_mut().zip(&factors[first..]).zip(values);
-            let factor = held.fold(1.0, |product, ((exponent, factor), value)| {
-                product * factor.value(std::mem::take(exponent), *value)
-            });
-            let sum = sums.entry(exponents).or_insert_with(|| vec![0.0; self.outputs]);
-            sum.iter_mut().zip(coefficients).for_each(|(sum, coefficient)| *sum += factor * coefficient);
-        }
-        let terms: Vec<Term> =
-            sums.into_iter().map(|(exponents, coefficients)| Term { exponents, coefficients }).collect();
-        Self::new(&factors, self.outputs, &terms)
-    }
-
     /// Number of columns.
     pub fn columns(&self) -> usize {
         self.columns.len()
@@ -225,14 +159,7 @@ impl Dictionary {
         self.products.iter().map(|product| {
             let mut term = Term { exponents: vec![0; self.columns.len()], coefficients: vec![0.0; self.outputs] };
             for &(column, atom) in &self.factors[product.factors.clone()] {
-                let Column { factor, atoms } = &self.columns[column];
-                let within = atom - atoms.start;
-                // each was made from an exponent, so it fits
-                term.exponents[column] = match factor {
-                    Factor::Angle if within % 2 == 0 => (within / 2 + 1) as i16,
-                    Factor::Angle => -((within / 2 + 1) as i16),
-                    Factor::Power { .. } => (within + 1) as i16,
-                };
+                term.exponents[column] = self.columns[column].exponent(atom);
             }
             for &(output, coefficient) in &self.coefficients[product.coefficients.clone()] {
                 term.coefficients[output] = coefficient;
@@ -251,7 +178,7 @@ impl Dictionary {
     /// # Panics
     /// If a slice has the wrong length.
     pub fn evaluate(&self, x: &[f64], y: &mut [f64]) {
-        self.compute(x, y, &mut [], 0, &mut self.work());
+        self.add_up(x, y, &mut [], 0);
     }
 
     /// `y` at `x` and its derivatives with respect to the first columns, shape `[outputs, first]`.
@@ -260,113 +187,157 @@ impl Dictionary {
     /// If `x` has the wrong length.
     pub fn with_gradient(&self, x: &[f64], first: usize) -> (Vec<f64>, Vec<f64>) {
         let (mut y, mut gradient) = (vec![0.0; self.outputs], vec![0.0; self.outputs * first]);
-        self.compute(x, &mut y, &mut gradient, first, &mut self.work());
+        self.add_up(x, &mut y, &mut gradient, first);
         (y, gradient)
     }
 
-    /// Working memory of an evaluation.
-    pub(crate) fn work<T: Number>(&self) -> DictionaryWork<T> {
-        let zero = T::from(0.0);
-        DictionaryWork {
-            atoms: vec![Atom { value: zero, slope: zero }; self.atoms],
-            products: vec![zero; self.products.len() + self.factors.len()],
-        }
-    }
-
-    /// `y` at `x`, and in `gradient`, shape `[outputs, first]`, derivatives with respect to the first columns, of as many outputs as it
-    /// has. Does not allocate.
-    ///
-    /// # Panics
-    /// If a slice has the wrong length.
-    pub(crate) fn compute<T: Number>(
-        &self,
-        x: &[T],
-        y: &mut [T],
-        gradient: &mut [T],
-        first: usize,
-        work: &mut DictionaryWork<T>,
-    ) {
+    fn add_up(&self, x: &[f64], y: &mut [f64], gradient: &mut [f64], first: usize) {
         assert_eq!(x.len(), self.columns.len(), "number of columns");
         assert_eq!(y.len(), self.outputs, "number of outputs");
-        assert!(gradient.len() <= first * self.outputs, "shape of the gradient");
-        let DictionaryWork { atoms, products } = work;
-        let (values, slopes) = products.split_at_mut(self.products.len());
+        y.fill(0.0);
+        let mut atoms = vec![Atom { value: 0.0, slope: 0.0 }; self.atoms];
         for (column, &x) in self.columns.iter().zip(x) {
             column.compute(x, &mut atoms[column.atoms.clone()]);
         }
-        for (product, value) in self.products.iter().zip(values.iter_mut()) {
-            let factors = &self.factors[product.factors.clone()];
-            // most products of a closed loop with fixed parameters
-            if let [(_, atom)] = factors {
-                *value = atoms[*atom].value;
-                slopes[product.factors.start] = atoms[*atom].slope;
-                continue;
+        for product in &self.products {
+            let (factors, coefficients) =
+                (&self.factors[product.factors.clone()], &self.coefficients[product.coefficients.clone()]);
+            let value: f64 = factors.iter().map(|(_, atom)| atoms[*atom].value).product();
+            for (output, coefficient) in coefficients {
+                y[*output] += coefficient * value;
             }
-            *value = factors.iter().fold(T::from(1.0), |product, (_, atom)| product * atoms[*atom].value);
-            for (index, (column, atom)) in factors.iter().enumerate() {
-                if *column < first {
-                    let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
-                    slopes[product.factors.start + index] =
-                        others.fold(atoms[*atom].slope, |product, (_, (_, atom))| product * atoms[*atom].value);
+            for (index, &(column, atom)) in factors.iter().enumerate().filter(|(_, (column, _))| *column < first) {
+                let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
+                let others: f64 = others.map(|(_, (_, atom))| atoms[*atom].value).product();
+                for (output, coefficient) in coefficients {
+                    gradient[output * first + column] += coefficient * atoms[atom].slope * others;
                 }
             }
         }
-        for (y, range) in y.iter_mut().zip(&self.of_outputs.ranges) {
-            *y = self.of_outputs.sum(range, values);
-        }
-        if first > 0 {
-            let of_outputs = self.of_slopes.ranges.chunks_exact(self.columns.len());
-            for (gradient, ranges) in gradient.chunks_exact_mut(first).zip(of_outputs) {
-                for (to, range) in gradient.iter_mut().zip(ranges) {
-                    *to = self.of_slopes.sum(range, slopes);
-                }
+    }
+
+    /// Writes the factors of these columns on a tape.
+    pub(crate) fn write(&self, columns: &[Register], tape: &mut TapeBuilder) -> WrittenDictionary<'_> {
+        let write = |(column, register): (&Column, &Register)| match column.factor {
+            Factor::Angle => WrittenColumn::Angle(tape.harmonics(*register, column.atoms.len() / 2)),
+            Factor::Power { middle, half } => {
+                let (middle, scale) = (tape.constant(-middle), half.recip());
+                let shifted = tape.add_product(middle, *register, tape.one);
+                let by = tape.constant(scale);
+                WrittenColumn::Power(tape.product(shifted, by), scale)
             }
-        }
+        };
+        WrittenDictionary { columns: self.columns.iter().zip(columns).map(write).collect(), dictionary: self }
     }
 }
 
-impl Sums {
-    fn new(sums: Vec<Vec<(usize, f64)>>) -> Self {
-        let mut end = 0;
-        let ranges = sums.iter().map(|parts| {
-            end += parts.len();
-            end - parts.len()..end
-        });
-        Self { ranges: ranges.collect(), parts: sums.concat() }
+/// A dictionary on a tape.
+#[derive(Debug)]
+pub(crate) struct WrittenDictionary<'a> {
+    dictionary: &'a Dictionary,
+    columns: Vec<WrittenColumn>,
+}
+
+#[derive(Debug)]
+enum WrittenColumn {
+    /// Cosines of 1, 2, ... times the angle, and as many sines.
+    Angle(Vec<Register>),
+    /// `(x - middle) / half`, and its derivative.
+    Power(Register, f64),
+}
+
+impl WrittenDictionary<'_> {
+    /// Writes an output.
+    pub(crate) fn value(&self, output: usize, tape: &mut TapeBuilder) -> Register {
+        self.sum(output, None, tape)
     }
 
-    #[inline]
-    fn sum<T: Number>(&self, range: &Range<usize>, values: &[T]) -> T {
-        // four sums, so that an addition need not wait for the one before
-        let mut sums = [T::from(0.0); 4];
-        let (fours, rest) = self.parts[range.clone()].as_chunks::<4>();
-        for four in fours {
-            for (sum, (index, coefficient)) in sums.iter_mut().zip(four) {
-                *sum = *sum + values[*index].scaled(*coefficient);
+    /// Writes the derivative of an output with respect to a column.
+    pub(crate) fn slope(&self, output: usize, column: usize, tape: &mut TapeBuilder) -> Register {
+        self.sum(output, Some(column), tape)
+    }
+
+    /// Terms whose factors that are not held are the same have one coefficient.
+    fn sum(&self, output: usize, along: Option<usize>, tape: &mut TapeBuilder) -> Register {
+        let Dictionary { products, factors, coefficients, .. } = self.dictionary;
+        let mut sums: BTreeMap<Register, Register> = BTreeMap::new();
+        for product in products {
+            let coefficients = &coefficients[product.coefficients.clone()];
+            let factors = &factors[product.factors.clone()];
+            let Some((_, coefficient)) = coefficients.iter().find(|(of, _)| *of == output) else { continue };
+            if along.is_some_and(|along| factors.iter().all(|(column, _)| *column != along)) {
+                continue;
+            }
+            let mut coefficient = *coefficient;
+            let (mut of_held, mut of_others) = (tape.one, tape.one);
+            for &(column, atom) in factors {
+                let mut exponent = self.dictionary.columns[column].exponent(atom);
+                let written = &self.columns[column];
+                if along == Some(column) {
+                    coefficient *= written.differentiate(&mut exponent);
+                }
+                let factor = written.factor(exponent, tape);
+                let product = if tape.varies(factor) { &mut of_others } else { &mut of_held };
+                *product = tape.product(*product, factor);
+            }
+            let sum = sums.entry(of_others).or_insert(tape.zero);
+            *sum = tape.add_scaled(*sum, of_held, coefficient);
+        }
+        tape.sum(tape.zero, sums.into_iter().collect())
+    }
+}
+
+impl WrittenColumn {
+    /// The function of an exponent becomes another one, times this factor.
+    fn differentiate(&self, exponent: &mut i16) -> f64 {
+        match self {
+            // cos(e x)' = -e sin(e x), sin(e x)' = e cos(e x)
+            Self::Angle(_) => {
+                *exponent = -*exponent;
+                f64::from(*exponent)
+            }
+            Self::Power(_, slope) => {
+                *exponent -= 1;
+                f64::from(*exponent + 1) * slope
             }
         }
-        for (sum, (index, coefficient)) in sums.iter_mut().zip(rest) {
-            *sum = *sum + values[*index].scaled(*coefficient);
+    }
+
+    fn factor(&self, exponent: i16, tape: &mut TapeBuilder) -> Register {
+        let order = usize::from(exponent.unsigned_abs());
+        match self {
+            _ if exponent == 0 => tape.one,
+            Self::Angle(block) if exponent < 0 => block[block.len() / 2 + order - 1],
+            Self::Angle(block) => block[order - 1],
+            Self::Power(x, _) => (1..order).fold(*x, |power, _| tape.product(power, *x)),
         }
-        (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 }
 
 impl Column {
-    fn compute<T: Number>(&self, x: T, atoms: &mut [Atom<T>]) {
+    /// That of one of its atoms.
+    fn exponent(&self, atom: usize) -> i16 {
+        let within = atom - self.atoms.start;
+        // each was made from an exponent, so it fits
+        match self.factor {
+            Factor::Angle if within.is_multiple_of(2) => (within / 2 + 1) as i16,
+            Factor::Angle => -((within / 2 + 1) as i16),
+            Factor::Power { .. } => (within + 1) as i16,
+        }
+    }
+
+    fn compute(&self, x: f64, atoms: &mut [Atom]) {
         match self.factor {
             Factor::Angle => {
                 let pairs = atoms.as_chunks_mut::<2>().0;
                 if pairs.is_empty() {
                     return;
                 }
-                let (sine, cosine) = x.sin_cos();
-                let pair = |k: f64, (s, c): (T, T)| {
-                    [Atom { value: c, slope: s.scaled(-k) }, Atom { value: s, slope: c.scaled(k) }]
-                };
-                pairs[0] = pair(1.0, (sine, cosine));
+                let pair =
+                    |k: f64, (s, c): (f64, f64)| [Atom { value: c, slope: -k * s }, Atom { value: s, slope: k * c }];
+                pairs[0] = pair(1.0, x.sin_cos());
                 for order in 2..=pairs.len() {
-                    // of the two halves, so that few wait for one another, and few rounding errors add up
+                    // of the two halves, so that few rounding errors add up
                     let half = order / 2;
                     let ([c, s], [other_c, other_s]) =
                         (pairs[half - 1].map(|atom| atom.value), pairs[order - half - 1].map(|atom| atom.value));
@@ -375,11 +346,11 @@ impl Column {
             }
             Factor::Power { middle, half } => {
                 let scale = half.recip();
-                let z = (x - T::from(middle)).scaled(scale);
-                let mut power = T::from(1.0);
+                let z = (x - middle) * scale;
+                let mut power = 1.0;
                 for (order, atom) in (1u32..).zip(atoms) {
-                    let slope = power.scaled(f64::from(order) * scale);
-                    power = power * z;
+                    let slope = power * f64::from(order) * scale;
+                    power *= z;
                     *atom = Atom { value: power, slope };
                 }
             }
@@ -425,30 +396,69 @@ mod tests {
     }
 
     #[test]
-    fn held_columns_are_constants() {
-        for first in 0..=3 {
-            let held = example().held(first, &POINT[first..]).unwrap();
-            // what is held has no effect any more
-            let mut point = POINT;
-            point[first..].fill(0.1);
-            let (mut y, mut gradient, mut expected) = ([0.0; 2], vec![0.0; 2 * first], vec![0.0; 2 * first]);
-            held.compute(&point, &mut y, &mut gradient, first, &mut held.work());
-            for (found, expected) in y.iter().zip(formula(POINT)) {
-                assert!((found - expected).abs() < 1e-15, "{found} {expected}");
-            }
-            example().compute(&POINT, &mut y, &mut expected, first, &mut example().work());
-            for (found, expected) in gradient.iter().zip(&expected) {
-                assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+    fn on_a_tape_values_slopes_and_series_are_the_same() {
+        let dictionary = example();
+        for held in [0..0, 1..3, 0..1, 0..3] {
+            let columns = [0, 1, 2].map(Register::input);
+            let mut tape = TapeBuilder::new(3, held.clone());
+            let written = dictionary.write(&columns, &mut tape);
+            let values = [0, 1].map(|output| written.value(output, &mut tape));
+            let slopes: Vec<Register> = (0..6).map(|index| written.slope(index / 3, index % 3, &mut tape)).collect();
+            let tape = tape.finish();
+            let (mut plain, mut series) = (tape.work(), tape.work());
+            for shift in [0.0, 0.3, 0.3, -0.2] {
+                // some columns keep their values while others change
+                let point = [POINT[0] + shift, POINT[1] + 0.5 * shift, POINT[2] + (2.0 * shift).round()];
+                let (expected, gradient) = dictionary.with_gradient(&point, 3);
+                plain.inputs()[..3].copy_from_slice(&point);
+                tape.run(&mut plain);
+                for (register, expected) in values.iter().chain(&slopes).zip(expected.iter().chain(&gradient)) {
+                    let found = plain.get(*register);
+                    assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+                }
+                let direction = [0.3, -0.4, 1.2];
+                for (k, column) in series.inputs()[..3].iter_mut().enumerate() {
+                    *column = Jet { value: point[k], first: direction[k], second: 0.0 };
+                }
+                tape.run(&mut series);
+                for (output, value) in values.iter().enumerate() {
+                    let along = |slope: &dyn Fn(usize) -> f64| (0..3).map(|k| slope(k) * direction[k]).sum::<f64>();
+                    let (found, expected) = (series.get(*value), along(&|k| gradient[3 * output + k]));
+                    assert!((found.first - expected).abs() < 1e-13, "{found:?} {expected}");
+                    let expected = along(&|k| series.get(slopes[3 * output + k]).first);
+                    assert!((found.second - expected).abs() < 1e-12, "{found:?} {expected}");
+                }
             }
         }
-        assert_eq!(example().held(1, &POINT[1..]).unwrap().products(), 4);
     }
 
     #[test]
-    fn gradients_and_series_are_those_of_finite_differences() {
-        let dictionary = example();
-        let (mut y, mut gradient) = ([0.0; 2], [0.0; 6]);
-        dictionary.compute(&POINT, &mut y, &mut gradient, 3, &mut dictionary.work());
+    fn long_sums_are_the_same_on_a_tape() {
+        // harmonics of an angle, some of them missing, and a coefficient that follows from a parameter
+        let factors = [Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+        let terms: Vec<Term> = (-40..=40)
+            .filter(|k| k % 7 != 3 && !(10..20).contains(k))
+            .map(|k: i16| term(&[k, k.rem_euclid(3)], &[1.0 / (1.0 + f64::from(k).abs())]))
+            .collect();
+        let dictionary = Dictionary::new(&factors, 1, &terms).unwrap();
+        let mut tape = TapeBuilder::new(2, 1..2);
+        let written = dictionary.write(&[0, 1].map(Register::input), &mut tape);
+        let registers = [written.value(0, &mut tape), written.slope(0, 0, &mut tape)];
+        let tape = tape.finish();
+        let mut work = tape.work();
+        for point in [[0.4, 0.9], [2.9, 0.9], [-1.7, 0.6]] {
+            work.inputs()[..2].copy_from_slice(&point);
+            tape.run(&mut work);
+            let (y, gradient) = dictionary.with_gradient(&point, 1);
+            for (register, expected) in registers.iter().zip([y[0], gradient[0]]) {
+                assert!((work.get(*register) - expected).abs() < 1e-12, "{} {expected}", work.get(*register));
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_are_those_of_finite_differences() {
+        let (_, gradient) = example().with_gradient(&POINT, 3);
         let step = 1e-4;
         for column in 0..3 {
             let moved = |by: f64| {
@@ -463,17 +473,6 @@ mod tests {
                 let found = gradient[3 * output + column];
                 assert!((found - expected).abs() < 1e-11, "{output} {column}: {found} {expected}");
             }
-        }
-        // along a curve the series has the gradient, and the gradient's own series
-        let direction = [0.3, -0.4, 1.2];
-        let along: [Jet; 3] = std::array::from_fn(|i| Jet { value: POINT[i], first: direction[i], second: 0.0 });
-        let (mut series, mut of_gradient) = ([Jet::default(); 2], [Jet::default(); 6]);
-        dictionary.compute(&along, &mut series, &mut of_gradient, 3, &mut dictionary.work());
-        for output in 0..2 {
-            let expected: f64 = (0..3).map(|i| gradient[3 * output + i] * direction[i]).sum();
-            assert!((series[output].first - expected).abs() < 1e-14);
-            let second: f64 = (0..3).map(|i| of_gradient[3 * output + i].first * direction[i]).sum();
-            assert!((series[output].second - second).abs() < 1e-13, "{} {second}", series[output].second);
         }
     }
 

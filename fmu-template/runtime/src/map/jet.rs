@@ -18,6 +18,8 @@ pub(crate) trait Number:
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
     fn tanh<const SIMD: u8>(self) -> Self;
+    /// Plus `a` times `b`.
+    fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self;
     /// Plus `x` times a constant.
     fn add_scaled<const SIMD: u8>(self, x: Self, by: f64) -> Self;
 }
@@ -56,6 +58,11 @@ impl Number for f64 {
     #[inline(always)]
     fn tanh<const SIMD: u8>(self) -> Self {
         activation::tanh::<f64, SIMD>(self)
+    }
+
+    #[inline(always)]
+    fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self {
+        simd::fma::<f64, SIMD>(a, b, self)
     }
 
     #[inline(always)]
@@ -103,6 +110,11 @@ impl<T: Number> Number for Jet<T> {
         let slope = T::from(1.0) - value * value;
         let Self { first, second, .. } = self;
         Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
+    }
+
+    #[inline(always)]
+    fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self {
+        self + a * b
     }
 
     #[inline(always)]

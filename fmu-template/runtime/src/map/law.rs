@@ -7,13 +7,14 @@ mod nodes;
 
 use super::{
     Activation, Layer, ScaledNetwork, Scaling,
-    dictionary::{Dictionary, DictionaryWork},
+    dictionary::Dictionary,
     jet::Number,
+    tape::{Register, Tape, TapeBuilder, TapeWork},
 };
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::{
-    FormatError, Numbers,
+    FormatError,
     simd::{PORTABLE, Simd},
 };
 use nodes::{Nodes, NodesWork};
@@ -62,10 +63,22 @@ pub enum ColumnKind {
     Cosine,
 }
 
-/// Working memory of an evaluation of a [`Law`].
+/// A [`Law`] as it is computed: with derivatives with respect to the first columns, if they are wanted.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PreparedLaw {
+    tape: Tape,
+    values: Vec<Register>,
+    /// Shape `[functions, first]`.
+    slopes: Vec<Register>,
+    first: usize,
+    held: Range<usize>,
+    network: Option<NetworkTerm>,
+}
+
+/// Working memory of an evaluation of a [`PreparedLaw`].
 #[derive(Clone, Debug)]
 pub(crate) struct LawWork<T> {
-    dictionary: DictionaryWork<T>,
+    tape: TapeWork<T>,
     network: Option<TermWork<T>>,
 }
 
@@ -122,21 +135,8 @@ impl Law {
 
     /// Whether a function is zero everywhere.
     pub fn is_zero(&self, function: usize) -> bool {
-        self.dictionary.terms().all(|term| term.coefficients[function] == 0.0)
+        self.dictionary.is_zero(function)
             && self.network.as_ref().is_none_or(|network| !network.outputs.contains(&function))
-    }
-
-    /// As [`Dictionary::held`].
-    ///
-    /// # Errors
-    /// As there.
-    ///
-    /// # Panics
-    /// Likewise.
-    pub fn held(&self, first: usize, values: &[f64]) -> Result<Self, FormatError> {
-        let network =
-            self.network.as_ref().map(|network| network.held(first..first + values.len(), values)).transpose();
-        Self::new(self.dictionary.held(first, values)?, network?)
     }
 
     /// The functions `y` at `x`.
@@ -144,32 +144,44 @@ impl Law {
     /// # Panics
     /// If a slice has the wrong length.
     pub fn evaluate(&self, x: &[f64], y: &mut [f64]) {
-        self.compute(x, y, &mut [], 0, &mut self.work(0, 0));
+        let prepared = self.prepared(0, 0..0);
+        prepared.compute(x, y, &mut [], &mut prepared.work());
     }
 
-    /// Working memory of an evaluation with derivatives with respect to so many columns. Those from `held` on, which are others, change
-    /// rarely: what follows from them alone is kept.
-    pub(crate) fn work<T: Number>(&self, first: usize, held: usize) -> LawWork<T> {
-        let held = held..self.dictionary.columns();
-        let network = self.network.as_ref().map(|network| network.work(first, held));
-        LawWork { dictionary: self.dictionary.work(), network }
+    /// Laid out for evaluation, with derivatives with respect to so many first columns. What follows from held columns alone, which are
+    /// others, is kept as long as they have the same values.
+    pub(crate) fn prepared(&self, first: usize, held: Range<usize>) -> PreparedLaw {
+        let Self { dictionary, network } = self;
+        let mut tape = TapeBuilder::new(dictionary.columns(), held.clone());
+        let columns: Vec<Register> = (0..dictionary.columns()).map(Register::input).collect();
+        let written = dictionary.write(&columns, &mut tape);
+        let values = (0..dictionary.outputs()).map(|function| written.value(function, &mut tape)).collect();
+        let slopes =
+            (0..dictionary.outputs() * first).map(|index| written.slope(index / first, index % first, &mut tape));
+        let slopes = slopes.collect();
+        PreparedLaw { tape: tape.finish(), values, slopes, first, held, network: network.clone() }
+    }
+}
+
+impl PreparedLaw {
+    pub(crate) fn work<T: Number>(&self) -> LawWork<T> {
+        let network = self.network.as_ref().map(|network| network.work(self.first, self.held.clone()));
+        LawWork { tape: self.tape.work(), network }
     }
 
-    /// As [`Dictionary::compute`].
+    /// The functions `y` at `x`, and in `gradient`, shape `[functions, first]`, derivatives with respect to the first columns, of as many
+    /// functions as it has. Does not allocate.
     ///
     /// # Panics
-    /// Likewise, or if the working memory is that of another law or of another number of derivatives.
-    pub(crate) fn compute<T: Number>(
-        &self,
-        x: &[T],
-        y: &mut [T],
-        gradient: &mut [T],
-        first: usize,
-        work: &mut LawWork<T>,
-    ) {
-        self.dictionary.compute(x, y, gradient, first, &mut work.dictionary);
-        if let (Some(network), Some(work)) = (&self.network, &mut work.network) {
-            network.add(x, y, gradient, first, work);
+    /// If a slice has the wrong length, or the working memory is that of another law.
+    pub(crate) fn compute<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], work: &mut LawWork<T>) {
+        let LawWork { tape, network } = work;
+        tape.inputs()[..x.len()].copy_from_slice(x);
+        self.tape.run(tape);
+        y.iter_mut().zip(&self.values).for_each(|(to, register)| *to = tape.get(*register));
+        gradient.iter_mut().zip(&self.slopes).for_each(|(to, register)| *to = tape.get(*register));
+        if let (Some(network), Some(work)) = (&self.network, network) {
+            network.add(x, y, gradient, self.first, work);
         }
     }
 }
@@ -229,44 +241,8 @@ impl NetworkTerm {
         self.columns.iter().any(|own| own.of == column)
     }
 
-    /// The same with some columns held at these values, which become part of the first layer's biases.
-    ///
-    /// # Errors
-    /// [`FormatError`] if a number becomes too large.
-    pub(crate) fn held(&self, range: Range<usize>, values: &[f64]) -> Result<Self, FormatError> {
-        let Scaling { input_mean, input_scale, output_mean, output_scale } = &self.network.scaling;
-        let is_held = |column: &NetworkColumn| range.contains(&column.of);
-        let mut layers = self.network.layers.clone();
-        let Some(layer) = layers.first_mut() else { return Ok(self.clone()) };
-        let standardised: Vec<Option<f64>> = (self.columns.iter().zip(input_mean).zip(input_scale))
-            .map(|((column, mean), scale)| {
-                let value = is_held(column).then(|| column.kind.of(values[column.of - range.start])[0]);
-                value.map(|value| (value - mean) * scale.recip())
-            })
-            .collect();
-        let (mut weight, mut bias): (Vec<f64>, Vec<f64>) = (Vec::new(), layer.bias.iter().collect());
-        for (index, value) in layer.weight.iter().enumerate() {
-            match standardised[index % layer.inputs] {
-                Some(held) => bias[index / layer.inputs] += value * held,
-                None => weight.push(value),
-            }
-        }
-        let kept = |values: &[f64]| -> Vec<f64> {
-            values.iter().zip(&standardised).filter(|(_, held)| held.is_none()).map(|(value, _)| *value).collect()
-        };
-        let columns: Vec<NetworkColumn> = self.columns.iter().copied().filter(|column| !is_held(column)).collect();
-        layer.inputs = columns.len();
-        (layer.weight, layer.bias) = (Numbers::Double(weight), Numbers::Double(bias));
-        let scaling = Scaling {
-            input_mean: kept(input_mean),
-            input_scale: kept(input_scale),
-            output_mean: output_mean.clone(),
-            output_scale: output_scale.clone(),
-        };
-        Self::new(columns, self.outputs.clone(), ScaledNetwork { scaling, layers })
-    }
-
-    /// As [`Law::work`], with the columns that change rarely.
+    /// Working memory of an evaluation with derivatives with respect to so many first columns. Held columns, which are others, change rarely:
+    /// what follows from them alone is kept.
     pub(crate) fn work<T: Number>(&self, first: usize, held: Range<usize>) -> TermWork<T> {
         match &self.laid_out {
             LaidOut::Nodes(nodes) => TermWork::Nodes(nodes.work(self.columns.len(), held)),
@@ -562,6 +538,12 @@ mod tests {
 
     const POINT: [f64; 3] = [0.8, 1.3, -1.1];
 
+    /// With derivatives with respect to so many first columns.
+    fn compute<T: Number>(law: &Law, first: usize, x: &[T], y: &mut [T], gradient: &mut [T]) {
+        let prepared = law.prepared(first, 0..0);
+        prepared.compute(x, y, gradient, &mut prepared.work());
+    }
+
     fn values(law: &Law, point: [f64; 3]) -> [f64; 3] {
         let mut y = [0.0; 3];
         law.evaluate(&point, &mut y);
@@ -589,7 +571,7 @@ mod tests {
     fn gradients_and_series_are_those_of_finite_differences() {
         for law in laws() {
             let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-            law.compute(&POINT, &mut y, &mut gradient, 2, &mut law.work(2, 3));
+            compute(&law, 2, &POINT, &mut y, &mut gradient);
             let step = 1e-3;
             let derivative = |column: usize, of: &dyn Fn([f64; 3]) -> f64| {
                 let moved = |by: f64| {
@@ -611,12 +593,12 @@ mod tests {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i], first: direction[i], second: bend[i] });
             let (mut series, mut of_gradient) = ([Jet::default(); 3], [Jet::default(); 6]);
-            law.compute(&along, &mut series, &mut of_gradient, 2, &mut law.work(2, 3));
+            compute(&law, 2, &along, &mut series, &mut of_gradient);
             let at =
                 |h: f64| -> [f64; 3] { std::array::from_fn(|i| POINT[i] + h * direction[i] + 0.5 * h * h * bend[i]) };
             let gradient_at = |h: f64| {
                 let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-                law.compute(&at(h), &mut y, &mut gradient, 2, &mut law.work(2, 3));
+                compute(&law, 2, &at(h), &mut y, &mut gradient);
                 gradient
             };
             let five = |of: &dyn Fn(f64) -> f64| {
@@ -648,12 +630,12 @@ mod tests {
             second: Jet::from(0.0),
         });
         let mut series = [Jet::<Jet>::from(0.0); 3];
-        law.compute(&nested, &mut series, &mut [], 0, &mut law.work(0, 3));
+        compute(&law, 0, &nested, &mut series, &mut []);
         let second_along = |h: f64| {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i] + h * other[i], first: direction[i], second: 0.0 });
             let mut series = [Jet::default(); 3];
-            law.compute(&along, &mut series, &mut [], 0, &mut law.work(0, 3));
+            compute(&law, 0, &along, &mut series, &mut []);
             series.map(|jet| jet.second)
         };
         let (after, before) = (second_along(1e-4), second_along(-1e-4));
@@ -665,32 +647,19 @@ mod tests {
     }
 
     #[test]
-    fn held_columns_are_constants() {
-        for (law, first) in laws().flat_map(|law| (0..3).map(move |first| (law.clone(), first))) {
-            let held = law.held(first, &POINT[first..]).unwrap();
-            let mut point = POINT;
-            point[first..].fill(0.4);
-            let (found, expected) = (values(&held, point), values(&law, POINT));
-            for (found, expected) in found.iter().zip(expected) {
-                assert!((found - expected).abs() < 1e-14, "{found} {expected}");
-            }
-            assert!((first..3).all(|column| !held.depends_on(column)));
-        }
-    }
-
-    #[test]
     fn what_follows_from_columns_that_change_rarely_is_computed_again_when_they_do() {
         let law = nodes();
         for held in 1..3 {
-            let mut work = law.work(1, held);
+            let prepared = law.prepared(1, held..3);
+            let mut work = prepared.work();
             for (index, value) in [1.3, 1.3, 0.2, f64::NAN, 0.2].into_iter().enumerate() {
                 for column in held..3 {
                     let mut point = POINT;
                     (point[0], point[column]) = (0.1 * index as f64, value);
                     let (mut y, mut gradient) = ([0.0; 3], [0.0; 3]);
-                    law.compute(&point, &mut y, &mut gradient, 1, &mut work);
+                    prepared.compute(&point, &mut y, &mut gradient, &mut work);
                     let (mut expected, mut of_gradient) = ([0.0; 3], [0.0; 3]);
-                    law.compute(&point, &mut expected, &mut of_gradient, 1, &mut law.work(1, 3));
+                    compute(&law, 1, &point, &mut expected, &mut of_gradient);
                     for (found, expected) in y.iter().chain(&gradient).zip(expected.iter().chain(&of_gradient)) {
                         let is_same = (found - expected).abs() < 1e-14 || found.is_nan() && expected.is_nan();
                         assert!(is_same, "{held} {index} {column}: {found} {expected}");
@@ -704,8 +673,8 @@ mod tests {
     fn derivatives_of_the_first_functions_alone_are_the_same() {
         for law in laws() {
             let (mut y, mut all, mut two) = ([0.0; 3], [0.0; 6], [0.0; 4]);
-            law.compute(&POINT, &mut y, &mut all, 2, &mut law.work(2, 3));
-            law.compute(&POINT, &mut y, &mut two, 2, &mut law.work(2, 3));
+            compute(&law, 2, &POINT, &mut y, &mut all);
+            compute(&law, 2, &POINT, &mut y, &mut two);
             assert_eq!(all[..4], two);
         }
     }

@@ -9,6 +9,7 @@ pub mod law;
 mod layers;
 pub mod regression;
 mod series;
+pub(crate) mod tape;
 
 use crate::{
     FormatError, Precision,

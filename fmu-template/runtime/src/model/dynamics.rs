@@ -23,9 +23,11 @@ use crate::{
     map::{
         expect_shape,
         jet::{Jet, Number},
-        law::{Law, LawWork, NetworkTerm, TermWork},
+        law::{Law, NetworkTerm, TermWork},
+        tape::{Register, Tape, TapeBuilder, TapeWork},
     },
 };
+use std::ops::Range;
 
 /// The equations of motion with `n` coordinates and `m` inputs.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +42,27 @@ pub struct Dynamics {
     prescribed: Vec<bool>,
     /// Whether one of them is.
     is_driven: bool,
+    written: Written,
+}
+
+/// The equations on a tape, whose inputs are `(q, p, v, u)` and then what networks give.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Written {
+    tape: Tape,
+    given: Vec<Given>,
+    /// The lower triangle of `M` row by row, and `V`.
+    energies: Vec<Register>,
+    accelerations: Vec<Register>,
+}
+
+/// What a network gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Given {
+    /// A share of a function of the law, or of its derivative, by its position among all.
+    Function(usize),
+    Slope(usize),
+    /// A share of the force of a coordinate.
+    Force(usize),
 }
 
 /// Working memory of one evaluation at a time.
@@ -54,13 +77,14 @@ pub struct DynamicsScratch {
 pub(super) struct Work<T> {
     /// `(q, p)`, to be filled in.
     pub(super) columns: Vec<T>,
+    tape: TapeWork<T>,
+    /// What the law's network gives, and the forces' network, of columns `(q, p, v, u)`.
     law: Vec<T>,
     gradient: Vec<T>,
-    of_law: LawWork<T>,
-    /// `(q, p, v, u)`, if a network gives forces.
+    of_law: Option<TermWork<T>>,
     force_columns: Vec<T>,
+    forces: Vec<T>,
     of_forces: Option<TermWork<T>>,
-    factors: Vec<T>,
     /// The result.
     pub(super) accelerations: Vec<T>,
 }
@@ -100,9 +124,107 @@ impl Dynamics {
                 expected: vec![coordinates.max(1)],
             });
         }
-        Ok(Self { coordinates, inputs, law, forces: None, prescribed: vec![false; coordinates], is_driven: false })
+        let dynamics = Self {
+            coordinates,
+            inputs,
+            law,
+            forces: None,
+            prescribed: vec![false; coordinates],
+            is_driven: false,
+            written: Written::default(),
+        };
+        Ok(dynamics.write())
     }
 
+    /// Writes the equations as they are now.
+    fn write(mut self) -> Self {
+        let (n, m, p) = (self.coordinates, self.inputs, self.parameters());
+        let given = self.given();
+        let columns = self.force_columns();
+        let mut tape = TapeBuilder::new(columns + given.len(), n..n + p);
+        let input = |range: Range<usize>| -> Vec<Register> { range.map(Register::input).collect() };
+        let (v, u) = (input(n + p..2 * n + p), input(2 * n + p..columns));
+        let (zero, one) = (tape.zero, tape.one);
+        let share = |wanted: Given| {
+            let found = given.iter().position(|given| *given == wanted);
+            found.map_or(zero, |index| Register::input(columns + index))
+        };
+        let law = self.law.dictionary().write(&input(0..n + p), &mut tape);
+        let function = |index: usize, tape: &mut TapeBuilder| {
+            let value = law.value(index, tape);
+            tape.add_product(value, share(Given::Function(index)), one)
+        };
+        let slope = |index: usize, k: usize, tape: &mut TapeBuilder| {
+            let value = law.slope(index, k, tape);
+            tape.add_product(value, share(Given::Slope(index * n + k)), one)
+        };
+        let potential = n * (n + 1) / 2;
+        let (force, damping) = (potential + 1, potential + 1 + n);
+        let input_map = damping + n * n;
+        let energies: Vec<Register> = (0..=potential).map(|index| function(index, &mut tape)).collect();
+        let slopes: Vec<Register> = (0..potential * n).map(|index| slope(index / n, index % n, &mut tape)).collect();
+        let mut sides = Vec::with_capacity(n);
+        for i in 0..n {
+            let mut side = function(force + i, &mut tape);
+            side = tape.add_product(side, share(Given::Force(i)), one);
+            for (j, v) in v.iter().enumerate() {
+                let damping = function(damping + i * n + j, &mut tape);
+                side = tape.subtract_product(side, damping, *v);
+            }
+            for (j, u) in u.iter().enumerate() {
+                let factor = function(input_map + i * m + j, &mut tape);
+                side = tape.add_product(side, factor, *u);
+            }
+            // inertia and potential do not act on what is prescribed
+            if !self.prescribed[i] {
+                let of_potential = slope(potential, i, &mut tape);
+                side = tape.subtract_product(side, of_potential, one);
+                for (j, k) in (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))) {
+                    // both orders of a pair
+                    let mut factor = zero;
+                    for (j, k) in [(j, k), (k, j)].into_iter().take(if j == k { 1 } else { 2 }) {
+                        factor = tape.add_product(factor, slopes[entry(i, j) * n + k], one);
+                        factor = tape.add_scaled(factor, slopes[entry(j, k) * n + i], -0.5);
+                    }
+                    let velocities = tape.product(v[j], v[k]);
+                    side = tape.subtract_product(side, factor, velocities);
+                }
+            }
+            sides.push(side);
+        }
+        let (prescribed, free): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| self.prescribed[i]);
+        for &i in &free {
+            for &j in &prescribed {
+                sides[i] = tape.subtract_product(sides[i], energies[entry(i, j)], sides[j]);
+            }
+        }
+        let mass = |i: usize, j: usize| energies[entry(free[i], free[j])];
+        let mut found: Vec<Register> = free.iter().map(|&i| sides[i]).collect();
+        solve(&mut tape, free.len(), mass, &mut found);
+        for (&i, found) in free.iter().zip(found) {
+            sides[i] = found;
+        }
+        self.written = Written { given, energies, accelerations: sides, tape: tape.finish() };
+        self
+    }
+
+    /// What networks give.
+    fn given(&self) -> Vec<Given> {
+        let n = self.coordinates;
+        let mut given = Vec::new();
+        if let Some(network) = self.law.network() {
+            for &function in network.outputs() {
+                given.push(Given::Function(function));
+                if function <= n * (n + 1) / 2 {
+                    given.extend((0..n).map(|k| Given::Slope(function * n + k)));
+                }
+            }
+        }
+        if let Some(network) = &self.forces {
+            given.extend(network.outputs().iter().map(|row| Given::Force(*row)));
+        }
+        given
+    }
     /// The same with prescribed accelerations of some coordinates.
     ///
     /// # Errors
@@ -114,7 +236,7 @@ impl Dynamics {
             *is_prescribed.ok_or(FormatError::Index { name: "prescribed".into(), index, found, limit })? = true;
         }
         self.is_driven = self.prescribed.contains(&true);
-        Ok(self)
+        Ok(if coordinates.is_empty() { self } else { self.write() })
     }
 
     /// The same with a network of `(q, p, v, u)` that adds forces.
@@ -125,21 +247,9 @@ impl Dynamics {
         if let Some(forces) = &forces {
             forces.check_limits(self.force_columns(), self.coordinates)?;
         }
-        Ok(Self { forces, ..self })
-    }
-
-    /// The same with some values of the parameters, on which nothing depends any more: faster where they do not change.
-    ///
-    /// # Errors
-    /// As [`Law::held`].
-    ///
-    /// # Panics
-    /// Likewise.
-    pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
-        let range = self.coordinates..self.coordinates + parameters.len();
-        let forces = self.forces.as_ref().map(|forces| forces.held(range, parameters)).transpose()?;
-        let prescribed = self.prescribed.clone();
-        Ok(Self { law: self.law.held(self.coordinates, parameters)?, forces, prescribed, ..*self })
+        let changes = forces != self.forces;
+        let dynamics = Self { forces, ..self };
+        Ok(if changes { dynamics.write() } else { dynamics })
     }
 
     /// Number of generalized coordinates: half the number of states.
@@ -210,18 +320,24 @@ impl Dynamics {
     }
 
     pub(super) fn work<T: Number>(&self) -> Work<T> {
-        let zeros = |count: usize| vec![T::from(0.0); count];
+        let zeros = |count: usize, network: Option<&NetworkTerm>| match network {
+            Some(_) => vec![T::from(0.0); count],
+            None => Vec::new(),
+        };
         let (n, outputs) = (self.coordinates, self.law.dictionary().outputs());
+        let (of_law, of_forces) = (self.law.network(), self.forces.as_ref());
+        let held = n..n + self.parameters();
         Work {
-            columns: zeros(n + self.parameters()),
-            law: zeros(outputs),
+            columns: vec![T::from(0.0); n + self.parameters()],
+            tape: self.written.tape.work(),
+            law: zeros(outputs, of_law),
             // of M and V
-            gradient: zeros((n * (n + 1) / 2 + 1) * n),
-            of_law: self.law.work(n, n),
-            force_columns: zeros(if self.forces.is_some() { self.force_columns() } else { 0 }),
-            of_forces: self.forces.as_ref().map(|forces| forces.work(0, n..n + self.parameters())),
-            factors: zeros(n * n),
-            accelerations: zeros(n),
+            gradient: zeros((n * (n + 1) / 2 + 1) * n, of_law),
+            of_law: of_law.map(|network| network.work(n, held.clone())),
+            force_columns: zeros(self.force_columns(), of_forces),
+            forces: zeros(n, of_forces),
+            of_forces: of_forces.map(|forces| forces.work(0, held)),
+            accelerations: vec![T::from(0.0); n],
         }
     }
 
@@ -260,23 +376,24 @@ impl Dynamics {
     /// As [`Dynamics::accelerations`].
     pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
         let work = &mut scratch.plain;
-        let Point { q, v, p, .. } = point;
+        let Point { q, v, u, p } = point;
         work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
-        self.law.compute(&work.columns, &mut work.law, &mut work.gradient, self.coordinates, &mut work.of_law);
+        self.solve(&|k| v[k], &|k| u.get(k).copied().unwrap_or(0.0), work);
         let [kinetic, potential] = self.energies(|k| v[k], work);
         kinetic + potential
     }
 
-    /// `v^T M v / 2` and `V`, once the law was computed.
+    /// `v^T M v / 2` and `V`, once the equations were solved.
     pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &Work<T>) -> [T; 2] {
         let n = self.coordinates;
+        let function = |index: usize| work.tape.get(self.written.energies[index]);
         let mut kinetic = T::from(0.0);
         for i in 0..n {
             for j in 0..n {
-                kinetic = kinetic + v(i) * work.law[entry(i, j)] * v(j);
+                kinetic = kinetic + v(i) * function(entry(i, j)) * v(j);
             }
         }
-        [kinetic.scaled(0.5), work.law[n * (n + 1) / 2]]
+        [kinetic.scaled(0.5), function(n * (n + 1) / 2)]
     }
 
     /// One step of the classical Runge-Kutta method of order 4 over `h` seconds with constant inputs: `q` and `v` are replaced.
@@ -323,50 +440,35 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs, self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B u)` by the factors `L D L^T` of `M`, from the columns of the working memory; rows and columns of
-    /// prescribed accelerations are those of the identity.
+    /// `M^-1 (-h - dV/dq + F - D v + B u)` from the columns of the working memory.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, law, gradient, of_law, force_columns, of_forces, factors, accelerations } = work;
+        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs);
-        self.law.compute(columns, law, gradient, n, of_law);
-        let of = |function: usize, k: usize| gradient[function * n + k];
-        let potential = n * (n + 1) / 2;
-        let (force, damping) = (potential + 1, potential + 1 + n);
-        let input_map = damping + n * n;
-        let is_prescribed = |row: usize| self.is_driven && self.prescribed[row];
-        for i in 0..n {
-            // inertia and potential do not act on what is prescribed
-            let is_free = !is_prescribed(i);
-            let mut side = if is_free { law[force + i] - of(potential, i) } else { law[force + i] };
-            for j in 0..n {
-                side = side - law[damping + i * n + j] * v(j);
-                for k in 0..if is_free { n } else { 0 } {
-                    let christoffel = of(entry(i, j), k) - of(entry(j, k), i).scaled(0.5);
-                    side = side - christoffel * v(j) * v(k);
-                }
-            }
-            for j in 0..m {
-                side = side + law[input_map + i * m + j] * u(j);
-            }
-            accelerations[i] = side;
+        let Written { tape: equations, given, accelerations: found, .. } = &self.written;
+        let inputs = tape.inputs();
+        let (of_configuration, rest) = inputs.split_at_mut(columns.len());
+        of_configuration.copy_from_slice(columns);
+        (0..n).for_each(|k| rest[k] = v(k));
+        (0..m).for_each(|k| rest[n + k] = u(k));
+        if let (Some(network), Some(work)) = (self.law.network(), of_law) {
+            law.fill(T::from(0.0));
+            gradient.fill(T::from(0.0));
+            network.add(columns, law, gradient, n, work);
         }
-        if let (Some(forces), Some(work)) = (&self.forces, of_forces) {
-            let (of_configuration, rest) = force_columns.split_at_mut(columns.len());
-            of_configuration.copy_from_slice(columns);
-            let (of_v, of_u) = rest.split_at_mut(n);
-            of_v.iter_mut().enumerate().for_each(|(k, column)| *column = v(k));
-            of_u.iter_mut().enumerate().for_each(|(k, column)| *column = u(k));
-            forces.add(force_columns, accelerations, &mut [], 0, work);
+        if let (Some(network), Some(work)) = (&self.forces, of_forces) {
+            force_columns.copy_from_slice(&inputs[..columns.len() + n + m]);
+            forces.fill(T::from(0.0));
+            network.add(force_columns, forces, &mut [], 0, work);
         }
-        if self.is_driven {
-            for i in (0..n).filter(|&i| !is_prescribed(i)) {
-                for j in (0..n).filter(|&j| is_prescribed(j)) {
-                    accelerations[i] = accelerations[i] - law[entry(i, j)] * accelerations[j];
-                }
-            }
+        for (to, given) in inputs[columns.len() + n + m..].iter_mut().zip(given) {
+            *to = match *given {
+                Given::Function(index) => law[index],
+                Given::Slope(index) => gradient[index],
+                Given::Force(row) => forces[row],
+            };
         }
-        factorise(n, law, is_prescribed, factors);
-        substitute(n, factors, accelerations);
+        equations.run(tape);
+        accelerations.iter_mut().zip(found).for_each(|(to, register)| *to = tape.get(*register));
     }
 }
 
@@ -376,41 +478,34 @@ fn entry(i: usize, j: usize) -> usize {
     row * (row + 1) / 2 + column
 }
 
-/// `M = L D L^T`: `L` below the diagonal of `factors`, `1 / D` on it; NaN where a pivot is not positive. Rows and columns of what is
-/// prescribed are those of the identity.
-fn factorise<T: Number>(n: usize, mass: &[T], is_prescribed: impl Fn(usize) -> bool, factors: &mut [T]) {
+/// Writes `x` in place of `b` with `M x = b`, by the factors `M = L D L^T`; NaN where a pivot is not positive.
+fn solve(tape: &mut TapeBuilder, n: usize, mass: impl Fn(usize, usize) -> Register, x: &mut [Register]) {
+    let zero = tape.zero;
+    // L below the diagonal, L D above, 1 / D on it
+    let mut factors = vec![zero; n * n];
     for i in 0..n {
         for j in 0..=i {
-            let mut value = match is_prescribed(i) || is_prescribed(j) {
-                true => T::from(if i == j { 1.0 } else { 0.0 }),
-                false => mass[entry(i, j)],
-            };
+            let mut value = mass(i, j);
             for k in 0..j {
-                // above the diagonal are the elements of L D
-                value = value - factors[i * n + k] * factors[k * n + j];
+                value = tape.subtract_product(value, factors[i * n + k], factors[k * n + j]);
             }
             if j < i {
                 factors[j * n + i] = value;
-                factors[i * n + j] = value * factors[j * n + j];
+                factors[i * n + j] = tape.product(value, factors[j * n + j]);
             } else {
-                let pivot = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
-                factors[i * n + i] = pivot.recip();
+                factors[i * n + i] = tape.reciprocal(value);
             }
         }
     }
-}
-
-/// `x` in place of `b` with `L D L^T x = b`.
-fn substitute<T: Number>(n: usize, factors: &[T], x: &mut [T]) {
     for i in 0..n {
         for j in 0..i {
-            x[i] = x[i] - factors[i * n + j] * x[j];
+            x[i] = tape.subtract_product(x[i], factors[i * n + j], x[j]);
         }
     }
     for i in (0..n).rev() {
-        x[i] = x[i] * factors[i * n + i];
+        x[i] = tape.product(x[i], factors[i * n + i]);
         for j in i + 1..n {
-            x[i] = x[i] - factors[j * n + i] * x[j];
+            x[i] = tape.subtract_product(x[i], factors[j * n + i], x[j]);
         }
     }
 }

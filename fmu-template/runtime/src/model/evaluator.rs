@@ -1,10 +1,10 @@
 //! The surrogate prepared for evaluation.
 
 use super::{
-    CommunicationStep, Drive, Integration, Model, Motion, Scale, StepError,
+    CommunicationStep, Drive, Integration, Model, Scale, StepError,
     discrete::{DiscreteScratch, PreparedDiscrete},
     maps::{Maps, MapsScratch},
-    motion::MotionScratch,
+    motion::{MotionScratch, PreparedMotion},
     state_space::{PreparedStateSpace, StateSpaceScratch},
 };
 use crate::{Surrogate, map::Task};
@@ -31,7 +31,7 @@ pub struct Evaluator {
 #[derive(Clone, Debug)]
 enum Engine {
     Maps(Maps),
-    Motion(Box<Motion>),
+    Motion(Box<PreparedMotion>),
     StateSpace(Box<PreparedStateSpace>),
     Discrete(Box<PreparedDiscrete>),
 }
@@ -42,10 +42,10 @@ pub struct Scratch(Working);
 
 #[derive(Clone, Debug)]
 enum Working {
-    Maps(MapsScratch),
+    Maps(Box<MapsScratch>),
     Motion(Box<MotionScratch>),
-    StateSpace(StateSpaceScratch),
-    Discrete(DiscreteScratch),
+    StateSpace(Box<StateSpaceScratch>),
+    Discrete(Box<DiscreteScratch>),
 }
 
 impl Evaluator {
@@ -54,7 +54,7 @@ impl Evaluator {
         let metadata = surrogate.metadata();
         let states = metadata.states.len();
         let engine = match surrogate.model() {
-            Model::Motion(motion) => Engine::Motion(motion.clone()),
+            Model::Motion(motion) => Engine::Motion(Box::new(PreparedMotion::new(motion.as_ref().clone()))),
             Model::StateSpace(space) => {
                 Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
             }
@@ -75,25 +75,11 @@ impl Evaluator {
         }
     }
 
-    /// The same where the parameters of equations of motion keep these values, which is faster; of other models the same.
-    ///
-    /// # Panics
-    /// If there are fewer values than parameters.
-    pub fn held(&self, parameters: &[f64]) -> Self {
-        let mut held = self.clone();
-        if let Engine::Motion(motion) = &mut held.engine
-            && let Ok(of_these) = motion.held(&parameters[..motion.dynamics.parameters()])
-        {
-            **motion = of_these;
-        }
-        held
-    }
-
     /// The same with another integration of continuous states.
     pub fn with_integration(&self, integration: Integration) -> Self {
         let mut other = self.clone();
         match &mut other.engine {
-            Engine::Motion(motion) => motion.integration = integration,
+            Engine::Motion(motion) => motion.integrate_by(integration),
             Engine::StateSpace(space) => space.integrate_by(integration),
             Engine::Maps(_) | Engine::Discrete(_) => {}
         }
@@ -103,10 +89,10 @@ impl Evaluator {
     /// Working memory that fits this evaluator.
     pub fn scratch(&self) -> Scratch {
         Scratch(match &self.engine {
-            Engine::Maps(maps) => Working::Maps(maps.scratch()),
+            Engine::Maps(maps) => Working::Maps(Box::new(maps.scratch())),
             Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch(&self.scales))),
-            Engine::StateSpace(space) => Working::StateSpace(space.scratch(&self.scales)),
-            Engine::Discrete(discrete) => Working::Discrete(discrete.scratch()),
+            Engine::StateSpace(space) => Working::StateSpace(Box::new(space.scratch(&self.scales))),
+            Engine::Discrete(discrete) => Working::Discrete(Box::new(discrete.scratch())),
         })
     }
 

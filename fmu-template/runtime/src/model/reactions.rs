@@ -14,7 +14,11 @@ use super::dynamics::Point;
 use crate::{
     FormatError,
     dictionary::Dictionary,
-    map::{dictionary::DictionaryWork, expect_shape, jet::Number},
+    map::{
+        expect_shape,
+        jet::Number,
+        law::{Law, LawWork, PreparedLaw},
+    },
 };
 
 /// Forces and moments in a motion with `n` coordinates and `m` inputs.
@@ -24,13 +28,14 @@ pub struct Reactions {
     inputs: usize,
     /// From `(q, p)` to the functions of each force, one force after the other.
     functions: Dictionary,
+    prepared: PreparedLaw,
 }
 
 /// Working memory of one evaluation in one kind of numbers.
 #[derive(Clone, Debug)]
 pub(super) struct ReactionsWork<T> {
     functions: Vec<T>,
-    of_functions: DictionaryWork<T>,
+    of_functions: LawWork<T>,
 }
 
 impl Reactions {
@@ -52,7 +57,8 @@ impl Reactions {
             let (found, expected) = (vec![functions.columns()], vec![coordinates]);
             return Err(FormatError::Shape { name: "reactions".into(), found, expected });
         }
-        Ok(Self { coordinates, inputs, functions })
+        let prepared = Law::from(functions.clone()).prepared(0, coordinates..functions.columns());
+        Ok(Self { coordinates, inputs, functions, prepared })
     }
 
     /// Makes sure that it fits equations of motion with so many coordinates, inputs, and coordinates and parameters.
@@ -62,17 +68,6 @@ impl Reactions {
     pub(super) fn check(&self, [coordinates, inputs, columns]: [usize; 3]) -> Result<(), FormatError> {
         let found = [self.coordinates, self.inputs, self.functions.columns()];
         expect_shape("reactions", &found, &[coordinates, inputs, columns])
-    }
-
-    /// The same with some values of the parameters, as [`Dictionary::held`].
-    ///
-    /// # Errors
-    /// As there.
-    ///
-    /// # Panics
-    /// Likewise.
-    pub fn held(&self, parameters: &[f64]) -> Result<Self, FormatError> {
-        Ok(Self { functions: self.functions.held(self.coordinates, parameters)?, ..*self })
     }
 
     /// Number of forces and moments.
@@ -110,12 +105,12 @@ impl Reactions {
 
     pub(super) fn work<T: Number>(&self) -> ReactionsWork<T> {
         let functions = vec![T::from(0.0); self.functions.outputs()];
-        ReactionsWork { functions, of_functions: self.functions.work() }
+        ReactionsWork { functions, of_functions: self.prepared.work() }
     }
 
     /// Computes the functions at `(q, p)`, of which [`value`](Self::value) makes the forces. Does not allocate.
     pub(super) fn compute<T: Number>(&self, columns: &[T], work: &mut ReactionsWork<T>) {
-        self.functions.compute(columns, &mut work.functions, &mut [], 0, &mut work.of_functions);
+        self.prepared.compute(columns, &mut work.functions, &mut [], &mut work.of_functions);
     }
 
     /// A force or moment with velocities, inputs and accelerations.

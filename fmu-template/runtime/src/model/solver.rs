@@ -132,6 +132,9 @@ pub const MAX_SOLVER_STEPS: f64 = 1e7;
 /// Part of a communication step that no step of the solver is shorter than.
 const SHORTEST: f64 = 1e-14;
 
+/// Error of a step, relative to the tolerance, below which the next one may be longer: `0.9^5` is 0.59.
+const LEAST_SPARE: f64 = 0.5;
+
 /// Stages of the error-controlled method. The last one is the first of the next step.
 const STAGES: usize = 7;
 
@@ -185,7 +188,7 @@ pub(super) struct Solver {
     before: Vec<f64>,
     /// Columns at a stage, and the rates of the states at each stage.
     stage: Vec<f64>,
-    rates: Vec<Vec<f64>>,
+    rates: Vec<f64>,
 }
 
 impl Solver {
@@ -199,7 +202,7 @@ impl Solver {
             scales,
             before: vec![0.0; states],
             stage: vec![0.0; columns],
-            rates: vec![vec![0.0; states]; STAGES],
+            rates: vec![0.0; STAGES * states],
         }
     }
 
@@ -248,7 +251,7 @@ impl Solver {
             self.begin(point);
             self.stages(&CLASSICAL, 0, point, (since, h), drive, &mut respond);
             for (k, state) in point[self.states.clone()].iter_mut().enumerate() {
-                *state += h * weighted(CLASSICAL.result, &self.rates, k);
+                *state += h * weighted(CLASSICAL.result, &self.rates[k..], self.before.len());
             }
             self.expect_plausible(&point[self.states.clone()], since + h)?;
         }
@@ -271,7 +274,7 @@ impl Solver {
         let (mut since, mut h, mut steps) = (0.0, longest, 0);
         self.begin(point);
         match derivatives {
-            Some(known) => self.rates[0].copy_from_slice(known),
+            Some(known) => self.rates[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, drive, &mut respond),
         }
         // what is left by rounding is no step
@@ -288,13 +291,16 @@ impl Solver {
             if error <= 1.0 {
                 // the last stage is the end of the step
                 point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
-                self.rates.swap(0, STAGES - 1);
+                self.rates.copy_within((STAGES - 1) * self.before.len().., 0);
                 since += h;
                 self.expect_plausible(&point[self.states.clone()], since)?;
             }
-            // nan: the shortest
-            let factor = if error.is_nan() { 0.1 } else { (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.1, 5.0) };
-            h = longest.min(h * factor);
+            // a step of full length that could have been longer is followed by another one, whatever the power is
+            if !(error < LEAST_SPARE && h >= longest) {
+                // nan: the shortest
+                let factor = if error.is_nan() { 0.1 } else { (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.1, 5.0) };
+                h = longest.min(h * factor);
+            }
             if h < SHORTEST * size {
                 let after = since;
                 return Err(if error.is_nan() {
@@ -311,7 +317,7 @@ impl Solver {
     fn error(&self, states: &[f64], h: f64) -> f64 {
         let mut largest = 0.0f64;
         for ((k, state), scale) in states.iter().enumerate().zip(&self.scales) {
-            let error = (h * weighted(&DORMAND_PRINCE_ERROR, &self.rates, k)).abs() / scale.of(*state);
+            let error = (h * weighted(&DORMAND_PRINCE_ERROR, &self.rates[k..], states.len())).abs() / scale.of(*state);
             // a maximum would leave out what is not a number
             largest = if error > largest || error.is_nan() { error } else { largest };
         }
@@ -352,6 +358,7 @@ impl Solver {
         respond: &mut impl FnMut(&[f64], &mut [f64]),
     ) {
         let Self { inputs, states, stage, rates, .. } = self;
+        let count = states.len();
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for column in inputs.clone() {
@@ -359,13 +366,19 @@ impl Solver {
                 stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
             }
             for (k, column) in states.clone().enumerate() {
-                stage[column] = point[column] + h * weighted(weights, rates, k);
+                stage[column] = point[column] + h * weighted(weights, &rates[k..], count);
             }
-            respond(stage, &mut rates[index]);
+            respond(stage, &mut rates[index * count..][..count]);
         }
     }
 }
 
-fn weighted(weights: &[f64], rates: &[Vec<f64>], state: usize) -> f64 {
-    weights.iter().zip(rates).map(|(weight, rates)| weight * rates[state]).sum()
+/// Sum over the stages of one state's rates, which are so far apart.
+#[inline]
+fn weighted(weights: &[f64], rates: &[f64], apart: usize) -> f64 {
+    let mut sum = 0.0;
+    for (weight, rate) in weights.iter().zip(rates.iter().step_by(apart)) {
+        sum += weight * rate;
+    }
+    sum
 }

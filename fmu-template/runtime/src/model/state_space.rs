@@ -26,9 +26,10 @@ use crate::{
     Encoder, Encoding, FormatError, Input, Map, Precision, State,
     map::{
         MapScratch, PreparedMap, Task,
-        dictionary::{Dictionary, DictionaryWork, Factor},
+        dictionary::{Dictionary, Factor},
         expect_shape,
         jet::{Jet, Number},
+        law::{Law, LawWork, PreparedLaw},
     },
     simd::Simd,
 };
@@ -138,6 +139,7 @@ fn encoding(factor: Factor) -> Encoding {
 #[derive(Clone, Debug)]
 pub(super) struct PreparedStateSpace {
     space: StateSpace,
+    functions: PreparedLaw,
     map: Option<(PreparedMap, Encoder)>,
     simd: Simd,
 }
@@ -163,7 +165,7 @@ struct Functions<T> {
     /// `(p, u, x)`.
     columns: Vec<T>,
     values: Vec<T>,
-    functions: DictionaryWork<T>,
+    functions: LawWork<T>,
 }
 
 /// Columns of the map, their rates along a curve, and what it gives: values, first and second derivatives.
@@ -179,7 +181,10 @@ struct MapWork {
 impl PreparedStateSpace {
     pub(super) fn new(space: &StateSpace, precision: Precision) -> Self {
         let prepared = |map| (PreparedMap::new(map, precision), space.encoder());
-        Self { map: space.map.as_ref().map(prepared), space: space.clone(), simd: Simd::detect() }
+        let map = space.map.as_ref().map(prepared);
+        let [parameters, ..] = space.counts;
+        let functions = Law::from(space.functions.clone()).prepared(0, 0..parameters);
+        Self { map, functions, space: space.clone(), simd: Simd::detect() }
     }
 
     pub(super) fn scratch(&self, scales: &[Scale]) -> StateSpaceScratch {
@@ -193,9 +198,17 @@ impl PreparedStateSpace {
         });
         let [_, inputs, _] = space.counts;
         StateSpaceScratch {
-            work: Work { plain: space.work(), series: space.work(), map },
+            work: Work { plain: self.work(), series: self.work(), map },
             by_directions: ByDirections::new(space.columns(), space.results.len()),
             solver: Solver::new(space.columns(), inputs, scales.to_vec()),
+        }
+    }
+
+    fn work<T: Number>(&self) -> Functions<T> {
+        Functions {
+            columns: vec![T::from(0.0); self.space.width()],
+            values: vec![T::from(0.0); self.space.functions.outputs()],
+            functions: self.functions.work(),
         }
     }
 
@@ -286,7 +299,7 @@ impl PreparedStateSpace {
     fn compute(&self, point: &[f64], Work { plain, map: work, .. }: &mut Work) {
         self.space.without_starts(point, &mut plain.columns);
         let Functions { columns, values, functions } = plain;
-        self.space.functions.compute(columns, values, &mut [], 0, functions);
+        self.functions.compute(columns, values, &mut [], functions);
         if let (Some((map, encoder)), Some(work)) = (&self.map, work) {
             let [more, ..] = &mut work.results;
             encoder.encode(columns, &mut work.columns);
@@ -304,7 +317,7 @@ impl PreparedStateSpace {
             let rate = |order: usize| rates[order].get(place).copied().unwrap_or(0.0);
             *column = Jet { value: plain.columns[index], first: rate(0), second: rate(1) };
         }
-        self.space.functions.compute(columns, values, &mut [], 0, functions);
+        self.functions.compute(columns, values, &mut [], functions);
         if let (Some((map, encoder)), Some(work)) = (&self.map, work) {
             let MapWork { columns: encoded, rates: [velocity, change], curve: [first, second], results, scratch } =
                 work;
@@ -325,14 +338,6 @@ impl PreparedStateSpace {
 }
 
 impl StateSpace {
-    fn work<T: Number>(&self) -> Functions<T> {
-        Functions {
-            columns: vec![T::from(0.0); self.width()],
-            values: vec![T::from(0.0); self.functions.outputs()],
-            functions: self.functions.work(),
-        }
-    }
-
     /// Position in a point of a column of the functions.
     fn place(&self, column: usize) -> usize {
         let [parameters, _, states] = self.counts;

@@ -1,0 +1,416 @@
+//! Formulas as a list of multiplications and additions: what is zero everywhere is no part of it, what occurs twice is computed once, and what
+//! follows from held inputs alone is computed when they have changed.
+
+use super::jet::Number;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{AVX2, AVX512};
+use crate::simd::{PORTABLE, Simd};
+use std::{
+    collections::HashMap,
+    hash::{BuildHasherDefault, Hasher},
+    ops::Range,
+};
+
+/// Place of a number in the working memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Register(u32);
+
+impl Register {
+    /// That of an input.
+    pub(crate) fn input(index: usize) -> Self {
+        // no model has so many columns
+        Self(index as u32)
+    }
+
+    fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// The list. Made by a [`TapeBuilder`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Tape {
+    held: Range<usize>,
+    registers: usize,
+    constants: Vec<(Register, f64)>,
+    of_held: Part,
+    of_others: Part,
+}
+
+/// Sines and cosines, and after them all else.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Part {
+    angles: Vec<Angle>,
+    operations: Vec<Operation>,
+}
+
+/// Cosines of 1, 2, ... times an angle, and after them as many sines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Angle {
+    of: Register,
+    first: Register,
+    count: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Operation {
+    /// `to = a b + c`
+    Product { a: Register, b: Register, c: Register, to: Register },
+    /// `to = sum over i of a_i b_i + c`, with numbers that stand one after the other.
+    Products { a: Register, b: Register, count: u32, c: Register, to: Register },
+    /// `to = 1 / of`, NaN where `of` is not positive.
+    Reciprocal { of: Register, to: Register },
+}
+
+/// Working memory of a [`Tape`].
+#[derive(Clone, Debug)]
+pub(crate) struct TapeWork<T> {
+    registers: Vec<T>,
+    /// The held inputs with which what follows from them was computed, if it was.
+    at: Vec<T>,
+    is_known: bool,
+}
+
+impl<T: Number> TapeWork<T> {
+    /// The inputs, to be filled in.
+    pub(crate) fn inputs(&mut self) -> &mut [T] {
+        &mut self.registers
+    }
+
+    pub(crate) fn get(&self, register: Register) -> T {
+        self.registers[register.index()]
+    }
+}
+
+impl Tape {
+    pub(crate) fn work<T: Number>(&self) -> TapeWork<T> {
+        let mut registers = vec![T::from(0.0); self.registers];
+        for (register, value) in &self.constants {
+            registers[register.index()] = T::from(*value);
+        }
+        TapeWork { registers, at: vec![T::from(0.0); self.held.len()], is_known: false }
+    }
+
+    /// Computes all registers from the inputs. Does not allocate.
+    pub(crate) fn run<T: Number>(&self, work: &mut TapeWork<T>) {
+        // series are compiled once, and FMUs stay small
+        let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
+        match simd {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Simd::detect` found these features
+            Simd::Avx512 => unsafe { self.run_avx512(work) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above
+            Simd::Avx2 => unsafe { self.run_avx2(work) },
+            Simd::Portable => self.run_with::<T, PORTABLE>(work),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
+    fn run_avx512<T: Number>(&self, work: &mut TapeWork<T>) {
+        self.run_with::<T, AVX512>(work);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn run_avx2<T: Number>(&self, work: &mut TapeWork<T>) {
+        self.run_with::<T, AVX2>(work);
+    }
+
+    #[inline(always)]
+    fn run_with<T: Number, const SIMD: u8>(&self, TapeWork { registers, at, is_known }: &mut TapeWork<T>) {
+        let held = &registers[self.held.clone()];
+        let is_new = !(*is_known && at == held);
+        if is_new {
+            at.copy_from_slice(held);
+            *is_known = true;
+        }
+        for part in [&self.of_held, &self.of_others].into_iter().skip(usize::from(!is_new)) {
+            for &Angle { of, first, count } in &part.angles {
+                let angle = registers[of.index()];
+                let block = &mut registers[first.index()..][..2 * count as usize];
+                let (cosines, sines) = block.split_at_mut(count as usize);
+                harmonics(angle, cosines, sines);
+            }
+            for operation in &part.operations {
+                match *operation {
+                    Operation::Product { a, b, c, to } => {
+                        let [a, b, c] = [a, b, c].map(|register| registers[register.index()]);
+                        registers[to.index()] = c.add_product::<SIMD>(a, b);
+                    }
+                    Operation::Products { a, b, count, c, to } => {
+                        let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
+                        registers[to.index()] = add_products::<T, SIMD>(registers[c.index()], a, b);
+                    }
+                    Operation::Reciprocal { of, to } => {
+                        let value = registers[of.index()];
+                        let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
+                        registers[to.index()] = value.recip();
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// By doubling, so that few wait for one another, and few rounding errors add up.
+#[inline(always)]
+fn harmonics<T: Number>(angle: T, cosines: &mut [T], sines: &mut [T]) {
+    (sines[0], cosines[0]) = angle.sin_cos();
+    let mut known = 1;
+    while known < cosines.len() {
+        let count = known.min(cosines.len() - known);
+        let ((c, next_c), (s, next_s)) = (cosines.split_at_mut(known), sines.split_at_mut(known));
+        let (last_c, last_s) = (c[known - 1], s[known - 1]);
+        for k in 0..count {
+            next_c[k] = c[k] * last_c - s[k] * last_s;
+            next_s[k] = s[k] * last_c + c[k] * last_s;
+        }
+        known += count;
+    }
+}
+
+/// Numbers that are added up at once.
+const LANES: usize = 8;
+
+#[inline(always)]
+fn add_products<T: Number, const SIMD: u8>(mut sum: T, a: &[T], b: &[T]) -> T {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum = sum.add_product::<SIMD>(*a, *b);
+    }
+    let mut sums = [T::from(0.0); LANES];
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..LANES {
+            sums[lane] = sums[lane].add_product::<SIMD>(a[lane], b[lane]);
+        }
+    }
+    let [a, b, c, d, e, f, g, h] = sums;
+    sum + (((a + e) + (b + f)) + ((c + g) + (d + h)))
+}
+
+/// Registers and bits of numbers from a checked file are no place for an attack, and there are many when an FMU is instantiated.
+type Quick = BuildHasherDefault<QuickHasher>;
+
+#[derive(Debug, Default)]
+struct QuickHasher(u64);
+
+impl Hasher for QuickHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        // the odd number next to 2^64 over the golden ratio
+        self.0 = (self.0.rotate_left(29) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 ^= self.0 >> 32;
+    }
+}
+
+/// When a number is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Known {
+    Always(f64),
+    /// With the held inputs.
+    Held,
+    WithInputs,
+}
+
+/// Shortest sum that is not computed term by term.
+const LONG: usize = 8;
+/// Zeros with which two runs of numbers become one.
+const LARGEST_GAP: u32 = 3;
+
+/// Writes a [`Tape`].
+#[derive(Debug)]
+pub(crate) struct TapeBuilder {
+    pub(crate) zero: Register,
+    pub(crate) one: Register,
+    known: Vec<Known>,
+    constants: HashMap<u64, Register, Quick>,
+    products: HashMap<[u32; 3], Register, Quick>,
+    tape: Tape,
+}
+
+impl TapeBuilder {
+    /// With so many inputs, some of which are held.
+    pub(crate) fn new(inputs: usize, held: Range<usize>) -> Self {
+        let known = |input| if held.contains(&input) { Known::Held } else { Known::WithInputs };
+        let mut builder = Self {
+            zero: Register(0),
+            one: Register(0),
+            known: (0..inputs).map(known).collect(),
+            constants: HashMap::default(),
+            products: HashMap::default(),
+            tape: Tape { held: held.clone(), ..Tape::default() },
+        };
+        builder.zero = builder.constant(0.0);
+        builder.one = builder.constant(1.0);
+        builder
+    }
+
+    pub(crate) fn finish(self) -> Tape {
+        Tape { registers: self.known.len(), ..self.tape }
+    }
+
+    fn reserve(&mut self, known: Known) -> Register {
+        self.known.push(known);
+        Register::input(self.known.len() - 1)
+    }
+
+    fn part(&mut self, known: Known) -> &mut Part {
+        match known {
+            Known::Held => &mut self.tape.of_held,
+            Known::Always(_) | Known::WithInputs => &mut self.tape.of_others,
+        }
+    }
+
+    /// When what follows from some numbers is known.
+    fn follows(&self, from: &[Register]) -> Known {
+        let known = |register: &Register| self.known[register.index()];
+        match from.iter().any(|register| known(register) == Known::WithInputs) {
+            true => Known::WithInputs,
+            false => Known::Held,
+        }
+    }
+
+    fn value(&self, register: Register) -> Option<f64> {
+        match self.known[register.index()] {
+            Known::Always(value) => Some(value),
+            Known::Held | Known::WithInputs => None,
+        }
+    }
+
+    /// Returns true if a number changes with inputs that are not held.
+    pub(crate) fn varies(&self, register: Register) -> bool {
+        self.known[register.index()] == Known::WithInputs
+    }
+
+    pub(crate) fn is_zero(&self, register: Register) -> bool {
+        self.value(register) == Some(0.0)
+    }
+
+    pub(crate) fn constant(&mut self, value: f64) -> Register {
+        if let Some(known) = self.constants.get(&value.to_bits()) {
+            return *known;
+        }
+        let register = self.reserve(Known::Always(value));
+        self.constants.insert(value.to_bits(), register);
+        self.tape.constants.push((register, value));
+        register
+    }
+
+    /// `a b + c`
+    pub(crate) fn add_product(&mut self, c: Register, a: Register, b: Register) -> Register {
+        let (a, b) = (a.min(b), a.max(b));
+        match [a, b, c].map(|register| self.value(register)) {
+            [Some(0.0), _, _] | [_, Some(0.0), _] => return c,
+            [Some(1.0), _, Some(0.0)] => return b,
+            [_, Some(1.0), Some(0.0)] => return a,
+            [Some(a), Some(b), Some(c)] => return self.constant(a * b + c),
+            _ => {}
+        }
+        if let Some(known) = self.products.get(&[a.0, b.0, c.0]) {
+            return *known;
+        }
+        let known = self.follows(&[a, b, c]);
+        let to = self.reserve(known);
+        self.products.insert([a.0, b.0, c.0], to);
+        self.part(known).operations.push(Operation::Product { a, b, c, to });
+        to
+    }
+
+    pub(crate) fn product(&mut self, a: Register, b: Register) -> Register {
+        self.add_product(self.zero, a, b)
+    }
+
+    /// `c + factor a`
+    pub(crate) fn add_scaled(&mut self, c: Register, a: Register, factor: f64) -> Register {
+        let factor = self.constant(factor);
+        self.add_product(c, a, factor)
+    }
+
+    /// `c - a b`
+    pub(crate) fn subtract_product(&mut self, c: Register, a: Register, b: Register) -> Register {
+        let minus_a = self.negative(a);
+        self.add_product(c, minus_a, b)
+    }
+
+    fn negative(&mut self, a: Register) -> Register {
+        let minus_one = self.constant(-1.0);
+        self.product(a, minus_one)
+    }
+
+    /// `1 / a`, NaN where `a` is not positive.
+    pub(crate) fn reciprocal(&mut self, of: Register) -> Register {
+        let known = self.follows(&[of]);
+        let to = self.reserve(known);
+        self.part(known).operations.push(Operation::Reciprocal { of, to });
+        to
+    }
+
+    /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.
+    pub(crate) fn harmonics(&mut self, of: Register, count: usize) -> Vec<Register> {
+        let known = self.follows(&[of]);
+        let block: Vec<Register> = (0..2 * count).map(|_| self.reserve(known)).collect();
+        if let Some(&first) = block.first() {
+            self.part(known).angles.push(Angle { of, first, count: count as u32 });
+        }
+        block
+    }
+
+    /// Sum of some numbers times weights that are held or constant, and `c`.
+    pub(crate) fn sum(&mut self, mut c: Register, mut terms: Vec<(Register, Register)>) -> Register {
+        terms.retain(|(number, weight)| !self.is_zero(*number) && !self.is_zero(*weight));
+        terms.sort_unstable();
+        let mut rest = terms.as_slice();
+        while let Some((first, _)) = rest.first() {
+            let gaps = rest.windows(2).take_while(|pair| pair[1].0.0 - pair[0].0.0 <= LARGEST_GAP + 1).count();
+            let (run, others) = rest.split_at(gaps + 1);
+            rest = others;
+            if run.len() < LONG {
+                for (number, weight) in run {
+                    c = self.add_product(c, *number, *weight);
+                }
+                continue;
+            }
+            let weights = self.weights(run);
+            let known = self.follows(&run.iter().map(|(number, _)| *number).chain([c]).collect::<Vec<_>>());
+            let to = self.reserve(known);
+            let count = weights.len() as u32;
+            self.part(known).operations.push(Operation::Products { a: *first, b: weights[0], count, c, to });
+            c = to;
+        }
+        c
+    }
+
+    /// The weights of a run of numbers one after the other, zero where there is no number.
+    fn weights(&mut self, run: &[(Register, Register)]) -> Vec<Register> {
+        let (zero, one) = (self.zero, self.one);
+        let mut numbers = run.iter().peekable();
+        let mut block = Vec::new();
+        let (first, last) = (run[0].0.0, run[run.len() - 1].0.0);
+        for number in first..=last {
+            let weight = numbers.next_if(|(of, _)| of.0 == number).map_or(zero, |(_, weight)| *weight);
+            let known = self.known[weight.index()];
+            let to = self.reserve(known);
+            match known {
+                Known::Always(value) => self.tape.constants.push((to, value)),
+                _ => {
+                    self.part(known).operations.push(Operation::Product { a: weight, b: one, c: zero, to });
+                }
+            }
+            block.push(to);
+        }
+        block
+    }
+}
