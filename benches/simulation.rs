@@ -4,11 +4,7 @@
 
 use metafmu::{
     integrate::{Budget, Integration, TOLERANCE, advance},
-    multibody::{
-        Mechanism,
-        build::build,
-        simulate::{Sample, simulate},
-    },
+    multibody::{Mechanism, build::build, model::Sample, simulate::simulate},
     systems::SYSTEMS,
 };
 use nalgebra::Vector2;

@@ -84,7 +84,7 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     for (key, value) in keys.iter().zip(values) {
         set(&mut root, key, value.clone()).ok_or_else(|| {
             let message = "leads through something that is not a table".to_owned();
-            let problem = crate::diagnostics::origin::Problem {
+            let problem = crate::diagnostics::problem::Problem {
                 path: path.to_owned(),
                 line: 1,
                 key: format!("search.space.{key}"),

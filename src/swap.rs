@@ -8,8 +8,9 @@ use crate::{
         model_description::{Causality, DefaultExperiment, ScalarVariable, VariableType},
         system::{
             Connector, ConnectorKind, Experiment, Source, System, is_number,
-            master::{Port, Run, TIMES},
+            master::TIMES,
             misfit, port,
+            run::{Port, Run},
         },
         worker::run_system_apart,
     },

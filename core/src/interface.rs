@@ -5,7 +5,8 @@ use crate::{
     diagnostics::{
         Problems,
         names::{expected_one_of, out_of_order_problem},
-        origin::{self, Origin, Problem},
+        origin::{self, Origin},
+        problem::Problem,
         schema,
     },
     study::{MAX_NAME, MAX_VARIABLES, check_variable_name},

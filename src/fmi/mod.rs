@@ -20,5 +20,5 @@ pub use archive::Archive;
 pub use host::{Fmu, Inputs, Instance, InterfaceKind, SimulationOptions, Table, simulate};
 pub use model_description::{FmiVersion, ModelDescription};
 pub use platform::Platform;
-pub use validate::{Checks, Report, StandardOnly, validate, validate_apart};
-pub use worker::{Watch, Workers, simulate_apart};
+pub use validate::{Checks, Report, StandardOnly, validate};
+pub use worker::{Watch, Workers, simulate_apart, validate_apart};

@@ -1,5 +1,6 @@
 //! Sources of training data.
 
+mod calibration_runs;
 pub mod driven;
 pub mod fmu;
 mod journal;

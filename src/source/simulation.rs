@@ -1,10 +1,10 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, Point, before_start,
+    Journal, Point, before_start, calibration_runs,
     driven::Driven,
     fmu::{self, FmuModel},
-    kinds, list, wrong_unit,
+    list, wrong_unit,
 };
 use crate::{
     Error, Result,
@@ -93,7 +93,7 @@ impl Simulation {
         if is_discrete {
             simulation.parameters.extend(before_start(simulation.outputs.iter().chain(&simulation.inputs)));
         }
-        let kinds = kinds::kinds(study, simulation.driven());
+        let kinds = calibration_runs::kinds(study, simulation.driven());
         if let Some(driven) = simulation.driven_mut() {
             driven.set_kinds(kinds);
         }
@@ -102,7 +102,7 @@ impl Simulation {
 
     /// The plan of the study, whose calibration runs have further kinds of signals if inputs drive them.
     pub fn plan(&self, study: &Study) -> Plan {
-        kinds::plan(study, self.driven()).0
+        calibration_runs::plan(study, self.driven()).0
     }
 
     fn driven_mut(&mut self) -> Option<&mut Driven> {

@@ -3,7 +3,7 @@
 use super::{
     Place,
     names::{did_you_mean, expected_one_of},
-    origin::Problem,
+    problem::Problem,
 };
 use std::path::{Path, PathBuf};
 

@@ -5,6 +5,7 @@ pub mod kinds;
 pub mod names;
 pub mod origin;
 mod place;
+pub mod problem;
 mod problems;
 pub(crate) mod schema;
 

@@ -5,41 +5,17 @@ mod words;
 use super::{
     KeyProblem, Problems,
     kinds::{self, Kind},
+    problem::Problem,
     schema::{self, Formats},
 };
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::{
     borrow::Cow,
-    fmt,
     ops::Range,
     path::{Path, PathBuf},
 };
 use toml::{Spanned, de::DeTable, de::DeValue};
-
-/// One mistake in a study or mechanism file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problem {
-    /// The file; empty if it is of none.
-    pub path: PathBuf,
-    /// Line, counted from 1.
-    pub line: usize,
-    /// Dotted key, for instance `parameters.L.max`; empty if the text is no TOML.
-    pub key: String,
-    /// What was found and what was expected.
-    pub message: String,
-}
-
-impl fmt::Display for Problem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { path, line, key, message } = self;
-        let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
-        if path.as_os_str().is_empty() {
-            return write!(f, "{key}{message}");
-        }
-        write!(f, "{}:{line}: {key}{message}", path.display())
-    }
-}
 
 /// Reads a text file; `expected` says what should be in it, for instance `a study in TOML`.
 ///

@@ -3,8 +3,8 @@
 use crate::multibody::{
     measure::Measure,
     model::Model,
+    model::Sample,
     reduced::{Reduced, Terms},
-    simulate::Sample,
 };
 use metafmu_runtime::Reactions;
 use nalgebra::{DMatrix, DVector};

@@ -12,8 +12,7 @@
 
 use super::{
     constraint::{Constraints, independence},
-    model::Model,
-    simulate::Sample,
+    model::{Model, Sample},
 };
 use crate::integrate::Budget;
 use nalgebra::{DMatrix, DVector, Dyn, LU};

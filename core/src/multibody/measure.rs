@@ -14,7 +14,7 @@
 use super::{
     coordinate::{Coordinate, turned},
     model::Model,
-    simulate::Sample,
+    model::Sample,
 };
 use std::ops::Range;
 

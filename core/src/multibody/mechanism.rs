@@ -5,16 +5,17 @@ use super::{
     description::{Description, InputOptions, ParameterOptions},
     expression::Expression,
     measure::Measure,
-    model::Model,
+    model::{Model, Sample},
     reduced::{self, Reduced},
     review::{idle_parts, oddities},
-    simulate::{Sample, simulate, simulate_from},
+    simulate::{simulate, simulate_from},
 };
 use crate::{
     Error, Result,
     diagnostics::{
         KeyProblem, Problems,
-        origin::{self, Origin, Problem},
+        origin::{self, Origin},
+        problem::Problem,
         schema,
     },
     integrate::Budget,

@@ -297,3 +297,18 @@ impl Model {
         Ok((q, v))
     }
 }
+
+/// Everything about a model at one time.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Time in s.
+    pub t: f64,
+    /// Coordinates.
+    pub q: DVector<f64>,
+    /// Velocities.
+    pub v: DVector<f64>,
+    /// Accelerations.
+    pub qdd: DVector<f64>,
+    /// Lagrange multipliers of the constraints, then of the prescribed accelerations.
+    pub multipliers: DVector<f64>,
+}

@@ -5,7 +5,7 @@ use super::{
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    model::{Model, Spring},
+    model::{Model, Sample, Spring},
 };
 use crate::integrate::{self, Budget, Integration};
 use nalgebra::DVector;
@@ -14,21 +14,6 @@ use std::cell::RefCell;
 
 /// Fraction of a constraint's [independence] at the start of a run below which its position is nearly singular.
 const NEARLY_SINGULAR: f64 = 0.1;
-
-/// Everything about a model at one time.
-#[derive(Clone, Debug)]
-pub struct Sample {
-    /// Time in s.
-    pub t: f64,
-    /// Coordinates.
-    pub q: DVector<f64>,
-    /// Velocities.
-    pub v: DVector<f64>,
-    /// Accelerations.
-    pub qdd: DVector<f64>,
-    /// Lagrange multipliers of the constraints, then of the prescribed accelerations.
-    pub multipliers: DVector<f64>,
-}
 
 /// Samples at evenly spaced times, from a consistent state at the first of them.
 ///

@@ -5,8 +5,8 @@ use super::{
     build::{build, motions},
     measure::Measure,
     mechanism::sentence,
-    model::Model,
-    simulate::{Sample, simulate, simulate_from},
+    model::{Model, Sample},
+    simulate::{simulate, simulate_from},
 };
 use crate::{
     integrate::{Budget, TOLERANCE},

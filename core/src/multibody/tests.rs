@@ -6,8 +6,8 @@ mod mistakes;
 use super::{
     Mechanism,
     build::build,
-    model::Model,
-    simulate::{Sample, simulate},
+    model::{Model, Sample},
+    simulate::simulate,
 };
 use crate::integrate::{Budget, TOLERANCE};
 use std::path::Path;

@@ -1,7 +1,9 @@
 //! How parameters lie in memory while a network is trained.
 
-use super::kernels::{WIDTH, transpose};
 use std::ops::Range;
+
+/// Columns of a panel. Two AVX-512 registers hide the latency of dependent instructions.
+pub(crate) const WIDTH: usize = 32;
 
 /// Columns of a matrix with the padding that makes them whole panels.
 pub(crate) const fn padded(columns: usize) -> usize {
@@ -47,7 +49,7 @@ pub(crate) struct Piece {
     /// Within the block of parameters.
     pub(crate) range: Range<usize>,
     /// The panel to be transposed after the update.
-    panel: Option<usize>,
+    pub(crate) panel: Option<usize>,
 }
 
 /// The places of all layers.
@@ -219,27 +221,10 @@ impl Shape {
     }
 
     /// Where the transposed weights of a panel of 32 outputs lie: a range for each panel of 32 inputs.
-    fn transposed_ranges(&self, panel: usize) -> impl Iterator<Item = Range<usize>> {
+    pub(crate) fn transposed_ranges(&self, panel: usize) -> impl Iterator<Item = Range<usize>> {
         let rows = (self.outputs - panel * WIDTH).min(WIDTH);
         let (begin, distance) = (self.transposed.start + panel * WIDTH * WIDTH, self.outputs * WIDTH);
         (0..padded(self.inputs) / WIDTH)
             .map(move |index| begin + index * distance..begin + index * distance + rows * WIDTH)
-    }
-}
-
-impl Piece {
-    /// Renews the transposed weights after an update of the piece's `parameters`; `place` is called with a range of the
-    /// transposed weights and what fills it.
-    pub(crate) fn transpose(
-        &self,
-        shape: &Shape,
-        parameters: &[f32],
-        mut place: impl FnMut(Range<usize>, &dyn Fn(&mut [f32])),
-    ) {
-        let Some(panel) = self.panel else { return };
-        let panels = parameters[..shape.inputs * WIDTH].chunks(WIDTH * WIDTH);
-        for (weights, range) in panels.zip(shape.transposed_ranges(panel)) {
-            place(range, &|to| transpose(weights.as_chunks().0, to.as_chunks_mut().0));
-        }
     }
 }

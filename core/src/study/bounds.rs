@@ -1,6 +1,6 @@
 //! `[bounds]`: error bounds of the outputs.
 
-use super::size::MAX_RUNS;
+use super::limits::MAX_RUNS;
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

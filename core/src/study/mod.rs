@@ -61,6 +61,7 @@ mod discrete;
 mod dynamics;
 mod export;
 mod inputs;
+mod limits;
 mod network;
 mod outputs;
 mod parameters;
@@ -79,7 +80,8 @@ use crate::{
     Error, Result,
     diagnostics::{
         KeyProblem, Problems,
-        origin::{self, Origin, Problem},
+        origin::{self, Origin},
+        problem::Problem,
         schema,
     },
     files,
@@ -95,19 +97,19 @@ pub use dynamics::{DynamicsModel, DynamicsOptions};
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
+pub use limits::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, MAX_VARIABLES};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, Structure};
 pub use outputs::OutputOptions;
 pub(crate) use outputs::check_variable_name;
 pub use parameters::{ParameterOptions, Variability};
-pub use points::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, read_value};
+pub use points::read_value;
 pub use recording::Recording;
 pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
 pub use search::set;
 pub use search::{Range, Scale, SearchMethod, SearchOptions, Space};
 use serde::{Deserialize, Serialize};
-pub use size::MAX_VARIABLES;
 pub use source::SourceOptions;
 pub use states::{StateOptions, is_angle, velocity_name};
 use std::{

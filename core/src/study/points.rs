@@ -1,16 +1,10 @@
-//! Points that a study takes from a table, and how many parameters a plan can have.
+//! Points that a study takes from a table.
 
 use super::ParameterOptions;
 use crate::{Result, diagnostics::Place, table::Table};
 use indexmap::IndexMap;
 use metafmu_runtime::TOLERANCE;
 use std::path::Path;
-
-/// Parameters a Sobol plan can have: as many as there are direction numbers for.
-pub const MAX_SOBOL_PARAMETERS: usize = 100;
-
-/// Parameters a Halton plan can have: larger bases fill the ranges only after very many points.
-pub const MAX_HALTON_PARAMETERS: usize = 16;
 
 /// Reads the points of the method "list": a table with a column for each parameter; others are not looked at.
 ///

@@ -1,6 +1,6 @@
 //! `[sampling]`: where in the parameters' ranges runs are placed.
 
-use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, StudyStructure, size::MAX_RUNS};
+use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, StudyStructure, limits::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

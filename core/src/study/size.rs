@@ -1,13 +1,10 @@
 //! What would take more memory than machines have, or more time than anyone has.
 
-use super::{Method, Study};
+use super::{
+    Method, Study,
+    limits::{MAX_RUNS, MAX_VARIABLES},
+};
 use crate::diagnostics::Problems;
-
-/// Runs for one purpose: the points of so many are a few gigabytes.
-pub(super) const MAX_RUNS: usize = 10_000_000;
-
-/// Parameters, inputs or outputs at most: each takes a few kilobytes where an FMU is made and in every host.
-pub const MAX_VARIABLES: usize = 200_000;
 
 /// Rows of all runs together.
 const MAX_ROWS: f64 = 1e9;

@@ -1,6 +1,6 @@
 //! `[target]`: how good the surrogate is to be.
 
-use super::{Method, Structure, Study, size::MAX_RUNS};
+use super::{Method, Structure, Study, limits::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

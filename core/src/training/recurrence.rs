@@ -6,23 +6,11 @@
 //!
 //! The loss is the mean over all rows of the stretches; its gradient goes back through all of them.
 
-use super::{Rows, loss::LossFunction};
+use super::{
+    loss::LossFunction,
+    rows::{Recurrence, Rows},
+};
 use crate::network::{BLOCK_ROWS, DropoutMask, Packed, Workspace, kernels::Store, layout::stride};
-
-/// How the inputs of a row follow from the outputs of rows before.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Recurrence {
-    /// Number of past outputs among the inputs: the first columns, those of the row before first, then those of the row before it.
-    pub history: usize,
-    /// `L`: shape `[outputs, inputs + 1]`, the last ones being constants.
-    pub linear: Vec<f32>,
-    /// `g`: one for each output.
-    pub gains: Vec<f32>,
-    /// The first row of each stretch.
-    pub starts: Vec<u32>,
-    /// Rows of a stretch.
-    pub stretch: usize,
-}
 
 /// Predictions are standardised: farther from the mean than this they have diverged, and are kept there.
 const LIMIT: f32 = 30.0;

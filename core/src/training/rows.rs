@@ -1,6 +1,6 @@
 //! The rows a network is trained on.
 
-use super::{Recurrence, TrainingError};
+use super::TrainingError;
 
 /// Standardised inputs and outputs, row by row.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +24,21 @@ pub struct Tangents {
     pub outputs: Vec<f32>,
     /// Whether those of each output are known; the others are ignored.
     pub known: Vec<bool>,
+}
+
+/// How the inputs of a row follow from the outputs of rows before.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recurrence {
+    /// Number of past outputs among the inputs: the first columns, those of the row before first, then those of the row before it.
+    pub history: usize,
+    /// `L`: shape `[outputs, inputs + 1]`, the last ones being constants.
+    pub linear: Vec<f32>,
+    /// `g`: one for each output.
+    pub gains: Vec<f32>,
+    /// The first row of each stretch.
+    pub starts: Vec<u32>,
+    /// Rows of a stretch.
+    pub stretch: usize,
 }
 
 impl Rows {

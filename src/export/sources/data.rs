@@ -442,6 +442,17 @@ fn push(text: &mut String, arguments: std::fmt::Arguments) {
     let _ = text.write_fmt(arguments);
 }
 
+/// An array of structures; with one that is not used if there are none, as C has no empty arrays.
+fn table(text: &mut String, declaration: &str, rows: impl Iterator<Item = String>, unused: &str) {
+    let mut rows = rows.peekable();
+    let unused = rows.peek().is_none().then(|| unused.to_owned());
+    push(text, format_args!("\n{declaration}[] = {{\n"));
+    for row in unused.into_iter().chain(rows) {
+        push(text, format_args!("    {{{row}}},\n"));
+    }
+    text.push_str("};\n");
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -15,6 +15,7 @@ mod instance;
 mod integrator;
 mod journal;
 mod labels;
+mod options;
 pub mod process;
 mod python;
 mod recorder;
@@ -30,8 +31,9 @@ pub use inputs::Inputs;
 pub use instance::{Instance, Step};
 pub use journal::LogMessage;
 pub use labels::Labels;
+pub use options::SimulationOptions;
 pub use recorder::{Column, element_names};
-pub use simulate::{RowSink, SimulationOptions, Table, simulate, simulate_into};
+pub use simulate::{RowSink, Table, simulate, simulate_into};
 pub use state::State;
 pub use unpacked::Unpacked;
 pub(crate) use {

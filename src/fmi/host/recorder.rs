@@ -1,6 +1,6 @@
 //! Reads variables into rows of numbers.
 
-use super::{Instance, simulate::find};
+use super::Instance;
 use crate::{
     Error, Result,
     fmi::model_description::{Real, ScalarVariable, VariableType},
@@ -93,6 +93,14 @@ pub fn element_names(name: &str, shape: &[u64]) -> impl Iterator<Item = String> 
         }
         indices.reverse();
         if shape.is_empty() { name.to_owned() } else { format!("{name}[{}]", indices.join(",")) }
+    })
+}
+
+pub(super) fn find<'a>(instance: &Instance<'a>, name: &str) -> Result<&'a ScalarVariable> {
+    let description = instance.fmu().description();
+    description.variable(name).ok_or_else(|| Error::UnknownVariable {
+        name: name.into(),
+        known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
     })
 }
 

@@ -1,38 +1,13 @@
 //! A whole run of one FMU.
 
-use super::{Exchange, Grid, Inputs, Instance, InterfaceKind, Recorder, Step, recorder::Column};
+use super::{
+    Exchange, Grid, Instance, InterfaceKind, Recorder, SimulationOptions, Step,
+    recorder::{Column, find},
+};
 use crate::{
     Error, Result,
     fmi::model_description::{Causality, ScalarVariable, Variability, VariableType},
 };
-use serde::{Deserialize, Serialize};
-
-/// What to run. Whatever is not given comes from the FMU's default experiment.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SimulationOptions {
-    /// Start time; else the FMU's, else 0.
-    pub start: Option<f64>,
-    /// Stop time; else the FMU's.
-    pub stop: Option<f64>,
-    /// Communication step size; else the FMU's, else a 500th of the whole.
-    pub step: Option<f64>,
-    /// Model exchange: tolerance of a step, relative to each state and to its nominal value; else that of the FMU's default
-    /// experiment, else 1e-8.
-    pub tolerance: Option<f64>,
-    /// Model exchange: continuous states that the run begins with, in place of those after the initialization.
-    pub states: Option<Vec<f64>>,
-    /// Values that variables start with, by name: 0 or 1 for a boolean.
-    pub start_values: Vec<(String, f64)>,
-    /// Inputs that change over time.
-    pub inputs: Inputs,
-    /// Co-simulation: whether the inputs of a communication point are set before its outputs are read, so that the inputs and outputs
-    /// of a row have one time. Else the outputs at the end of a step belong to the inputs at its beginning, as in other hosts.
-    pub inputs_first: bool,
-    /// Names of further variables to record.
-    pub record: Vec<String>,
-    /// Whether they are all that is recorded, without the outputs.
-    pub record_only: bool,
-}
 
 /// Takes a run's rows as they come: one for each communication point, the start included.
 pub trait RowSink {
@@ -181,12 +156,4 @@ pub(crate) fn set_start(instance: &Instance, name: &str, value: f64) -> Result<(
     }
     // of an array all elements
     instance.set_numbers(variable, &vec![value; instance.element_count(variable)?])
-}
-
-pub(super) fn find<'a>(instance: &Instance<'a>, name: &str) -> Result<&'a ScalarVariable> {
-    let description = instance.fmu().description();
-    description.variable(name).ok_or_else(|| Error::UnknownVariable {
-        name: name.into(),
-        known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
-    })
 }

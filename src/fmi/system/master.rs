@@ -3,74 +3,19 @@
 //! The coupling is of the Jacobi kind: over a step every component has as inputs the outputs that the others had at its beginning,
 //! held until its end. At the start, outputs are handed on in Initialization Mode until nothing changes.
 
-use super::simulator::{FmuSimulator, MechanismSimulator, Simulator};
+use super::{
+    run::{ComponentRun, Model, Port, Run},
+    simulator::{FmuSimulator, MechanismSimulator, Simulator},
+};
 use crate::{
     Error, Result,
-    fmi::host::{Column, Fmu, Grid, Instance, InterfaceKind, RowSink, Step},
+    fmi::host::{Column, Fmu, Grid, Instance, RowSink, Step},
     multibody::Mechanism,
 };
-use serde::{Deserialize, Serialize};
-use std::{
-    mem::ManuallyDrop,
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{mem::ManuallyDrop, path::Path, time::Instant};
 
 /// How often outputs are handed on at the start at the most: where components depend on each other without delay, there need be no end.
 const PASSES: usize = 100;
-
-/// What a run of a system is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
-    /// The components, in the order in which they step.
-    pub components: Vec<ComponentRun>,
-    /// Outputs and the inputs that take their values.
-    pub connections: Vec<[Port; 2]>,
-    /// What is recorded: real numbers, integers or booleans.
-    pub recorded: Vec<Port>,
-    /// What is recorded, too, but not read within the time that a step is measured to take.
-    pub watched: Vec<Port>,
-    /// Position of the component whose steps are measured.
-    pub measured: usize,
-    /// First communication point in s.
-    pub start: f64,
-    /// Last communication point in s.
-    pub stop: f64,
-    /// Communication step size in s.
-    pub step: f64,
-    /// Tolerance of model exchange and of mechanisms; else that of an FMU's default experiment, else 1e-8.
-    pub tolerance: Option<f64>,
-}
-
-/// A component of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ComponentRun {
-    /// Name in the system.
-    pub name: String,
-    /// Its file, for messages.
-    pub path: PathBuf,
-    /// What is simulated.
-    pub model: Model,
-    /// Values that variables start with, by name: 0 or 1 for a boolean.
-    pub start_values: Vec<(String, f64)>,
-}
-
-/// What a component of a run is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Model {
-    /// An FMU.
-    Fmu {
-        /// The folder that it is unpacked in.
-        folder: PathBuf,
-        /// Who advances its time.
-        interface: InterfaceKind,
-    },
-    /// A mechanism.
-    Mechanism {
-        /// The content of its file.
-        text: String,
-    },
-}
 
 /// A component that is loaded.
 #[derive(Debug)]
@@ -88,15 +33,6 @@ pub enum Instantiated<'a> {
     Fmu(Instance<'a>),
     /// A mechanism.
     Mechanism(&'a Mechanism),
-}
-
-/// A variable of a component.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Port {
-    /// Position of the component.
-    pub component: usize,
-    /// Name of the variable: a scalar.
-    pub variable: String,
 }
 
 /// Names of the columns behind those of variables: wall time in s of the step that leads to the row, of the measured component with

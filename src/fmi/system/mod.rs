@@ -5,6 +5,7 @@
 
 pub mod master;
 mod plan;
+pub mod run;
 mod simulator;
 mod source;
 mod structure;

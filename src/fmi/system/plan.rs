@@ -2,7 +2,7 @@
 
 use super::{
     Connection, End, Source, System,
-    master::{ComponentRun, Port, Run},
+    run::{ComponentRun, Port, Run},
 };
 use crate::{
     Error, Result,

@@ -1,6 +1,6 @@
 //! What steps in a system: instances of FMUs, and mechanisms.
 
-use super::master::Run;
+use super::run::Run;
 use crate::{
     Error, Result,
     fmi::{

@@ -1,6 +1,6 @@
 //! What a component is made of: an FMU, or a mechanism that is described as if it were one.
 
-use super::master::Model;
+use super::run::Model;
 use crate::{
     Error, Result,
     fmi::{

@@ -1,16 +1,11 @@
 //! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
 //! interfaces, and what [`Checks`] of those who made it find.
 
-mod apart;
 mod archive;
 mod behaviour;
 mod derivatives;
 mod description;
 pub(crate) mod run;
-
-pub use apart::{Task, validate_apart};
-
-pub(super) use apart::serve;
 
 use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, host::Unpacked};
 use crate::Error;
@@ -119,7 +114,7 @@ impl Notes<'_> {
 }
 
 impl Report {
-    fn add(&mut self, note: Note) {
+    pub(super) fn add(&mut self, note: Note) {
         match note {
             Note::Doing(_) => {}
             Note::Problem(finding) => self.problems.push(finding),
@@ -205,7 +200,7 @@ pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Re
 }
 
 /// Checks what can be checked without the binary, and has it run by each interface.
-fn examine(
+pub(super) fn examine(
     path: &Path,
     checks: &dyn Checks,
     run: &mut dyn FnMut(Unpacked, &mut Report) -> crate::Result<()>,
@@ -243,7 +238,7 @@ fn examine(
 }
 
 /// Runs an FMU; what cannot be read of the archive has been reported.
-fn run(fmu: &Fmu, archive: &mut Archive, checks: &dyn Checks, notes: &mut Notes) {
+pub(super) fn run(fmu: &Fmu, archive: &mut Archive, checks: &dyn Checks, notes: &mut Notes) {
     behaviour::check(fmu, notes);
     match checks.no_derivatives(archive) {
         Some(reason) => notes.skipped(format!("derivatives: {reason}")),

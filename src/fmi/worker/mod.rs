@@ -9,18 +9,20 @@ mod process;
 pub mod sampling;
 mod simulation;
 mod system;
+mod validation;
 
 pub use process::{ReplyStatus, Watch, Worker, Workers};
 pub use simulation::simulate_apart;
 pub use system::run_system_apart;
+pub use validation::validate_apart;
 
 use super::{
     host::{
         process::{Pipes, exit_now},
         unpacked,
     },
-    system::master,
-    validate::{self, Checks},
+    system::run::Run,
+    validate::Checks,
 };
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -46,9 +48,9 @@ pub enum Job<'a> {
     /// One run, row by row.
     Simulate(Cow<'a, simulation::Task>),
     /// One run of a system of FMUs, row by row.
-    System(Cow<'a, master::Run>),
+    System(Cow<'a, Run>),
     /// What a validation does with the binary.
-    Validate(Cow<'a, validate::Task>),
+    Validate(Cow<'a, validation::Task>),
 }
 
 /// Serves the requests of the process that started this one; `checks` are those of a validation.
@@ -78,7 +80,7 @@ pub fn serve(checks: &dyn Checks) -> Result<()> {
         Job::Sample(task) => sampling::serve(&task, &folder, requests, replies)?,
         Job::Simulate(task) => simulation::serve(&task, &folder, replies)?,
         Job::System(run) => system::serve(&run, replies)?,
-        Job::Validate(task) => validate::serve(&task, &folder, checks, replies)?,
+        Job::Validate(task) => validation::serve(&task, &folder, checks, replies)?,
     }
     // an FMU need not survive that its library is unloaded
     exit_now()

@@ -8,7 +8,7 @@ use crate::{
     Error, Result,
     fmi::{
         host::RowSink,
-        system::master::{Run, folder},
+        system::{master::folder, run::Run},
     },
 };
 use std::{borrow::Cow, path::Path};

@@ -7,9 +7,10 @@ mod reader;
 pub(in crate::fmi) mod schema;
 pub(in crate::fmi) mod tree;
 
-pub use reader::{Document, read};
+pub use reader::Document;
 
 use super::model_description::{FmiVersion, ModelDescription};
+use tree::{Element, decode};
 
 /// The text of a modelDescription.xml in the version of the description; the same description always gives the same
 /// bytes.
@@ -20,6 +21,30 @@ pub fn write(description: &ModelDescription) -> String {
     match description.fmi_version {
         FmiVersion::V2 => fmi2::write(description),
         FmiVersion::V3 => fmi3::write(description),
+    }
+}
+
+/// Reads a modelDescription.xml.
+///
+/// Offences against the schema are collected in [`Document::problems`] and read past as well as possible; defaults that
+/// the standard gives to absent attributes are filled in.
+///
+/// # Errors
+/// The one [`Problem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
+pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
+    let text = decode(bytes)?;
+    let root = Element::parse(&text)?;
+    if root.name != "fmiModelDescription" {
+        let message = format!("the root element is <{}>, expected <fmiModelDescription>", root.name);
+        return Err(Problem::unusable(root.line, message));
+    }
+    match root.attribute("fmiVersion").unwrap_or_default() {
+        "2.0" => Ok(fmi2::read(&root)),
+        version if version.starts_with("3.") => Ok(fmi3::read(&root)),
+        version => {
+            let message = format!("fmiVersion is \"{version}\": only FMI 2.0 and 3.0 are supported");
+            Err(Problem::unusable(root.line, message))
+        }
     }
 }
 

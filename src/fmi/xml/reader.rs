@@ -1,9 +1,6 @@
 //! Reads modelDescription.xml of any version; what both versions have in common.
 
-use super::{
-    Problem, fmi2, fmi3, schema,
-    tree::{Element, decode},
-};
+use super::{Problem, schema, tree::Element};
 use crate::fmi::{
     model_description::{
         DefaultExperiment, DependencyKind, DisplayUnit, FmiVersion, ModelDescription, Named, UnitDefinition,
@@ -22,30 +19,6 @@ pub struct Document {
     pub variable_lines: Vec<usize>,
     /// Line of `ModelStructure`.
     pub structure_line: usize,
-}
-
-/// Reads a modelDescription.xml.
-///
-/// Offences against the schema are collected in [`Document::problems`] and read past as well as possible; defaults that
-/// the standard gives to absent attributes are filled in.
-///
-/// # Errors
-/// The one [`Problem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
-pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
-    let text = decode(bytes)?;
-    let root = Element::parse(&text)?;
-    if root.name != "fmiModelDescription" {
-        let message = format!("the root element is <{}>, expected <fmiModelDescription>", root.name);
-        return Err(Problem::unusable(root.line, message));
-    }
-    match root.attribute("fmiVersion").unwrap_or_default() {
-        "2.0" => Ok(fmi2::read(&root)),
-        version if version.starts_with("3.") => Ok(fmi3::read(&root)),
-        version => {
-            let message = format!("fmiVersion is \"{version}\": only FMI 2.0 and 3.0 are supported");
-            Err(Problem::unusable(root.line, message))
-        }
-    }
 }
 
 /// Attributes of the root element that both versions have; `token` is the name of that attribute.
@@ -128,6 +101,7 @@ pub fn flag(element: &Element, attribute: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fmi::xml::read;
 
     /// Line and message of each mistake in a file that has `lines` in its root element, from line 2 on.
     fn problems(lines: &str) -> Vec<(usize, String)> {

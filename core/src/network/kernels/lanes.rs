@@ -3,8 +3,7 @@
 //! All matrices are worked on in pieces of [`WIDTH`] columns: two AVX-512 registers, four AVX2 registers, eight NEON or SSE2
 //! registers. Everything above this file is written once, for any [`Lanes`].
 
-/// Columns of a panel. Two AVX-512 registers hide the latency of dependent instructions.
-pub(crate) const WIDTH: usize = 32;
+pub(crate) use crate::network::layout::WIDTH;
 
 /// Numbers in single precision, and what one instruction (or a few) for each register does to them.
 ///

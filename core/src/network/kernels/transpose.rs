@@ -1,6 +1,24 @@
 //! The transpose of a block, in blocks of 4 by 4, which take a few shuffles each.
 
-use super::WIDTH;
+use crate::network::layout::{Piece, Shape, WIDTH};
+use std::ops::Range;
+
+impl Piece {
+    /// Renews the transposed weights after an update of the piece's `parameters`; `place` is called with a range of the
+    /// transposed weights and what fills it.
+    pub(crate) fn transpose(
+        &self,
+        shape: &Shape,
+        parameters: &[f32],
+        mut place: impl FnMut(Range<usize>, &dyn Fn(&mut [f32])),
+    ) {
+        let Some(panel) = self.panel else { return };
+        let panels = parameters[..shape.inputs * WIDTH].chunks(WIDTH * WIDTH);
+        for (weights, range) in panels.zip(shape.transposed_ranges(panel)) {
+            place(range, &|to| transpose(weights.as_chunks().0, to.as_chunks_mut().0));
+        }
+    }
+}
 
 /// `to[column][row] = from[row][column]`, for all rows of `from` and `to`, at most [`WIDTH`] of each.
 pub(crate) fn transpose(from: &[[f32; WIDTH]], to: &mut [[f32; WIDTH]]) {

@@ -4,7 +4,7 @@ use super::{
     array,
     network::{activation, in_blocks, padded, padded_to_block},
     operations::Operations,
-    push, real,
+    push, real, table,
 };
 use metafmu_runtime::{
     Activation, ScaledNetwork,
@@ -211,17 +211,6 @@ pub(super) fn write_network(text: &mut String, name: &str, term: Option<&Term>) 
              {name}_network_layers, {outputs}, {name}_network_outputs\n}};\n"
         ),
     );
-}
-
-/// An array of structures; with one that is not used if there are none, as C has no empty arrays.
-pub(super) fn table(text: &mut String, declaration: &str, rows: impl Iterator<Item = String>, unused: &str) {
-    let mut rows = rows.peekable();
-    let unused = rows.peek().is_none().then(|| unused.to_owned());
-    push(text, format_args!("\n{declaration}[] = {{\n"));
-    for row in unused.into_iter().chain(rows) {
-        push(text, format_args!("    {{{row}}},\n"));
-    }
-    text.push_str("};\n");
 }
 
 #[cfg(test)]

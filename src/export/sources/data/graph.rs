@@ -1,6 +1,6 @@
 //! Numbers of a graph of another tool.
 
-use super::{array, functions::table, maps::MapPart, operations::Operations, push, real};
+use super::{array, maps::MapPart, operations::Operations, push, real, table};
 use metafmu_runtime::{
     Map,
     graph::{Elementwise, Graph, Operation, Step},

@@ -1,6 +1,6 @@
 //! Scaling and weights of networks.
 
-use super::{array, divisor, functions::table, maps::MapPart, operations::Operations, real};
+use super::{array, divisor, maps::MapPart, operations::Operations, real, table};
 use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.

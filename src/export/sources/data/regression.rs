@@ -1,6 +1,6 @@
 //! Numbers of a polynomial, a forest or kernels.
 
-use super::{array, functions::table, maps::MapPart, network::scalings, operations::Operations, push, real};
+use super::{array, maps::MapPart, network::scalings, operations::Operations, push, real, table};
 use metafmu_runtime::regression::{Forest, Function, KernelMachine, LEAF, Node, Polynomial, Regression, Tree};
 
 pub fn map(regression: &Regression) -> MapPart {

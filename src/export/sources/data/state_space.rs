@@ -2,11 +2,11 @@
 
 use super::{
     Part,
-    functions::{Cost, Laid, Term, table, width, write_network},
+    functions::{Cost, Laid, Term, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
-    states,
+    states, table,
 };
 use metafmu_runtime::{
     Given, Map, StateSpace, Surrogate,

@@ -1,6 +1,6 @@
 //! What all models with continuous states have: the solver.
 
-use super::{double, functions::table};
+use super::{double, table};
 use metafmu_runtime::{Integration, Scale, Surrogate};
 
 /// External names.

@@ -1,12 +1,12 @@
 //! Checks of a binary in a process of its own.
 
-use super::{Area, Checks, Note, Notes, Report, examine, run};
+use super::{Job, Replies, ReplyStatus, Watch, Worker};
 use crate::{
     Error, Result,
     fmi::{
         Archive, Fmu, InterfaceKind,
         host::Unpacked,
-        worker::{Job, Replies, ReplyStatus, Watch, Worker},
+        validate::{Area, Checks, Note, Notes, Report, examine, run},
     },
 };
 use serde::{Deserialize, Serialize};
@@ -29,14 +29,14 @@ enum Reply {
     Done,
 }
 
-/// Checks an FMU as [`validate`](super::validate) does, but runs it in a process of its own for each interface: when the FMU
+/// Checks an FMU as [`validate`](crate::fmi::validate()) does, but runs it in a process of its own for each interface: when the FMU
 /// ends that process, or one of the checks takes longer than the limit, that is one more problem.
 ///
-/// The program has to call [`serve`](crate::fmi::worker::serve) when its first argument is
-/// [`ARGUMENT`](crate::fmi::worker::ARGUMENT).
+/// The program has to call [`serve`](super::serve) when its first argument is
+/// [`ARGUMENT`](super::ARGUMENT).
 ///
 /// # Errors
-/// Those of [`validate`](super::validate), [`Error::Interrupted`], and [`Error::Io`] if no process can be started.
+/// Those of [`validate`](crate::fmi::validate()), [`Error::Interrupted`], and [`Error::Io`] if no process can be started.
 pub fn validate_apart(path: impl AsRef<Path>, watch: Watch, checks: &dyn Checks) -> Result<Report> {
     examine(path.as_ref(), checks, &mut |unpacked, report| run_apart(&unpacked, watch, report))
 }

@@ -1,0 +1,67 @@
+//! What a run of a system is: its components, and how they are connected.
+
+use crate::fmi::host::InterfaceKind;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What a run of a system is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// The components, in the order in which they step.
+    pub components: Vec<ComponentRun>,
+    /// Outputs and the inputs that take their values.
+    pub connections: Vec<[Port; 2]>,
+    /// What is recorded: real numbers, integers or booleans.
+    pub recorded: Vec<Port>,
+    /// What is recorded, too, but not read within the time that a step is measured to take.
+    pub watched: Vec<Port>,
+    /// Position of the component whose steps are measured.
+    pub measured: usize,
+    /// First communication point in s.
+    pub start: f64,
+    /// Last communication point in s.
+    pub stop: f64,
+    /// Communication step size in s.
+    pub step: f64,
+    /// Tolerance of model exchange and of mechanisms; else that of an FMU's default experiment, else 1e-8.
+    pub tolerance: Option<f64>,
+}
+
+/// A component of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComponentRun {
+    /// Name in the system.
+    pub name: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// What is simulated.
+    pub model: Model,
+    /// Values that variables start with, by name: 0 or 1 for a boolean.
+    pub start_values: Vec<(String, f64)>,
+}
+
+/// What a component of a run is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Model {
+    /// An FMU.
+    Fmu {
+        /// The folder that it is unpacked in.
+        folder: PathBuf,
+        /// Who advances its time.
+        interface: InterfaceKind,
+    },
+    /// A mechanism.
+    Mechanism {
+        /// The content of its file.
+        text: String,
+    },
+}
+
+/// A variable of a component.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Port {
+    /// Position of the component.
+    pub component: usize,
+    /// Name of the variable: a scalar.
+    pub variable: String,
+}
