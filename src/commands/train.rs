@@ -5,7 +5,7 @@ use crate::cli::TrainArgs;
 use metafmu::{
     Result,
     evaluation::Verdict,
-    pipeline::train::{self, TrainingRecord},
+    pipeline::{record::TrainingRecord, rounds, train},
 };
 use serde::Serialize;
 
@@ -21,7 +21,7 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
     let project = project(&args.study)?;
     let (train, calibration) = (project.load_table("train")?, project.load_table("calibration")?);
     project.prepare_folder()?;
-    let (surrogate, record) = train::stage(&project, &train, &calibration, args.resume)?;
+    let (surrogate, record) = rounds::stage(&project, &train, &calibration, args.resume)?;
     let verdict = train::judge(&project, &train, &surrogate, &record);
     if args.study.json {
         print_json(&Printed { record: &record, verdict: &verdict })?;

@@ -5,8 +5,8 @@ use super::{
     evaluate::Metrics,
     export::{self, Plan, Written},
     project::Project,
-    report, sample,
-    train::{self, TrainingRecord},
+    record::TrainingRecord,
+    report, rounds, sample,
 };
 use crate::{
     Result, baseline::Comparison, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, export::validate_apart,
@@ -37,7 +37,7 @@ pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
     project.prepare_folder()?;
     let kept = if resume { sample::kept(project)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
-    let (surrogate, training) = train::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
+    let (surrogate, training) = rounds::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
     let mut evaluated = Evaluated::new(&surrogate, &samples.sets.test);
     evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
     evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);

@@ -4,7 +4,7 @@ use super::{
     observer::{Event, Work},
     prepare::baseline_rows,
     project::Project,
-    train::TrainingRecord,
+    record::TrainingRecord,
 };
 use crate::{
     Error, Result,

@@ -1,11 +1,12 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
 use super::{
-    learned::{Candidate, unless_interrupted},
+    follower::{Follower, Trained, at_least_one_epoch},
+    learned::unless_interrupted,
     per_instant::without_constants,
     prepare::{self, held_out},
     project::Project,
-    train::{Follower, Trained, TrainingRecord, at_least_one_epoch},
+    record::{Candidate, DiscreteRecord, MethodRecord, TrainingRecord},
 };
 use crate::{
     Result,
@@ -19,35 +20,7 @@ use crate::{
 };
 use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Support, Surrogate, Transition};
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 use std::{sync::atomic::Ordering, time::Instant};
-
-/// What was learned of runs with inputs.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct DiscreteRecord {
-    /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
-    /// says otherwise.
-    pub candidates: Vec<Candidate>,
-    /// The name of the one that is exported.
-    pub exported: String,
-    /// Number of past samples of outputs and of inputs that it goes on from.
-    pub history: [usize; 2],
-}
-
-impl DiscreteRecord {
-    /// How it went, in words.
-    pub(super) fn describe(&self) -> String {
-        let list: Vec<String> =
-            self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
-        let [outputs, inputs] = self.history;
-        format!(
-            "error in simulations of held-out runs: {}; exported: {}, which goes on from {outputs} samples of outputs and {inputs} of \
-             inputs",
-            list.join(", "),
-            self.exported
-        )
-    }
-}
 
 /// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
 const RIDGE: f64 = 1e-10;
@@ -111,16 +84,13 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        motion: None,
-        state_space: None,
-        trajectories: None,
-        discrete: Some(DiscreteRecord { candidates, exported: name, history: one.model.history }),
+        method: Some(MethodRecord::Discrete(DiscreteRecord { candidates, exported: name, history: one.model.history })),
     };
     project.finish(format_args!(
         "learned from {} samples in {:.1} s: {}",
         record.train_rows,
         record.train_seconds,
-        record.discrete.as_ref().map_or(String::new(), DiscreteRecord::describe)
+        record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: one.history, record })
 }

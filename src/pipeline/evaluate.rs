@@ -2,8 +2,8 @@
 
 use super::{
     project::{Project, SamplesRecord},
-    speed::Speed,
-    train::TrainingRecord,
+    record::{Speed, TrainingRecord},
+    speed,
 };
 use crate::{
     Result,
@@ -91,7 +91,7 @@ pub(super) fn add_calibration(
 
 /// Measures the speed beside the source's, and warns if that is faster.
 pub(super) fn measure_speed(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
-    let speed = Speed::of(project, surrogate, test)?;
+    let speed = speed::measure(project, surrogate, test)?;
     if let Some(warning) = speed.and_then(|speed| speed.warning(surrogate)) {
         project.warn(warning);
     }

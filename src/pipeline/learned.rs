@@ -1,9 +1,10 @@
 //! Ways to learn the functions of equations, compared: dictionaries, networks, and networks for what dictionaries leave over.
 
 use super::{
+    follower::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
     per_instant::without_constants,
     project::Project,
-    train::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
+    record::{ACCELERATIONS, Candidate},
 };
 use crate::{
     Error, Result,
@@ -13,25 +14,7 @@ use crate::{
     training::{self, Outcome, Rows, Tangents, drawn},
 };
 use metafmu_runtime::{ScaledNetwork, Scaling};
-use serde::{Deserialize, Serialize};
 use std::sync::atomic::Ordering;
-
-/// A way to learn the functions.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Candidate {
-    /// `dictionary`, `network`, `dictionary and network`, or of a mechanism `accelerations`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
-    pub name: String,
-    /// Root mean square error at states that were held out, relative to the standard deviation, of the worst of what it is measured of:
-    /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs.
-    pub error: f64,
-    /// Wall time.
-    pub seconds: f64,
-}
-
-pub(super) const DICTIONARY: &str = "dictionary";
-pub(super) const NETWORK: &str = "network";
-pub(super) const DICTIONARY_AND_NETWORK: &str = "dictionary and network";
-pub(super) const ACCELERATIONS: &str = "accelerations";
 
 /// `sampling.states` of an FMU, and of a mechanism, unless given.
 const STATES: [usize; 2] = [5000, 20_000];
@@ -56,13 +39,6 @@ pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usi
     let is_structured = |(_, candidate): &(usize, &Candidate)| candidate.name != ACCELERATIONS;
     let best = candidates.iter().enumerate().filter(is_structured).min_by(|a, b| a.1.error.total_cmp(&b.1.error));
     named.or(best.map(|(index, _)| index)).unwrap_or(0)
-}
-
-/// Candidates in words, with their errors.
-pub(super) fn list(candidates: &[Candidate]) -> String {
-    let words: Vec<String> =
-        candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
-    words.join(", ")
 }
 
 /// What a network is trained on.

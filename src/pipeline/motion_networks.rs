@@ -1,13 +1,11 @@
 //! Networks in equations of motion: instead of the dictionary, for what it leaves over, and for forces that are of another form.
 
 use super::{
-    learned::{
-        self, ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, Directions, EXACT, Examples, NETWORK,
-        held_out,
-    },
+    follower::Checkpoints,
+    learned::{self, Directions, EXACT, Examples, held_out},
     observer::{Event, Work},
     project::Project,
-    train::Checkpoints,
+    record::{ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, NETWORK},
 };
 use crate::{
     Error, Result,

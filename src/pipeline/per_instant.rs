@@ -1,11 +1,12 @@
 //! A network for each instant, trained side by side: `network.structure = "fixed"`.
 
 use super::{
+    follower::Trained,
     observer::{Event, Work},
     parallel::side_by_side,
     prepare::{Prepared, prepare_instants},
     project::Project,
-    train::{Trained, TrainingRecord},
+    record::TrainingRecord,
 };
 use crate::{
     Error, Result,
@@ -69,10 +70,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        motion: None,
-        state_space: None,
-        trajectories: None,
-        discrete: None,
+        method: None,
     };
     project.finish(format_args!(
         "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",

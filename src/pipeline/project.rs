@@ -2,8 +2,7 @@
 
 use super::{
     observer::{Control, Event, Work},
-    speed::Speed,
-    train::TrainingRecord,
+    record::{Speed, TrainingRecord},
 };
 use crate::{
     Error, Result, acceptance,

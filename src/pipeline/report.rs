@@ -4,8 +4,7 @@ use super::{
     compare::seconds_per_row,
     evaluate,
     project::{Project, SamplesRecord},
-    train::TrainingRecord,
-    trajectories::TrajectoriesRecord,
+    record::{MethodRecord, TrainingRecord},
 };
 use crate::{
     Error, Result, files,
@@ -124,29 +123,20 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         stopped,
         train_seconds,
         added_runs,
-        motion,
-        state_space,
-        trajectories,
-        discrete,
+        method: by_method,
         ..
     } = training;
-    let how = match (motion, state_space, discrete) {
-        (None, None, _) if trajectories.is_some() => {
-            let how = trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe);
-            format!("{rows} rows, {how}")
-        }
-        (None, Some(space), _) => format!("{rows} states, {}", space.describe()),
-        (None, None, Some(discrete)) => {
-            format!("{rows} samples, {validation_runs} runs held out, {}", discrete.describe())
-        }
-        (None, None, None) => {
-            format!(
-                "{rows} rows, {validation_runs} runs held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
-                all = study.training.epochs
-            )
-        }
-        (Some(motion), ..) => format!("{rows} configurations, {}", motion.describe()),
+    let trained_on = match by_method {
+        None => format!(
+            "{rows} rows, {validation_runs} runs held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
+            all = study.training.epochs
+        ),
+        Some(MethodRecord::Motion(_)) => format!("{rows} configurations, "),
+        Some(MethodRecord::StateSpace(_)) => format!("{rows} states, "),
+        Some(MethodRecord::Trajectories(_)) => format!("{rows} rows, "),
+        Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {validation_runs} runs held out, "),
     };
+    let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe);
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
     [

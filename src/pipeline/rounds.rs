@@ -1,11 +1,7 @@
 //! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
 
 use super::{
-    learned::unless_interrupted,
-    prepare::held_out,
-    project::Project,
-    rescue, sample,
-    train::{self, TrainingRecord},
+    learned::unless_interrupted, prepare::held_out, project::Project, record::TrainingRecord, rescue, sample, train,
 };
 use crate::{
     Error, Result,
@@ -20,6 +16,20 @@ use crate::{
     training::{EpochRecord, StopReason, joined, read_history, write_history},
 };
 use metafmu_runtime::Surrogate;
+
+/// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
+/// continue from its checkpoint, if there is one.
+pub fn stage(
+    project: &Project,
+    dataset: &Dataset,
+    calibration: &Dataset,
+    resume: bool,
+) -> Result<(Surrogate, TrainingRecord)> {
+    match &project.study.target {
+        None => train::once(project, dataset, 0, None, Some(calibration), resume),
+        Some(target) => in_rounds(project, target, dataset, calibration, resume),
+    }
+}
 
 /// How good the surrogate was after a round.
 struct Round {
@@ -40,7 +50,7 @@ impl Round {
 /// Trains in rounds, each from the network of the one before, and writes what a single training writes, `rounds.csv` with a row
 /// for each round, and `added.csv` with the runs that were added. Every round has a folder of its own, from which `resume` goes
 /// on; they are removed at the end.
-pub fn stage(
+fn in_rounds(
     project: &Project,
     target: &TargetOptions,
     planned: &Dataset,

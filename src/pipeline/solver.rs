@@ -3,6 +3,7 @@
 use super::{
     corners::{Trial, corners},
     project::Project,
+    record::SolverRecord,
 };
 use crate::{
     Result,
@@ -13,30 +14,6 @@ use crate::{
 };
 use metafmu_runtime::{Domain, Evaluator, Integration, Metadata, Output, StepError, Surrogate};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-/// How the solver integrates, and how well.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SolverRecord {
-    /// Largest error of a step, relative to the states' nominal values; none if all steps are equal.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tolerance: Option<f64>,
-    /// Longest step, in seconds.
-    pub step: f64,
-    /// Error of a start, in all states, that changes the outputs of a run as much as the solver does: the largest of all runs, up to where
-    /// they leave the domain.
-    pub error: f64,
-    /// What it was to be: a tenth of the error of the equations, within limits.
-    pub wanted: f64,
-    /// Number of training runs and of corners that it was measured in.
-    pub runs: [usize; 2],
-    /// Where it is largest.
-    pub worst: String,
-    /// Steps of the solver in a second of simulated time: median of the training runs, and the most in any run.
-    pub steps_per_second: [f64; 2],
-    /// Where they are most.
-    pub slowest: String,
-}
 
 /// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as the solver does, where the equations are
 /// exact, and at most.
@@ -63,45 +40,17 @@ const RESERVE: f64 = 3.0;
 /// How much farther than in the training runs velocities may go.
 const MARGIN: f64 = 1.5;
 
-impl SolverRecord {
-    /// Of equations that are so poor that no solver helps.
-    pub(super) fn unmeasured(step: f64) -> Self {
-        Self {
-            tolerance: Some(FIRST),
-            step,
-            error: f64::MAX,
-            wanted: LARGEST_ERROR,
-            runs: [0; 2],
-            worst: String::new(),
-            steps_per_second: [0.0; 2],
-            slowest: String::new(),
-        }
-    }
-
-    /// How it integrates.
-    pub(super) fn integration(&self) -> Integration {
-        let Self { tolerance, step, .. } = *self;
-        match tolerance {
-            Some(tolerance) => Integration::ErrorControlled { tolerance, longest: step },
-            None => Integration::Fixed { step },
-        }
-    }
-
-    /// How it went, as text.
-    pub(super) fn describe(&self) -> String {
-        let Self { tolerance, step, error, runs: [training, corners], worst, steps_per_second, slowest, .. } = self;
-        let how = match tolerance {
-            Some(tolerance) => format!("solver with a tolerance of {tolerance:.0e}, steps of at most {step} s"),
-            None => format!("solver with fixed steps of {step} s"),
-        };
-        if training + corners == 0 {
-            return how;
-        }
-        let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
-        format!(
-            "{how}, which is as a start off by {error:.1e} in {training} training runs and at {corners} corners of the domain (most at {worst}); \
-             {median} steps a second, at most {most} (at {slowest})"
-        )
+/// Of equations that are so poor that no solver helps.
+pub(super) fn unmeasured(step: f64) -> SolverRecord {
+    SolverRecord {
+        tolerance: Some(FIRST),
+        step,
+        error: f64::MAX,
+        wanted: LARGEST_ERROR,
+        runs: [0; 2],
+        worst: String::new(),
+        steps_per_second: [0.0; 2],
+        slowest: String::new(),
     }
 }
 

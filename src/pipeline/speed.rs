@@ -1,27 +1,14 @@
 //! Speed of a surrogate beside that of its source: seconds of one core for a simulated second.
 
-use super::project::Project;
+use super::{project::Project, record::Speed};
 use crate::{
     Result,
     dataset::Dataset,
     evaluation::predict,
-    html::number,
     source::{Simulation, Source},
 };
-use metafmu_runtime::{Evaluator, Map, Model, Surrogate};
-use serde::{Deserialize, Serialize};
+use metafmu_runtime::{Evaluator, Surrogate};
 use std::time::{Duration, Instant};
-
-/// Speed of a surrogate beside that of its source. Both are measured one after the other on one core, on the first test run.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Speed {
-    /// Seconds the source takes for a simulated second; a run is from its start to its end.
-    pub source: f64,
-    /// Seconds the surrogate takes for a simulated second, in steps of `time.step`.
-    pub surrogate: f64,
-    /// Speed-up, the former divided by the latter.
-    pub speed_up: f64,
-}
 
 /// Time after which a measurement is not repeated, and most repetitions; the shortest counts.
 const ENOUGH: (Duration, usize) = (Duration::from_millis(100), 20);
@@ -30,51 +17,22 @@ const RUNS: usize = 3;
 /// Seconds of a run of an FMU that is not repeated.
 const LONG: f64 = 2.0;
 
-impl Speed {
-    /// Measures both; none of recorded runs, whose source cannot be run, or where a run fails.
-    ///
-    /// # Errors
-    /// Those of an FMU that cannot be loaded, [`Error::Interrupted`](crate::Error::Interrupted).
-    pub(super) fn of(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Self>> {
-        let Source::Simulation(simulation) = &project.source else { return Ok(None) };
-        let Some(run) = test.runs.first() else { return Ok(None) };
-        let length = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
-        let Some(of_source) = of_source(project, simulation)? else { return Ok(None) };
-        let evaluator = Evaluator::new(surrogate);
-        let of_surrogate = shortest(|| {
-            std::hint::black_box(predict(surrogate, &evaluator, run));
-        });
-        let (source, surrogate) = (of_source / length(simulation.times()), of_surrogate / length(&run.times));
-        let speed_up = source / surrogate;
-        Ok((speed_up.is_finite() && speed_up > 0.0).then_some(Self { source, surrogate, speed_up }))
-    }
-
-    /// As text.
-    pub fn describe(&self) -> String {
-        let Self { source, surrogate, speed_up } = self;
-        let [source, surrogate] = [source, surrogate].map(|seconds| number(1e3 * seconds));
-        let speed_up = number(*speed_up);
-        format!("{speed_up} times as fast as its source: {surrogate} ms for a simulated second, the source {source} ms")
-    }
-
-    /// Warning about a surrogate that is slower than its source, with what makes it slow.
-    pub(super) fn warning(&self, surrogate: &Surrogate) -> Option<String> {
-        let network = match surrogate.model() {
-            Model::Motion(motion) => motion.has_networks(),
-            Model::StateSpace(space) => matches!(space.map, Some(Map::Network(_))),
-            Model::Discrete(discrete) => matches!(discrete.map, Some(Map::Network(_))),
-            Model::Response(map) => matches!(map, Map::Network(_)),
-            Model::PerInstant { .. } => true,
-        };
-        let advice = match (network, surrogate.states().is_empty()) {
-            (true, false) => {
-                "its networks are computed in every step of the solver: fewer `network.hidden` nodes are faster"
-            }
-            (true, true) => "its network is computed in every step: fewer `network.hidden` nodes are faster",
-            (false, _) => "the source is a small model itself",
-        };
-        (self.speed_up < 1.0).then(|| format!("the surrogate is only {}; {advice}", self.describe()))
-    }
+/// Measures both; none of recorded runs, whose source cannot be run, or where a run fails.
+///
+/// # Errors
+/// Those of an FMU that cannot be loaded, [`Error::Interrupted`](crate::Error::Interrupted).
+pub(super) fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
+    let Source::Simulation(simulation) = &project.source else { return Ok(None) };
+    let Some(run) = test.runs.first() else { return Ok(None) };
+    let length = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
+    let Some(of_source) = of_source(project, simulation)? else { return Ok(None) };
+    let evaluator = Evaluator::new(surrogate);
+    let of_surrogate = shortest(|| {
+        std::hint::black_box(predict(surrogate, &evaluator, run));
+    });
+    let (source, surrogate) = (of_source / length(simulation.times()), of_surrogate / length(&run.times));
+    let speed_up = source / surrogate;
+    Ok((speed_up.is_finite() && speed_up > 0.0).then_some(Speed { source, surrogate, speed_up }))
 }
 
 /// Shortest time of some repetitions, in seconds.

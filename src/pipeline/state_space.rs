@@ -1,11 +1,12 @@
 //! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
 
 use super::{
-    learned::{self, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, EXACT, Examples, NETWORK, held_out},
+    follower::{Checkpoints, Trained},
+    learned::{self, EXACT, Examples, held_out},
     observer::{Event, Work},
     project::Project,
-    solver::{self, SolverRecord},
-    train::{Checkpoints, Trained, TrainingRecord},
+    record::{Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, NETWORK, StateSpaceRecord, TrainingRecord},
+    solver,
 };
 use crate::{
     Result,
@@ -21,64 +22,10 @@ use metafmu_runtime::{
     dictionary::{Dictionary, Factor},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
-use serde::{Deserialize, Serialize};
 use std::{f64::consts::TAU, time::Instant};
 
-/// What was learned of the equations of an FMU.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct StateSpaceRecord {
-    /// Functions that were learned; the other derivatives and outputs are states.
-    pub functions: usize,
-    /// Highest harmonic of the angles.
-    pub harmonics: usize,
-    /// Highest power of the other states, of inputs and of parameters.
-    pub powers: usize,
-    /// Products of sines, cosines and powers in the surrogate.
-    pub products: usize,
-    /// Relative errors at states that were held out, of the candidates that were tried. The best is exported.
-    pub candidates: Vec<Candidate>,
-    /// The name of the best.
-    pub exported: String,
-    /// How the solver integrates.
-    pub solver: SolverRecord,
-}
-
-/// Error of a function, relative to its standard deviation, from which on the equations are not those of the FMU.
-const POOR: f64 = 0.1;
 /// Two values that differ by less of the largest one are the same.
 const SAME: f64 = 1e-12;
-
-impl StateSpaceRecord {
-    fn error(&self) -> f64 {
-        let exported = self.candidates.iter().find(|candidate| candidate.name == self.exported);
-        exported.map_or(f64::INFINITY, |candidate| candidate.error)
-    }
-
-    /// What is wrong with the equations.
-    pub(super) fn problem(&self) -> Option<String> {
-        let error = self.error();
-        // also of what is not a number
-        let is_good = error <= POOR;
-        (!is_good).then(|| {
-            format!(
-                "the learned equations are off by {error:.1e} of their standard deviation at unseen states, expected at most {POOR}: \
-                 more `sampling.states`, smaller ranges or a larger network may help"
-            )
-        })
-    }
-
-    /// How it went, in words.
-    pub(super) fn describe(&self) -> String {
-        let Self { functions, harmonics, powers, products, candidates, exported, solver, .. } = self;
-        let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
-        format!(
-            "{functions} functions; error at unseen states: {}; exported: {exported}, {products} products, {harmonics}powers up to \
-             {powers}; {}",
-            learned::list(candidates),
-            solver.describe()
-        )
-    }
-}
 
 /// Asks the FMU for its equations, learns them, chooses how the solver integrates them.
 pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
@@ -137,16 +84,13 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        motion: None,
-        state_space: Some(space_record),
-        trajectories: None,
-        discrete: None,
+        method: Some(MethodRecord::StateSpace(space_record)),
     };
     project.finish(format_args!(
         "learned the equations from {} states in {:.1} s: {}",
         samples.points.len(),
         record.train_seconds,
-        record.state_space.as_ref().map_or(String::new(), StateSpaceRecord::describe)
+        record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: learned.history, record })
 }

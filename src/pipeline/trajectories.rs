@@ -1,10 +1,13 @@
 //! Learns equations of motion from the motions of a table.
 
 use super::{
-    learned::Candidate,
+    follower::Trained,
     project::Project,
-    solver::{self, SolverRecord},
-    train::{Trained, TrainingRecord},
+    record::{
+        ACCELERATIONS, Candidate, MethodRecord, TrainingRecord, TrajectoriesRecord,
+        trajectories::{MOTION, POOR},
+    },
+    solver,
 };
 use crate::{
     Error, Result,
@@ -22,89 +25,7 @@ use metafmu_runtime::{
     FormatError, Given, Integration, Model, Motion, Shown, StateSpace,
     dictionary::{Dictionary, Factor},
 };
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
-
-/// What was learned from the motions of a table.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct TrajectoriesRecord {
-    /// Errors of roll-outs of the candidates that were tried, along stretches that were held out. The best is exported.
-    pub candidates: Vec<Candidate>,
-    /// The name of the best.
-    pub exported: String,
-    /// Highest harmonic of the angles.
-    pub harmonics: usize,
-    /// Highest power of the other columns; of equations of motion in the mass matrix, and the potential has two more.
-    pub powers: usize,
-    /// Coordinates that were found to be angles, with equations that are the same a turn later, where the study does not say.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub periodic: Vec<String>,
-    /// Columns of rates that are not the derivatives of their coordinates, and the root mean square of the difference, relative to the rate's.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rate_errors: Vec<(String, f64)>,
-    /// Coefficients other than zero.
-    pub coefficients: usize,
-    /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
-    pub solutions: usize,
-    /// How the solver integrates.
-    pub solver: SolverRecord,
-}
-
-/// Error of roll-outs, relative to the coordinates' standard deviations, from which on the equations are not those of the motions.
-const POOR: f64 = 0.1;
-
-/// Names of the candidates.
-const MOTION: &str = "equations of motion";
-const ACCELERATIONS: &str = "accelerations";
-
-impl TrajectoriesRecord {
-    fn error(&self) -> f64 {
-        self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
-    }
-
-    /// What is wrong with the equations.
-    pub(super) fn problem(&self) -> Option<String> {
-        let error = self.error();
-        // also of what is not a number
-        let is_good = error <= POOR;
-        (!is_good).then(|| {
-            format!(
-                "the learned equations are off by {error:.1e} of the coordinates' standard deviation along stretches that were held \
-                 out, expected at most {POOR}: the rows are too few, too far apart or too noisy, or the equations are no sums of sines, \
-                 cosines and powers"
-            )
-        })
-    }
-
-    /// How it went, in words.
-    pub(super) fn describe(&self) -> String {
-        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
-        let errors: Vec<String> =
-            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
-        let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
-        let order = match (harmonics, powers) {
-            (0, powers) => format!("powers up to {powers}{of_mass}"),
-            (harmonics, 0) => format!("harmonics up to {harmonics}"),
-            _ => format!("harmonics up to {harmonics}, powers up to {powers}{of_mass}"),
-        };
-        let angles = match periodic.as_slice() {
-            [] => String::new(),
-            names => format!("angles: {}; ", names.join(", ")),
-        };
-        let ambiguous = match solutions {
-            0 | 1 => String::new(),
-            _ => format!(
-                "{solutions} independent solutions fit the rows, one with a positive definite mass matrix was taken; "
-            ),
-        };
-        format!(
-            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
-             {angles}{ambiguous}{}",
-            errors.join(", "),
-            solver.describe()
-        )
-    }
-}
 
 /// Learns the equations from the rows for training, chooses how the solver integrates them.
 pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
@@ -176,7 +97,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         true => solver::choose(project, dataset, (driven, &of_states), candidate.error, assemble)?,
         // no tolerance is small enough for equations that diverge
         false => {
-            let solver = SolverRecord::unmeasured(study.time.step);
+            let solver = solver::unmeasured(study.time.step);
             (assemble(solver.integration())?, solver)
         }
     };
@@ -203,15 +124,12 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        motion: None,
-        state_space: None,
-        discrete: None,
-        trajectories: Some(exported),
+        method: Some(MethodRecord::Trajectories(exported)),
     };
     project.finish(format_args!(
         "learned the equations from {rows} rows in {:.1} s: {}",
         record.train_seconds,
-        record.trajectories.as_ref().map_or(String::new(), TrajectoriesRecord::describe)
+        record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: Vec::new(), record })
 }

@@ -1,0 +1,31 @@
+//! What is known of the training of a discrete-time model.
+
+use super::Candidate;
+use serde::{Deserialize, Serialize};
+
+/// What was learned of runs with inputs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct DiscreteRecord {
+    /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
+    /// says otherwise.
+    pub candidates: Vec<Candidate>,
+    /// The name of the one that is exported.
+    pub exported: String,
+    /// Number of past samples of outputs and of inputs that it goes on from.
+    pub history: [usize; 2],
+}
+
+impl DiscreteRecord {
+    /// How it went, in words.
+    pub(in crate::pipeline) fn describe(&self) -> String {
+        let list: Vec<String> =
+            self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let [outputs, inputs] = self.history;
+        format!(
+            "error in simulations of held-out runs: {}; exported: {}, which goes on from {outputs} samples of outputs and {inputs} of \
+             inputs",
+            list.join(", "),
+            self.exported
+        )
+    }
+}

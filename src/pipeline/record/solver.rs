@@ -1,0 +1,55 @@
+//! How the solver of a surrogate integrates.
+
+use metafmu_runtime::Integration;
+use serde::{Deserialize, Serialize};
+
+/// How the solver integrates, and how well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverRecord {
+    /// Largest error of a step, relative to the states' nominal values; none if all steps are equal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Longest step, in seconds.
+    pub step: f64,
+    /// Error of a start, in all states, that changes the outputs of a run as much as the solver does: the largest of all runs, up to where
+    /// they leave the domain.
+    pub error: f64,
+    /// What it was to be: a tenth of the error of the equations, within limits.
+    pub wanted: f64,
+    /// Number of training runs and of corners that it was measured in.
+    pub runs: [usize; 2],
+    /// Where it is largest.
+    pub worst: String,
+    /// Steps of the solver in a second of simulated time: median of the training runs, and the most in any run.
+    pub steps_per_second: [f64; 2],
+    /// Where they are most.
+    pub slowest: String,
+}
+
+impl SolverRecord {
+    /// How it integrates.
+    pub(in crate::pipeline) fn integration(&self) -> Integration {
+        let Self { tolerance, step, .. } = *self;
+        match tolerance {
+            Some(tolerance) => Integration::ErrorControlled { tolerance, longest: step },
+            None => Integration::Fixed { step },
+        }
+    }
+
+    /// How it went, as text.
+    pub(in crate::pipeline) fn describe(&self) -> String {
+        let Self { tolerance, step, error, runs: [training, corners], worst, steps_per_second, slowest, .. } = self;
+        let how = match tolerance {
+            Some(tolerance) => format!("solver with a tolerance of {tolerance:.0e}, steps of at most {step} s"),
+            None => format!("solver with fixed steps of {step} s"),
+        };
+        if training + corners == 0 {
+            return how;
+        }
+        let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
+        format!(
+            "{how}, which is as a start off by {error:.1e} in {training} training runs and at {corners} corners of the domain (most at {worst}); \
+             {median} steps a second, at most {most} (at {slowest})"
+        )
+    }
+}

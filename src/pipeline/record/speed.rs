@@ -1,0 +1,45 @@
+//! Speed of a surrogate beside that of its source.
+
+use crate::html::number;
+use metafmu_runtime::{Map, Model, Surrogate};
+use serde::{Deserialize, Serialize};
+
+/// Speed of a surrogate beside that of its source. Both are measured one after the other on one core, on the first test run.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Speed {
+    /// Seconds the source takes for a simulated second; a run is from its start to its end.
+    pub source: f64,
+    /// Seconds the surrogate takes for a simulated second, in steps of `time.step`.
+    pub surrogate: f64,
+    /// Speed-up, the former divided by the latter.
+    pub speed_up: f64,
+}
+
+impl Speed {
+    /// As text.
+    pub fn describe(&self) -> String {
+        let Self { source, surrogate, speed_up } = self;
+        let [source, surrogate] = [source, surrogate].map(|seconds| number(1e3 * seconds));
+        let speed_up = number(*speed_up);
+        format!("{speed_up} times as fast as its source: {surrogate} ms for a simulated second, the source {source} ms")
+    }
+
+    /// Warning about a surrogate that is slower than its source, with what makes it slow.
+    pub(in crate::pipeline) fn warning(&self, surrogate: &Surrogate) -> Option<String> {
+        let network = match surrogate.model() {
+            Model::Motion(motion) => motion.has_networks(),
+            Model::StateSpace(space) => matches!(space.map, Some(Map::Network(_))),
+            Model::Discrete(discrete) => matches!(discrete.map, Some(Map::Network(_))),
+            Model::Response(map) => matches!(map, Map::Network(_)),
+            Model::PerInstant { .. } => true,
+        };
+        let advice = match (network, surrogate.states().is_empty()) {
+            (true, false) => {
+                "its networks are computed in every step of the solver: fewer `network.hidden` nodes are faster"
+            }
+            (true, true) => "its network is computed in every step: fewer `network.hidden` nodes are faster",
+            (false, _) => "the source is a small model itself",
+        };
+        (self.speed_up < 1.0).then(|| format!("the surrogate is only {}; {advice}", self.describe()))
+    }
+}

@@ -1,0 +1,84 @@
+//! What is known of the identification from motions of a table.
+
+use super::{Candidate, SolverRecord};
+use serde::{Deserialize, Serialize};
+
+/// What was learned from the motions of a table.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct TrajectoriesRecord {
+    /// Errors of roll-outs of the candidates that were tried, along stretches that were held out. The best is exported.
+    pub candidates: Vec<Candidate>,
+    /// The name of the best.
+    pub exported: String,
+    /// Highest harmonic of the angles.
+    pub harmonics: usize,
+    /// Highest power of the other columns; of equations of motion in the mass matrix, and the potential has two more.
+    pub powers: usize,
+    /// Coordinates that were found to be angles, with equations that are the same a turn later, where the study does not say.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub periodic: Vec<String>,
+    /// Columns of rates that are not the derivatives of their coordinates, and the root mean square of the difference, relative to the rate's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rate_errors: Vec<(String, f64)>,
+    /// Coefficients other than zero.
+    pub coefficients: usize,
+    /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
+    pub solutions: usize,
+    /// How the solver integrates.
+    pub solver: SolverRecord,
+}
+
+/// Error of roll-outs, relative to the coordinates' standard deviations, from which on the equations are not those of the motions.
+pub(in crate::pipeline) const POOR: f64 = 0.1;
+
+/// Name of a candidate.
+pub(in crate::pipeline) const MOTION: &str = "equations of motion";
+
+impl TrajectoriesRecord {
+    fn error(&self) -> f64 {
+        self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
+    }
+
+    /// What is wrong with the equations.
+    pub(in crate::pipeline) fn problem(&self) -> Option<String> {
+        let error = self.error();
+        // also of what is not a number
+        let is_good = error <= POOR;
+        (!is_good).then(|| {
+            format!(
+                "the learned equations are off by {error:.1e} of the coordinates' standard deviation along stretches that were held \
+                 out, expected at most {POOR}: the rows are too few, too far apart or too noisy, or the equations are no sums of sines, \
+                 cosines and powers"
+            )
+        })
+    }
+
+    /// How it went, in words.
+    pub(in crate::pipeline) fn describe(&self) -> String {
+        let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
+        let errors: Vec<String> =
+            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
+        let order = match (harmonics, powers) {
+            (0, powers) => format!("powers up to {powers}{of_mass}"),
+            (harmonics, 0) => format!("harmonics up to {harmonics}"),
+            _ => format!("harmonics up to {harmonics}, powers up to {powers}{of_mass}"),
+        };
+        let angles = match periodic.as_slice() {
+            [] => String::new(),
+            names => format!("angles: {}; ", names.join(", ")),
+        };
+        let ambiguous = match solutions {
+            0 | 1 => String::new(),
+            _ => format!(
+                "{solutions} independent solutions fit the rows, one with a positive definite mass matrix was taken; "
+            ),
+        };
+        format!(
+            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
+             {angles}{ambiguous}{}",
+            errors.join(", "),
+            solver.describe()
+        )
+    }
+}
