@@ -77,6 +77,16 @@ impl<T: Number> TapeWork<T> {
         &mut self.registers
     }
 
+    /// Sets the first inputs. Returns false if all registers are those of these inputs already.
+    pub(crate) fn set_inputs(&mut self, inputs: impl Iterator<Item = T>) -> bool {
+        let mut changes = !self.is_known;
+        for (to, from) in self.registers.iter_mut().zip(inputs) {
+            changes |= *to != from;
+            *to = from;
+        }
+        changes
+    }
+
     pub(crate) fn get(&self, register: Register) -> T {
         self.registers[register.index()]
     }

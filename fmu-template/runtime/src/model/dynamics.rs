@@ -445,11 +445,11 @@ impl Dynamics {
         let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs);
         let Written { tape: equations, given, accelerations: found, .. } = &self.written;
+        // the end of a step is where outputs are wanted and the next step begins
+        if !tape.set_inputs(columns.iter().copied().chain((0..n).map(v)).chain((0..m).map(u))) {
+            return;
+        }
         let inputs = tape.inputs();
-        let (of_configuration, rest) = inputs.split_at_mut(columns.len());
-        of_configuration.copy_from_slice(columns);
-        (0..n).for_each(|k| rest[k] = v(k));
-        (0..m).for_each(|k| rest[n + k] = u(k));
         if let (Some(network), Some(work)) = (self.law.network(), of_law) {
             law.fill(T::from(0.0));
             gradient.fill(T::from(0.0));
