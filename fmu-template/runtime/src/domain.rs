@@ -1,7 +1,7 @@
 //! The domain of validity: the box of training ranges, the values of nominal inputs, and in the box what is near the training data.
 
 use crate::{
-    Cover, Encoding, Input, Model, Role, State, Surrogate,
+    Cover, Encoding, Input, Role, State,
     cover::{Cubes, Nearest},
     encoding::nearest,
 };
@@ -108,15 +108,9 @@ impl Domain {
         }
     }
 
-    /// That of a surrogate.
-    pub fn of(surrogate: &Surrogate) -> Self {
-        let ranges = Self::new(surrogate.inputs(), surrogate.states());
-        let cover = surrogate.metadata().cover.iter();
-        let domain = cover.fold(ranges, |ranges, cover| ranges.near(cover, surrogate.inputs()));
-        match surrogate.model() {
-            Model::Discrete(discrete) => Self { distance: discrete.distance_column(), ..domain },
-            _ => domain,
-        }
+    /// With a column of points that has their distance from the support of the training.
+    pub(crate) fn with_distance(self, column: usize) -> Self {
+        Self { distance: Some(column), ..self }
     }
 
     /// What of it is near the data.

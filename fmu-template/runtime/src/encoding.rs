@@ -1,37 +1,7 @@
 //! How the inputs' values become the columns of the network.
 
-use crate::{FormatError, Input, Role};
-use serde::{Deserialize, Serialize};
+use crate::{Encoding, FormatError, Input, Role};
 use std::f64::consts::TAU;
-
-/// How an input's value becomes one or several columns of the network.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Encoding {
-    /// One column: the value itself.
-    #[default]
-    Plain,
-    /// One-hot, a column for each of these values: 1 for the one nearest to the input's value, 0 for the others.
-    Nominal(Vec<f64>),
-    /// Two columns: sine and cosine of `2 pi (x - min) / (max - min)`, so that `min` and `max` are the same.
-    Periodic,
-}
-
-impl Encoding {
-    /// Whether the column is the value itself.
-    pub fn is_plain(&self) -> bool {
-        *self == Self::Plain
-    }
-
-    /// Number of columns.
-    pub fn width(&self) -> usize {
-        match self {
-            Self::Plain => 1,
-            Self::Nominal(values) => values.len(),
-            Self::Periodic => 2,
-        }
-    }
-}
 
 impl Input {
     /// The values of a nominal input.

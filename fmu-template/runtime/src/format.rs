@@ -110,20 +110,16 @@
 //!
 //! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
 
+pub use crate::error::FORMAT;
+use crate::error::{FormatError, METADATA_KEY};
 use crate::{
     Activation, Discrete, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
     graph::Graph,
+    map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
     regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
-pub use error::FormatError;
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
-
-/// Version of the layout described in this module.
-pub const FORMAT: u32 = 2;
-
-const METADATA_KEY: &str = "metafmu";
 
 #[derive(Serialize)]
 struct HeaderOut<'a> {
@@ -222,9 +218,6 @@ impl MapHeader {
     }
 }
 
-/// The map that gives the outputs.
-pub(crate) const OUTPUTS: &str = "outputs.";
-
 impl Surrogate {
     /// The model file's bytes; the same surrogate always gives the same bytes.
     ///
@@ -318,9 +311,6 @@ fn added(tensors: &mut Views, map: &MapKind, activations: &[Activation]) -> Resu
         _ => Ok(None),
     }
 }
-
-/// Name, type, shape and content.
-pub(crate) type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
 type Column = fn(&Scaling) -> &Vec<f64>;
 
@@ -418,21 +408,10 @@ fn unstacked(
     Ok((0..count).map(network).collect())
 }
 
-pub(crate) fn numbers(dtype: Dtype, bytes: &[u8]) -> Numbers {
-    match dtype {
-        Dtype::F64 => Numbers::Double(elements(bytes, f64::from_le_bytes)),
-        _ => Numbers::Single(elements(bytes, f32::from_le_bytes)),
-    }
-}
-
 /// Part `index` of `count` equal ones.
 fn part<'a>(view: &'a TensorView, index: usize, count: usize) -> &'a [u8] {
     let length = view.data().len() / count;
     &view.data()[index * length..][..length]
-}
-
-pub(crate) fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
-    values.iter().flat_map(|&value| to(value)).collect()
 }
 
 /// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.
@@ -452,43 +431,7 @@ fn parse_header(text: &str) -> Result<(ModelHeader, Metadata), FormatError> {
     Ok((model, metadata))
 }
 
-/// Tensors of a file that have not been read yet.
-pub(crate) type Views<'a> = HashMap<String, TensorView<'a>>;
-
-pub(crate) fn take<'a>(
-    tensors: &mut Views<'a>,
-    name: &str,
-    expected: Dtype,
-    dimensions: usize,
-) -> Result<TensorView<'a>, FormatError> {
-    take_one_of(tensors, name, &[expected], dimensions)
-}
-
-pub(crate) fn take_one_of<'a>(
-    tensors: &mut Views<'a>,
-    name: &str,
-    expected: &[Dtype],
-    dimensions: usize,
-) -> Result<TensorView<'a>, FormatError> {
-    let view = tensors.remove(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
-    if !expected.contains(&view.dtype()) {
-        let expected = expected.iter().map(|dtype| format!("{dtype:?}")).collect::<Vec<_>>().join(" or ");
-        return Err(FormatError::Type { name: name.into(), found: format!("{:?}", view.dtype()), expected });
-    }
-    if view.shape().len() != dimensions {
-        let mut expected = view.shape().to_vec();
-        expected.resize(dimensions, 1);
-        return Err(FormatError::Shape { name: name.into(), found: view.shape().to_vec(), expected });
-    }
-    Ok(view)
-}
-
-pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
-    bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
-}
-
 mod discrete;
-mod error;
 mod motion;
 mod state_space;
 #[cfg(test)]

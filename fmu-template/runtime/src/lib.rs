@@ -25,12 +25,15 @@
 
 mod bounds;
 mod cover;
+mod description;
 mod domain;
 mod encoding;
+mod error;
 #[cfg(feature = "example")]
 pub mod example;
 pub mod format;
 mod map;
+mod metadata;
 mod model;
 mod simd;
 mod surrogate;
@@ -38,14 +41,16 @@ mod variables;
 
 pub use bounds::Bounds;
 pub use cover::Cover;
+pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability};
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
-pub use encoding::{Encoder, Encoding};
-pub use format::FormatError;
+pub use encoding::Encoder;
+pub use error::FormatError;
 pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, graph, law, regression};
+pub use metadata::Metadata;
 pub use model::{
     CommunicationStep, Discrete, Drive, Evaluator, Given, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS,
     Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace, StepError, Support, Transition,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
-pub use surrogate::{Input, Metadata, Output, OutputArray, Precision, Provenance, Role, State, Surrogate, Variability};
+pub use surrogate::Surrogate;
 pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

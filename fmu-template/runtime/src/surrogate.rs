@@ -1,12 +1,11 @@
 //! The surrogate as data: variables, model, provenance.
 
 use crate::{
-    Bounds, Cover, Encoding, FormatError,
+    Bounds, Domain, Evaluator, FormatError, Input, Metadata, Output, OutputArray, Role, State,
     map::{Map, ScaledNetwork},
     model::Model,
     variables::{Variable, Variables},
 };
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::{
     collections::{HashMap, HashSet},
@@ -27,215 +26,8 @@ pub struct Surrogate {
     variables: Variables,
 }
 
-/// The descriptive part of a [`Surrogate`], kept as JSON in the model file's metadata.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Metadata {
-    /// Name of the surrogate; also the FMU's model name.
-    pub name: String,
-    /// One sentence for people.
-    pub description: String,
-    /// The inputs, in order.
-    pub inputs: Vec<Input>,
-    /// The network's output columns, in order.
-    pub outputs: Vec<Output>,
-    /// The continuous states, in order; the model integrates them.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub states: Vec<State>,
-    /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub arrays: Vec<OutputArray>,
-    /// How far outputs may be from the truth, if that was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub bounds: Option<Bounds>,
-    /// Error of a start, in all states, that changes the outputs as much as the solver of the states does, at most, if that was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub solver_error: Option<f64>,
-    /// Where in the ranges of the inputs the training data are, if that is known; of a model without a state.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cover: Option<Cover>,
-    /// What its networks compute in.
-    #[serde(default, skip_serializing_if = "Precision::is_double")]
-    pub precision: Precision,
-    /// Time between two rows of a training run, in seconds: the natural communication step size.
-    pub time_step: f64,
-    /// End of a run in seconds, if the time is no input with a range.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub stop_time: Option<f64>,
-    /// Where the surrogate comes from.
-    pub provenance: Provenance,
-}
-
-/// One input of the surrogate: a column of the network, or several if its encoding says so.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Input {
-    /// Variable name, as the FMU shows it.
-    pub name: String,
-    /// What the input is to a host.
-    pub role: Role,
-    /// Unit, for instance `rad/s`; empty for a dimensionless quantity.
-    pub unit: String,
-    /// One sentence for people.
-    pub description: String,
-    /// Smallest value in the training range.
-    pub min: f64,
-    /// Largest value in the training range.
-    pub max: f64,
-    /// Value before a host sets one; within the range, and one of the values of a nominal input.
-    pub start: f64,
-    /// How its value becomes columns of the network.
-    #[serde(default, skip_serializing_if = "Encoding::is_plain")]
-    pub encoding: Encoding,
-}
-
-/// What an input column of the network is to a host.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase", tag = "causality", content = "variability")]
-pub enum Role {
-    /// A parameter the host sets.
-    Parameter(Variability),
-    /// The simulation time.
-    Time,
-    /// A continuous input: another component drives it while the simulation runs.
-    Input,
-    /// The value of a state at the start: a fixed parameter that nothing else depends on.
-    Start,
-}
-
-/// What a network computes in. Weights are kept in single precision and scaling is done in double precision either way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Precision {
-    /// Outputs smooth enough for solvers with tight tolerances.
-    #[default]
-    Double,
-    /// Twice as fast, errors around 1e-6 of the outputs' scale: for real-time co-simulation.
-    Single,
-}
-
-impl Precision {
-    fn is_double(&self) -> bool {
-        *self == Self::Double
-    }
-}
-
-/// When a host may change a parameter (FMI terms).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Variability {
-    /// Only before the simulation starts.
-    #[default]
-    Fixed,
-    /// Also between two communication steps.
-    Tunable,
-}
-
-/// How many times the largest value in its range a state can be before the solution is no motion any more.
-const IMPLAUSIBLE: f64 = 1e3;
-/// The same of a state that has no range.
-const LARGEST: f64 = 1e9;
-
-/// A continuous state.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct State {
-    /// Variable name, as the FMU shows it; its derivative is `der(NAME)`.
-    pub name: String,
-    /// Unit; empty for a dimensionless quantity.
-    pub unit: String,
-    /// Unit of its derivative.
-    pub rate_unit: String,
-    /// One sentence for people.
-    pub description: String,
-    /// Where it was trained; none if every number is as good, as for an angle or what enters exactly.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub range: Option<[f64; 2]>,
-    /// Typical magnitude, positive: what a solver's tolerance is relative to.
-    pub nominal: f64,
-}
-
-impl State {
-    /// Name of the variable that holds its derivative.
-    pub fn rate_name(&self) -> String {
-        format!("der({})", self.name)
-    }
-
-    /// Name of the parameter that holds its value at the start.
-    pub fn start_name(name: &str) -> String {
-        format!("{name}_start")
-    }
-
-    /// Magnitude beyond which no value is plausible: a thousand times the largest in the range; without a range a billion nominal values, of
-    /// which most digits are lost.
-    pub fn limit(&self) -> f64 {
-        if self.range.is_some() { IMPLAUSIBLE * self.nominal } else { LARGEST * self.nominal.max(1.0) }
-    }
-
-    /// Where a value may be, in words.
-    pub fn valid(&self) -> String {
-        self.range.map_or("all numbers".into(), |[min, max]| format!("the training range from {min} to {max}"))
-    }
-}
-
-/// One output column of the network.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Output {
-    /// Variable name, as the FMU shows it.
-    pub name: String,
-    /// Unit; empty for a dimensionless quantity.
-    pub unit: String,
-    /// One sentence for people.
-    pub description: String,
-    /// Smallest value seen in training.
-    pub min: f64,
-    /// Largest value seen in training.
-    pub max: f64,
-}
-
-impl Output {
-    /// Name of the variable that holds the error bound.
-    pub fn bound_name(&self) -> String {
-        format!("{}_bound", self.name)
-    }
-
-    /// The value of an output that did not vary in training.
-    pub fn constant(&self) -> Option<f64> {
-        (self.min == self.max).then_some(self.min)
-    }
-}
-
-/// Several outputs of one unit as one array variable of FMI 3.0, for instance the coordinates of a point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OutputArray {
-    /// Variable name, as the FMU shows it.
-    pub name: String,
-    /// One sentence for people.
-    pub description: String,
-    /// Names of the outputs that are the elements, in order; at least two, each at most once.
-    pub outputs: Vec<String>,
-}
-
 /// In place of the digest of a surrogate that has none yet.
 const UNSEALED: &str = "0000000000000000000000000000000000000000000000000000000000000000";
-
-/// Where a surrogate comes from; enough to make it again.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Provenance {
-    /// Name and version of the program that wrote the file.
-    pub tool: String,
-    /// SHA-256 of the study's content, in hexadecimal digits.
-    pub study_digest: String,
-    /// The study's seed.
-    pub seed: u64,
-    /// Number of training rows.
-    pub train_rows: u64,
-    /// SHA-256 of everything in the file but this field: the FMU's GUID is made from it.
-    pub content_digest: String,
-}
 
 impl Surrogate {
     /// Puts the parts together and validates them.
@@ -376,6 +168,26 @@ impl Surrogate {
     pub fn with_content_digest(mut self, digest: String) -> Result<Self, FormatError> {
         self.metadata.provenance.content_digest = digest;
         Self::new(self.metadata, self.model)
+    }
+}
+
+impl Evaluator {
+    /// Lays out the weights and chooses the instruction set.
+    pub fn new(surrogate: &Surrogate) -> Self {
+        Self::of(&surrogate.metadata, &surrogate.model)
+    }
+}
+
+impl Domain {
+    /// That of a surrogate.
+    pub fn of(surrogate: &Surrogate) -> Self {
+        let ranges = Self::new(surrogate.inputs(), surrogate.states());
+        let cover = surrogate.metadata.cover.iter();
+        let domain = cover.fold(ranges, |ranges, cover| ranges.near(cover, surrogate.inputs()));
+        match &surrogate.model {
+            Model::Discrete(discrete) => discrete.distance_column().into_iter().fold(domain, Self::with_distance),
+            _ => domain,
+        }
     }
 }
 

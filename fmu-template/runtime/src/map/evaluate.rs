@@ -4,6 +4,7 @@ use super::{
     Map, ScaledNetwork,
     graph::{GraphScratch, PreparedGraph},
     regression::{Regression, RegressionScratch},
+    task::Task,
 };
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
@@ -26,17 +27,6 @@ pub(crate) enum MapScratch {
     Double(GraphScratch<f64, 8>),
     Single(GraphScratch<f32, 16>),
     Regression(RegressionScratch),
-}
-
-/// What to compute at a point.
-pub(crate) enum Task<'a> {
-    /// The outputs.
-    Outputs(&'a mut [f64]),
-    /// First derivatives of the outputs, and second ones if there is a slice for them, along a curve with the first and
-    /// second derivatives `rates`.
-    Series { rates: [&'a [f64]; 2], first: &'a mut [f64], second: Option<&'a mut [f64]> },
-    /// `J^T weights`.
-    Adjoint { weights: &'a [f64], gradient: &'a mut [f64] },
 }
 
 impl PreparedMap {

@@ -10,15 +10,18 @@ mod layers;
 pub mod regression;
 mod series;
 pub(crate) mod tape;
+mod task;
+pub(crate) mod tensors;
 
 use crate::{
     FormatError, Precision,
     simd::{Real, Simd},
 };
 pub use activation::Activation;
-pub(crate) use evaluate::{MapScratch, PreparedMap, Task};
+pub(crate) use evaluate::{MapScratch, PreparedMap};
 use graph::Graph;
 use regression::Regression;
+pub(crate) use task::Task;
 
 /// A function from input columns to outputs.
 #[derive(Clone, Debug, PartialEq)]

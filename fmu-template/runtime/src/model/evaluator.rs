@@ -7,12 +7,12 @@ use super::{
     motion::{MotionScratch, PreparedMotion},
     state_space::{PreparedStateSpace, StateSpaceScratch},
 };
-use crate::{Surrogate, map::Task};
+use crate::{Metadata, map::Task};
 
 /// Highest order of the outputs' derivatives along a curve: the FMU's `maxOutputDerivativeOrder`.
 pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 
-/// A [`Surrogate`] laid out for fast evaluation. Immutable: any number of threads may share it, each with a [`Scratch`]
+/// A [`Surrogate`](crate::Surrogate) laid out for fast evaluation. Immutable: any number of threads may share it, each with a [`Scratch`]
 /// of its own. No evaluation allocates.
 ///
 /// A point has one value for each input and, after them, one for each state, or what a discrete model remembers; results are the
@@ -50,10 +50,9 @@ enum Working {
 
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
-    pub fn new(surrogate: &Surrogate) -> Self {
-        let metadata = surrogate.metadata();
+    pub(crate) fn of(metadata: &Metadata, model: &Model) -> Self {
         let states = metadata.states.len();
-        let engine = match surrogate.model() {
+        let engine = match model {
             Model::Motion(motion) => Engine::Motion(Box::new(PreparedMotion::new(motion.as_ref().clone()))),
             Model::StateSpace(space) => {
                 Engine::StateSpace(Box::new(PreparedStateSpace::new(space, metadata.precision)))
@@ -61,7 +60,7 @@ impl Evaluator {
             Model::Discrete(discrete) => {
                 Engine::Discrete(Box::new(PreparedDiscrete::new(discrete, metadata.precision)))
             }
-            Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(surrogate)),
+            Model::Response(_) | Model::PerInstant { .. } => Engine::Maps(Maps::new(metadata, model)),
         };
         let memory = match &engine {
             Engine::Discrete(discrete) => discrete.memory(),
@@ -70,7 +69,7 @@ impl Evaluator {
         Self {
             columns: metadata.inputs.len() + memory,
             results: metadata.outputs.len() + states,
-            scales: surrogate.model().scales(&metadata.states),
+            scales: model.scales(&metadata.states),
             engine,
         }
     }

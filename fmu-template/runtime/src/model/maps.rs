@@ -5,7 +5,7 @@ use super::{
     per_instant::{Instants, Sides},
 };
 use crate::{
-    Encoder, Surrogate,
+    Encoder, Metadata, Role,
     map::{MapScratch, PreparedMap, Task},
     simd::Simd,
 };
@@ -41,13 +41,13 @@ struct Columns {
 }
 
 impl Maps {
-    pub(super) fn new(surrogate: &Surrogate) -> Self {
-        let metadata = surrogate.metadata();
-        let encoder = Encoder::of(surrogate.inputs());
-        let (maps, instants) = match surrogate.model() {
+    pub(super) fn new(metadata: &Metadata, model: &Model) -> Self {
+        let encoder = Encoder::of(&metadata.inputs);
+        let (maps, instants) = match model {
             Model::Response(map) => (vec![PreparedMap::new(map, metadata.precision)], None),
             Model::PerInstant { instants, networks } => {
-                let time = surrogate.time_column().expect("a network for each instant has a time column");
+                let time = metadata.inputs.iter().position(|input| input.role == Role::Time);
+                let time = time.expect("a network for each instant has a time column");
                 let prepared = |network| PreparedMap::of_network(network, metadata.precision);
                 let instants = Instants::new(instants, encoder.first_column(time));
                 (networks.iter().map(prepared).collect(), Some(instants))

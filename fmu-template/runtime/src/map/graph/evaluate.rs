@@ -8,9 +8,9 @@ use crate::{
     map::{
         Activation, Layer, ScaledNetwork, Scaling,
         activation::{Kernel, activate},
-        evaluate::Task,
         layers::{Dense, Order, Rows},
         series::{Pass, Record, Series},
+        task::Task,
     },
     simd::{Lanes, Real, flat, flat_mut, flush, fma},
 };

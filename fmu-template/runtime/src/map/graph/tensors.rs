@@ -3,8 +3,8 @@
 use super::{Elementwise, Graph, Operation, Step};
 use crate::{
     FormatError, Numbers,
-    format::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
     map::regression::Forest,
+    map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
 };
 use safetensors::Dtype;
 

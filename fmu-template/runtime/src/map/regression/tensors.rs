@@ -3,7 +3,7 @@
 use super::{Forest, Function, KernelMachine, KernelMachines, Node, Polynomial, Regression, Tree};
 use crate::{
     FormatError, Scaling,
-    format::{OUTPUTS, Tensor, Views, bytes, elements, take},
+    map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, take},
 };
 use safetensors::Dtype;
 

@@ -1,5 +1,7 @@
 use super::*;
-use crate::{Activation, Encoding, Map, Numbers, Precision, ScaledNetwork, Scaling, encoding::nearest, example};
+use crate::{
+    Activation, Encoding, Map, Numbers, Precision, ScaledNetwork, Scaling, Surrogate, encoding::nearest, example,
+};
 use crate::{map::MapScratch, simd::Simd};
 use extended::Extended;
 

@@ -1,7 +1,11 @@
 //! What can be wrong with a model file.
 
-use super::{FORMAT, METADATA_KEY};
 use safetensors::SafeTensorError;
+
+/// Version of the layout described in this module.
+pub const FORMAT: u32 = 2;
+
+pub(crate) const METADATA_KEY: &str = "metafmu";
 
 /// Every way in which a model file can be wrong.
 #[derive(Debug, thiserror::Error)]
