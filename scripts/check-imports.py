@@ -1,9 +1,10 @@
-"""Checks that imports in core/src/ and src/ go downward only: a module may use those before it in ORDER and no other.
+"""Checks that imports go downward only, and that there is no circle among modules.
 
-Prints every arrow that goes up, with its file and line, and ends with exit code 1 if there is one. Tests may look anywhere.
-What `use` lines and paths name after `crate::` is a module, or something re-exported by one (`Error`, `Result`).
+In core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
+other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it are not told apart.
+Re-exports are followed to the module that has the name. Ends with exit code 1 if an arrow goes up or a circle is found. Tests may look anywhere.
 
-Usage: python3 scripts/check-imports.py [SRC...]
+Usage: python3 scripts/check-imports.py [--table] [SRC...]     (--table: how many modules each folder has, and its arrows)
 """
 
 import argparse
@@ -29,8 +30,12 @@ export
 pipeline
 """
 
+ROOT = Path(__file__).parent.parent
+ORDERED = [ROOT / "core" / "src", ROOT / "src"]
+FOLDERS = [*ORDERED, *(ROOT / crate / "src" for crate in ["fmu-template", "fmu-template/runtime", "baselines", "python"])]
 LEVELS = {module: level for level, line in enumerate(ORDER.split("\n")) for module in line.split()}
 REEXPORTED = {"Error": "diagnostics", "Result": "diagnostics"}
+PROGRAM = ("main", "cli", "commands")
 
 
 def without_tests(text):
@@ -51,51 +56,141 @@ def matching(text, start):
     sys.exit(f"braces do not match: {text[start : start + 60]!r}")
 
 
-def imports(text):
-    """Positions and names of what follows `crate::`, in braces or not."""
-    for match in re.finditer(r"\bcrate::\s*", text):
-        start = match.end()
-        if text[start] != "{":
-            yield start, re.match(r"\w*", text[start:])[0]
-            continue
-        end, depth = matching(text, start), 0
-        for item in re.finditer(r"[{},]|\w+(?=\s*(::|,|\}| as ))", text[start:end]):
-            if item[0] in "{}":
-                depth += 1 if item[0] == "{" else -1
-            elif item[0] != "," and depth == 1 and not text[: start + item.start()].rstrip().endswith("::"):
-                yield start + item.start(), item[0]
+def paths(text, start, prefix=()):
+    """Places and paths of what is named at `start`: one path, or several in braces."""
+    start += len(text[start:]) - len(text[start:].lstrip())
+    if text[start : start + 1] == "{":
+        item, place, end = start + 1, start + 1, matching(text, start)
+        while place < end:
+            if text[place] == "{":
+                place = matching(text, place)
+                continue
+            if text[place] in ",}":
+                yield from paths(text[:place], item, prefix)
+                item = place + 1
+            place += 1
+    elif match := re.match(r"(\w+)\s*(::)?", text[start:]):
+        path = (*prefix, match[1])
+        if match[2]:
+            yield from paths(text, start + match.end(), path)
+        else:
+            yield start, path
+
+
+class Crate:
+    """Modules of a folder, what they name and what they re-export."""
+
+    def __init__(self, src):
+        self.src, self.files = src, {}
+        for path in sorted(src.rglob("*.rs")):
+            parts = list(path.relative_to(src).with_suffix("").parts)
+            if "tests" in path.stem or "tests" in parts or path.stem == "testing" or parts[0] in PROGRAM:
+                continue
+            if parts[-1] in ("mod", "lib"):
+                parts.pop()
+            self.files[tuple(parts)] = (path, without_tests(path.read_text()))
+        self.modules = {module[:length] for module in self.files for length in range(len(module) + 1)}
+        self.reexports, self.uses = {}, []
+        for module, (path, text) in self.files.items():
+            self.read(module, path, text)
+
+    def read(self, module, path, text):
+        imported = []
+        for match in re.finditer(r"(?:\b(pub(?:\([^)]*\))?)\s+)?\buse\s+", text):
+            end = text.find(";", match.end())
+            imported.append((match.start(), end))
+            for place, named in paths(text[:end], match.end()):
+                full = self.absolute(module, named)
+                if full is not None and match[1]:
+                    self.reexports.setdefault(module, {})[named[-1]] = full
+                elif full is not None:
+                    self.uses.append((module, full, path, text.count("\n", 0, place) + 1))
+        for match in re.finditer(r"(?<!::)\b(crate|super)::(?!\s*\{)", text):
+            if not any(start <= match.start() <= end for start, end in imported):
+                for place, named in paths(text, match.start()):
+                    self.uses.append((module, self.absolute(module, named), path, text.count("\n", 0, place) + 1))
+
+    def absolute(self, module, named):
+        """A path from the root of the crate; none if it is of another one."""
+        ups = next((length for length, part in enumerate(named) if part != "super"), len(named))
+        if named[0] == "crate":
+            return named[1:]
+        if named[0] == "self":
+            return module + named[1:]
+        if ups:
+            return module[: len(module) - ups] + named[ups:]
+        return module + named if module + named[:1] in self.modules else None
+
+    def target(self, full, depth=0):
+        """The module that has what a path names."""
+        for length in range(len(full), -1, -1):
+            module = full[:length]
+            if module in self.modules:
+                again = self.reexports.get(module, {}).get(full[length]) if length < len(full) else None
+                # a re-export of a re-export, but not of itself
+                return self.target(again + full[length + 1 :], depth + 1) if again and depth < 8 else module
+        return ()
+
+    def arrows(self):
+        """By folder: pairs of its modules, the first of which uses the second, and where."""
+        found = {}
+        for module, full, path, line in self.uses:
+            target = self.target(full)
+            common = next((k for k, (a, b) in enumerate(zip(module, target)) if a != b), min(len(module), len(target)))
+            if common < len(module) and common < len(target):
+                pair = (module[common], target[common])
+                found.setdefault(module[:common], {}).setdefault(pair, f"{path.relative_to(ROOT)}:{line}")
+        return found
+
+
+def circles(pairs):
+    """Sets of modules that use each other."""
+    reached = {a: {b for of, b in pairs if of == a} for a in {a for a, _ in pairs}}
+    while True:
+        more = {a: of.union(*(reached.get(b, set()) for b in of)) for a, of in reached.items()}
+        if more == reached:
+            break
+        reached = more
+    return {frozenset(b for b in of if a in reached.get(b, ())) for a, of in reached.items() if a in of}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    root = Path(__file__).parent.parent
-    folders = [root / "core" / "src", root / "src"]
-    parser.add_argument("src", type=Path, nargs="*", default=folders, help="the folders; core/src/ and src/ unless given")
-    mistakes, arrows = [], set()
-    for src, path in ((src, path) for src in parser.parse_args().src for path in sorted(src.rglob("*.rs"))):
-        module = path.relative_to(src).parts[0].removesuffix(".rs")
-        is_test = "tests" in path.stem or "tests" in path.parts or path.stem == "testing"
-        if is_test or module in ("main", "lib", "cli", "commands"):
-            continue
-        if module not in LEVELS:
-            mistakes.append(f"{path}: module `{module}` is not in the order of {Path(__file__).name}")
-            continue
-        text = without_tests(path.read_text())
-        for place, name in imports(text):
-            target = REEXPORTED.get(name, name)
-            if target == module:
-                continue
-            where = f"{path}:{text.count(chr(10), 0, place) + 1}"
-            if target not in LEVELS:
-                mistakes.append(f"{where}: `crate::{name}` is not a module of the order")
-            elif LEVELS[target] >= LEVELS[module]:
-                mistakes.append(f"{where}: {module} -> {target} goes up")
-            arrows.add((module, target))
+    parser.add_argument("--table", action="store_true", help="print a line for each folder")
+    parser.add_argument("src", type=Path, nargs="*", default=FOLDERS, help="the folders; those of all crates unless given")
+    arguments = parser.parse_args()
+    mistakes, count = [], 0
+    for crate in map(Crate, arguments.src):
+        if crate.src in ORDERED:
+            mistakes += upward(crate)
+        for folder, pairs in sorted(crate.arrows().items()):
+            count += len(pairs)
+            name = "/".join([str(crate.src.relative_to(ROOT)), *folder])
+            if arguments.table:
+                print(f"{name}: {len({module for pair in pairs for module in pair})} modules, {len(pairs)} arrows")
+            for circle in sorted(circles(pairs), key=sorted):
+                inside = [f"    {a} -> {b}: {where}" for (a, b), where in sorted(pairs.items()) if {a, b} <= circle]
+                mistakes.append("\n".join([f"{name}: a circle of {', '.join(sorted(circle))}", *inside]))
     for mistake in mistakes:
         print(mistake)
     if mistakes:
         sys.exit(1)
-    print(f"{len(arrows)} arrows between {len(LEVELS)} modules, none goes up")
+    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle")
+
+
+def upward(crate):
+    """What goes up in ORDER, or is not in it."""
+    for module in sorted({module[0] for module in crate.files if module} - set(LEVELS)):
+        yield f"{crate.src / module}: module `{module}` is not in the order of {Path(__file__).name}"
+    for module, full, path, line in crate.uses:
+        name = full[0] if full else ""
+        target = REEXPORTED.get(name, name)
+        if not module or target == module[0] or module[0] not in LEVELS:
+            continue
+        if target not in LEVELS:
+            yield f"{path}:{line}: `crate::{name}` is not a module of the order"
+        elif LEVELS[target] >= LEVELS[module[0]]:
+            yield f"{path}:{line}: {module[0]} -> {target} goes up"
 
 
 main()
