@@ -92,8 +92,10 @@ def test_equations_of_motion_are_integrated_by_the_sources(crane, tmp_path, monk
             for fmu in (str(unpacked), packed)
         )
         assert np.ptp(expected["theta"]) > 0.1
+        # the decisions of fmpy's solver, which is off by more than 1e-6, follow the last digits of the derivatives
+        tolerance = {"CoSimulation": 1e-12, "ModelExchange": 1e-9}[interface]
         for name in expected.dtype.names:
-            np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=tolerance, atol=tolerance)
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -112,13 +114,17 @@ def test_equations_of_motion_in_single_precision(crane, tmp_path, monkeypatch, v
         )
         assert np.ptp(expected["theta"]) > 0.1
         assert_single(found, expected, ["x", "theta"])
-    # what fmpy's solver is off by with its tolerance is much more, and no more in single precision
-    by_solver = [
-        fmpy.simulate_fmu(fmu, fmi_type="ModelExchange", relative_tolerance=1e-6, **options) for fmu in (str(unpacked), packed)
-    ]
-    for name in ["x", "theta"]:
-        single, double = (np.abs(result[name] - expected[name]).max() for result in by_solver)
-        assert single < 2 * double
+    # what fmpy's solver is off by with its tolerance is much more, and no more in single precision: from several starts, as its decisions follow
+    # the last digits
+    options |= {"stop_time": 20}
+    single, double = np.zeros(2), np.zeros(2)
+    for start in [0.2, 0.3, 0.4, 0.5]:
+        options["start_values"] = {"rope.angle_start": start}
+        expected = fmpy.simulate_fmu(packed, fmi_type="CoSimulation", relative_tolerance=1e-10, **options)
+        for fmu, errors in [(str(unpacked), single), (packed, double)]:
+            found = fmpy.simulate_fmu(fmu, fmi_type="ModelExchange", relative_tolerance=1e-6, **options)
+            errors += [np.abs(found[name] - expected[name]).max() for name in ["x", "theta"]]
+    assert (single < 2 * double).all(), (single, double)
 
 
 def test_the_host_may_look_and_push_within_a_step(crane, tmp_path, monkeypatch):

@@ -7,9 +7,10 @@
  *     5 n + 4  for a standardised vector of n numbers, besides a power,
  *     3 n      for a softmax, besides n exponentials and comparisons,
  *
- * an evaluation of its function for each number of an elementwise step, and for a forest an addition for a tree, besides
- * as many comparisons as it has levels of splits at worst.
+ * an evaluation of its function for each number of an elementwise step, rounded up to whole blocks of 16 for those of
+ * activation.c, and for a forest an addition for a tree, besides as many comparisons as it has levels of splits at worst.
  */
+#include "activation.h"
 #include "evaluator.h"
 
 /* A function's value with its first and second derivative. */
@@ -21,16 +22,6 @@ typedef struct {
 
 static const Real SQRT_HALF = R(0.70710678118654752440);
 static const Real TWO_BY_SQRT_PI = R(1.12837916709551257390);
-static const Real SQRT_2_BY_PI = R(0.79788456080286535588);
-
-static Series hyperbolic_tangent(Real x)
-{
-    /* where the cosine is infinite the slope is zero */
-    const Real cosine = MATH(cosh)(x);
-    const Real y = MATH(tanh)(x);
-    const Real slope = R(1.0) / cosine / cosine;
-    return (Series){y, slope, -R(2.0) * y * slope};
-}
 
 /* Of exp(-|x|), so that no digits are lost where it is small. */
 static Series sigmoid(Real x)
@@ -45,16 +36,6 @@ static Series error_function(Real x)
 {
     const Real slope = TWO_BY_SQRT_PI * MATH(exp)(-x * x);
     return (Series){MATH(erf)(x), slope, -R(2.0) * x * slope};
-}
-
-static Series gelu(Real x)
-{
-    const Real u1 = SQRT_2_BY_PI * (R(1.0) + R(3.0) * R(0.044715) * x * x);
-    const Real u2 = SQRT_2_BY_PI * R(6.0) * R(0.044715) * x;
-    const Series t = hyperbolic_tangent(SQRT_2_BY_PI * (x + R(0.044715) * x * x * x));
-    const Real outer = R(0.5) * (R(1.0) + t.value);
-    const Real second = t.curvature * u1 * u1 + t.slope * u2;
-    return (Series){x * outer, outer + R(0.5) * x * t.slope * u1, t.slope * u1 + R(0.5) * x * second};
 }
 
 static Series gelu_exact(Real x)
@@ -86,25 +67,10 @@ static Series line(Real x, Real slope)
     return (Series){slope * x, slope, R(0.0)};
 }
 
+/* Of all functions but those of activation.c. */
 static Series series(Function function, Real x, Real p, Real q)
 {
     switch (function) {
-    case FUNCTION_TANH:
-        return hyperbolic_tangent(x);
-    case FUNCTION_SIGMOID:
-        return sigmoid(x);
-    case FUNCTION_RELU:
-        return line(x, x > R(0.0) ? R(1.0) : R(0.0));
-    case FUNCTION_GELU:
-        return gelu(x);
-    case FUNCTION_SILU: {
-        const Series s = sigmoid(x);
-        return (Series){x * s.value, s.value + x * s.slope, R(2.0) * s.slope + x * s.curvature};
-    }
-    case FUNCTION_SINE:
-        return (Series){MATH(sin)(x), MATH(cos)(x), -MATH(sin)(x)};
-    case FUNCTION_IDENTITY:
-        return line(x, R(1.0));
     case FUNCTION_LINEAR:
         return (Series){p * x + q, p, R(0.0)};
     case FUNCTION_COSINE:
@@ -164,6 +130,45 @@ static Real real_through(Real a, Series f)
 static Jet jet_through(Jet a, Series f)
 {
     return (Jet){f.value, f.slope * a.first, f.slope * a.second + f.curvature * a.first * a.first};
+}
+
+/* How many of some numbers are in the block that begins at one of them. */
+static size_t in_block(size_t count, size_t first)
+{
+    return count - first < BLOCK ? count - first : BLOCK;
+}
+
+/* The first functions are those of activation.c, in the same order. */
+static void real_activations(const GraphStep *step, const Real x[], Real y[])
+{
+    for (size_t first = 0; first < step->count; first += BLOCK) {
+        const size_t count = in_block(step->count, first);
+        Real values[BLOCK] = {R(0.0)};
+        for (size_t i = 0; i < count; i++) {
+            values[i] = x[first + i];
+        }
+        activate((Activation)step->function, values);
+        for (size_t i = 0; i < count; i++) {
+            y[first + i] = values[i];
+        }
+    }
+}
+
+static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
+{
+    for (size_t first = 0; first < step->count; first += BLOCK) {
+        const size_t count = in_block(step->count, first);
+        Real values[BLOCK] = {R(0.0)};
+        Real slopes[BLOCK];
+        Real curvatures[BLOCK];
+        for (size_t i = 0; i < count; i++) {
+            values[i] = x[first + i].value;
+        }
+        activate_series((Activation)step->function, values, slopes, curvatures);
+        for (size_t i = 0; i < count; i++) {
+            y[first + i] = jet_through(x[first + i], (Series){values[i], slopes[i], curvatures[i]});
+        }
+    }
 }
 
 #define NUMBER Real

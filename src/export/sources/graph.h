@@ -59,7 +59,7 @@ typedef struct {
     size_t width; /* how many of them, of a kind */
     size_t to;    /* where those that it makes begin */
     size_t count; /* how many of them */
-    /* W, centres, or parameters: one p and one q for all numbers, or all p and then all q */
+    /* W in blocks of rows, centres, or parameters: one p and one q for all numbers, or all p and then all q */
     const Real *numbers;
     size_t parameter_step; /* 0 if there is one for all, else 1 */
     const Real *more;    /* b, one over the lengths, or epsilon */

@@ -5,6 +5,10 @@
 
 static void OF(elementwise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
+    if (step->function <= FUNCTION_IDENTITY) {
+        OF(activations)(step, x, y);
+        return;
+    }
     const Real *p = step->numbers;
     /* all second parameters are behind all first ones */
     const Real *q = step->parameter_step == 0 ? p + 1 : p + step->count;
@@ -84,15 +88,33 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
+/* The rows of W are in blocks of BLOCK; of each block column by column, so that no sum waits for another. */
 static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    const Real *row = step->numbers;
-    for (size_t i = 0; i < step->count; i++) {
-        y[i] = OF(constant)(step->more[i]);
-        for (size_t k = 0; k < step->width; k++) {
-            y[i] = OF(sum)(y[i], OF(scaled)(x[k], row[k]));
+    const Real *weights = step->numbers;
+    for (size_t first = 0; first < step->count; first += BLOCK) {
+        const size_t rows = in_block(step->count, first);
+        NUMBER sums[BLOCK];
+        for (size_t i = 0; i < BLOCK; i++) {
+            sums[i] = OF(constant)(i < rows ? step->more[first + i] : R(0.0));
         }
-        row += step->width;
+        if (rows == BLOCK) {
+            for (size_t k = 0; k < step->width; k++) {
+                for (size_t i = 0; i < BLOCK; i++) {
+                    sums[i] = OF(sum)(sums[i], OF(scaled)(x[k], weights[k * BLOCK + i]));
+                }
+            }
+        } else {
+            for (size_t k = 0; k < step->width; k++) {
+                for (size_t i = 0; i < rows; i++) {
+                    sums[i] = OF(sum)(sums[i], OF(scaled)(x[k], weights[k * rows + i]));
+                }
+            }
+        }
+        for (size_t i = 0; i < rows; i++) {
+            y[first + i] = sums[i];
+        }
+        weights += rows * step->width;
     }
 }
 

@@ -155,7 +155,7 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
             Function::Forest(_) => &[&MAPS, &JETS, &REGRESSION, &FOREST],
             Function::Kernel(_) => &[&MAPS, &JETS, &REGRESSION, &KERNEL],
         },
-        Model::Response(Map::Graph(_)) => &[&MAPS, &JETS, &GRAPH],
+        Model::Response(Map::Graph(_)) => &[&ACTIVATION, &MAPS, &JETS, &GRAPH],
         Model::Motion(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &MOTION],
         Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],
         Model::Discrete(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &DISCRETE],

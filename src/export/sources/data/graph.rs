@@ -1,6 +1,12 @@
 //! Numbers of a graph of another tool.
 
-use super::{array, maps::MapPart, operations::Operations, push, real, table};
+use super::{
+    array,
+    maps::MapPart,
+    network::{ACTIVATIONS, BLOCK, BLOCK_SIZE, padded},
+    operations::Operations,
+    push, real, table,
+};
 use metafmu_runtime::{
     Map,
     graph::{Elementwise, Graph, Operation, Step},
@@ -35,14 +41,21 @@ impl BesideGraph {
     /// Of the map of a model; so many results are added to others.
     pub fn of(of: Option<&Map>, added: usize) -> Self {
         let Some(Map::Graph(graph)) = of else { return Self::default() };
-        let MapPart { names, sizes, data, operations, .. } = map(graph);
+        let MapPart { names, sizes, data, operations, .. } = steps(graph);
         let added = Operations { arithmetic: added as f64, ..Operations::default() };
         Self { names, sizes, data, operations: operations.times(1.0, added) }
     }
 }
 
-/// The formulas are in `graph.c` and `graph_steps.h`.
+/// A map that is a graph, with what activations need.
 pub fn map(graph: &Graph) -> MapPart {
+    let part = steps(graph);
+    let (names, sizes) = ([&ACTIVATIONS[..], &part.names].concat(), [&[BLOCK_SIZE], &part.sizes[..]].concat());
+    MapPart { names, sizes, ..part }
+}
+
+/// The formulas are in `graph.c` and `graph_steps.h`.
+fn steps(graph: &Graph) -> MapPart {
     let widths = graph.widths().expect("a surrogate's graph was checked");
     let begins: Vec<usize> = widths
         .iter()
@@ -116,7 +129,7 @@ fn row(
     };
     match step {
         Step::Affine { of, weight, bias } => Row {
-            numbers: numbers("weights", &weight.iter().collect::<Vec<f64>>()),
+            numbers: numbers("weights", &in_blocks(&weight.iter().collect::<Vec<f64>>(), widths[*of])),
             more: numbers("bias", &bias.iter().collect::<Vec<f64>>()),
             ..row("STEP_AFFINE", *of)
         },
@@ -174,6 +187,14 @@ fn row(
     }
 }
 
+/// Weights, row by row, in blocks of rows, each column by column.
+fn in_blocks(weights: &[f64], columns: usize) -> Vec<f64> {
+    let of_block = |block: &[f64]| -> Vec<f64> {
+        (0..columns).flat_map(|column| block.iter().skip(column).step_by(columns).copied()).collect()
+    };
+    weights.chunks(BLOCK * columns.max(1)).flat_map(of_block).collect()
+}
+
 /// The counts that `graph.c` states.
 fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
     let (n, m) = (width as f64, count as f64);
@@ -181,6 +202,9 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
     match step {
         Step::Affine { .. } => Operations { arithmetic: 2.0 * n * m, ..none },
         Step::Distances { .. } => Operations { arithmetic: 4.0 * n * m, ..none },
+        Step::Elementwise { function: Elementwise::Activation(_), .. } => {
+            Operations { activations: padded(count) as f64, ..none }
+        }
         Step::Elementwise { .. } => Operations { activations: m, ..none },
         Step::Combine { .. } => Operations { arithmetic: m, ..none },
         Step::Select { .. } => Operations { comparisons: m, ..none },
