@@ -67,10 +67,16 @@ static Series line(Real x, Real slope)
     return (Series){slope * x, slope, R(0.0)};
 }
 
-/* Of all functions but those of activation.c. */
+/* Of all functions but those that are computed in blocks. */
 static Series series(Function function, Real x, Real p, Real q)
 {
     switch (function) {
+    case FUNCTION_SIGMOID:
+        return sigmoid(x);
+    case FUNCTION_SILU: {
+        const Series s = sigmoid(x);
+        return (Series){x * s.value, s.value + x * s.slope, R(2.0) * s.slope + x * s.curvature};
+    }
     case FUNCTION_LINEAR:
         return (Series){p * x + q, p, R(0.0)};
     case FUNCTION_COSINE:
@@ -138,7 +144,15 @@ static size_t in_block(size_t count, size_t first)
     return count - first < BLOCK ? count - first : BLOCK;
 }
 
-/* The first functions are those of activation.c, in the same order. */
+/*
+ * The first functions are those of activation.c, in the same order. There small probabilities are zero; here a logarithm may
+ * follow, so that a sigmoid keeps its digits.
+ */
+static bool is_in_blocks(Function function)
+{
+    return function <= FUNCTION_IDENTITY && function != FUNCTION_SIGMOID && function != FUNCTION_SILU;
+}
+
 static void real_activations(const GraphStep *step, const Real x[], Real y[])
 {
     for (size_t first = 0; first < step->count; first += BLOCK) {

@@ -5,7 +5,7 @@
 
 static void OF(elementwise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    if (step->function <= FUNCTION_IDENTITY) {
+    if (is_in_blocks(step->function)) {
         OF(activations)(step, x, y);
         return;
     }
