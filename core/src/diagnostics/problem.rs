@@ -11,7 +11,7 @@ pub struct Problem {
     pub line: usize,
     /// Dotted key, for instance `parameters.L.max`; empty if the text is no TOML.
     pub key: String,
-    /// What was found and what was expected.
+    /// Message: the value found and the value expected.
     pub message: String,
 }
 

@@ -63,7 +63,7 @@ const LENGTHS: usize = 10;
 const LONG_RUNS: usize = 2;
 
 impl RollOuts {
-    /// Says which of so many test runs are chaotic; nothing if none is.
+    /// Description of the chaotic runs among `test_runs`, or none.
     pub fn describe_chaos(&self, test_runs: usize) -> Option<String> {
         let chaotic = &self.chaotic_runs;
         let first: Vec<String> = chaotic.iter().take(NAMED_RUNS).map(usize::to_string).collect();

@@ -275,7 +275,7 @@ impl Reduced {
         factors.solve(forces).ok_or_else(|| self.singular(&terms.q))
     }
 
-    /// Of a column of these the multipliers as a [sample](super::model::Sample) has them: of the constraints and of the drivers.
+    /// Multipliers of one column, in the order of a [sample](super::model::Sample): constraints, then drivers.
     pub fn multipliers(&self, balance: nalgebra::DVectorView<f64>) -> DVector<f64> {
         let constraints = self.model.constraints.len();
         let of_drivers = self.driven.iter().map(|k| balance[constraints + k]);

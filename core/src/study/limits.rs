@@ -1,6 +1,6 @@
 //! Largest numbers that several parts of a study may have.
 
-/// Runs for one purpose: the points of so many are a few gigabytes.
+/// Maximum number of runs in a set. Their points take a few gigabytes.
 pub(super) const MAX_RUNS: usize = 10_000_000;
 
 /// Parameters, inputs or outputs at most: each takes a few kilobytes where an FMU is made and in every host.

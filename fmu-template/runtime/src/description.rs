@@ -1,4 +1,4 @@
-//! What variables are to people and hosts.
+//! Description of variables: names, units, roles, ranges.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// Whether the column is the value itself.
+    /// Returns true if the column is the value itself.
     pub fn is_plain(&self) -> bool {
         *self == Self::Plain
     }
@@ -37,7 +37,7 @@ impl Encoding {
 pub struct Input {
     /// Variable name, as the FMU shows it.
     pub name: String,
-    /// What the input is to a host.
+    /// Role of the input in the host.
     pub role: Role,
     /// Unit, for instance `rad/s`; empty for a dimensionless quantity.
     pub unit: String,
